@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -16,13 +17,14 @@ import numpy.typing as npt
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
 from fte_sniff.formats.logs.streams import LogStreams
 from fte_sniff.formats.logs.text import TextBlock
-from fte_sniff.formats.logs.times import Stamp
+from fte_sniff.formats.logs.times import Fields, Stamp
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.evidence_log import EvidenceLog
     from fte_sniff.formats.logs.streams import Array
 
 Bytes = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
 
 _MOST_SHAPES: Final = 24
 _LONGEST: Final = 4096
@@ -53,8 +55,8 @@ def read_columns(log: EvidenceLog, block: TextBlock, streams: LogStreams, name: 
     for length in np.flatnonzero(np.bincount(lengths)).tolist():
         rows = np.flatnonzero(lengths == length)
         if 0 < length <= _LONGEST and len(rows) > 1:
-            items = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))[starts[rows]]
-            shapes += _shapes(log, items.view(np.uint8).reshape(-1, length), rows)
+            items = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
+            shapes += _shapes(log, items, starts, rows)
     known = np.full(len(ends), -1)
     for number, shape in enumerate(shapes):
         known[shape.rows] = number
@@ -65,64 +67,76 @@ def read_columns(log: EvidenceLog, block: TextBlock, streams: LogStreams, name: 
     return True
 
 
-def _shapes(log: EvidenceLog, table: Bytes, rows: Array) -> Iterator[_Shape]:
-    """The lines of one length by their shapes."""
+def _shapes(
+    log: EvidenceLog, items: npt.NDArray[np.void], starts: Array, rows: Array
+) -> Iterator[_Shape]:
+    """The lines of one length by their shapes; `items` are lines from each offset on."""
     for _ in range(_MOST_SHAPES):
         if not len(rows):
             return
-        found = _shape(log, table, rows)
+        table = _columns(items[starts[rows]])
+        line = table[:, 0].tobytes()
         other = np.arange(len(rows)) > 0
-        if found is not None:
-            shape, same = found
-            yield shape
-            other &= ~same
-        table, rows = table[other], rows[other]
+        if parts := _parts(log, line):
+            fixed, numbers, pairs, fields = parts
+            same = (table[fixed] == table[fixed, :1]).all(0)
+            same &= (table[numbers] - np.uint8(ord("0")) < 10).all(0)
+            nibbles = _VALUE.take(table[pairs])
+            same &= (nibbles < 16).all(0)
+            own = rows if same.all() else rows[same]
+            if not same.all():
+                table = _columns(items[starts[own]])
+                nibbles = _VALUE.take(table[pairs])
+            stamp = None
+            if fields:
+                stamp = log.layout.times.stamp(line, fields, partial(_number, table))
+            if stamp is not None or not fields:
+                data = np.ascontiguousarray((nibbles[::2] << np.uint8(4) | nibbles[1::2]).T)
+                label = log.layout.label_of(line, log.layout.runs(line)[0])
+                yield _Shape(own, data, label, stamp)
+                other &= ~same
+        rows = rows[other]
 
 
-def _shape(
-    log: EvidenceLog, table: Bytes, rows: Array
-) -> tuple[_Shape, npt.NDArray[np.bool_]] | None:
-    """The lines that are like the first in all but digits of bytes, time and numbers."""
-    layout, line = log.layout, table[0].tobytes()
+def _columns(items: npt.NDArray[np.void]) -> Bytes:
+    """The bytes of lines of one length; a row for each column of the text."""
+    return np.ascontiguousarray(items.view(np.uint8).reshape(len(items), -1).T)
+
+
+def _parts(log: EvidenceLog, line: bytes) -> tuple[Bools, Bools, list[int], Fields] | None:
+    """Where a line has fixed text, digits of numbers and of bytes, and the fields of its time."""
+    layout = log.layout
     found = layout.runs(line)
-    if not found or any(run.gap for run in found):
+    labels = {layout.label_of(line, one) for one in found}
+    if len(labels) != 1 or any(run.gap for run in found):
         return None
-    run, pairs = found[0], list[int]()
+    pairs = list[int]()
     for one in found:
         text = line[one.start : one.stop]
         of_run = [one.start + pair.start() for pair in re.finditer(b"[0-9A-Fa-f]{2}", text)]
-        pairs += of_run[one.cut]
-    place = layout.stamp_of(line, run)
-    labels = {layout.label_of(line, one) for one in found}
-    if len(pairs) != sum(len(one.data) for one in found) or len(labels) > 1:
+        pairs += [at + digit for at in of_run[one.cut] for digit in (0, 1)]
+    place = layout.stamp_of(line, found[0])
+    if len(pairs) != 2 * sum(len(one.data) for one in found):
         return None
     if (place is None) != (layout.times.where != "before"):
         return None
     fields = {} if place is None else place[0]
     free, numbers = np.zeros((2, len(line)), np.bool_)
-    free[pairs] = free[[at + 1 for at in pairs]] = True
-    for number in re.finditer(NUMBER_TOKEN, line[: run.start]):
+    free[pairs] = True
+    for number in re.finditer(NUMBER_TOKEN, line[: found[0].start]):
         numbers[number.start() : number.end()] = True
     numbers[slice(*fields.get("zone", (0, 0)))] = False
     numbers &= np.frombuffer(line, np.uint8) - np.uint8(ord("0")) < 10
-    fixed = np.flatnonzero(~(free | numbers))
-    same = (table[:, fixed] == table[0, fixed]).all(1)
-    same &= (table[:, np.flatnonzero(numbers)] - np.uint8(ord("0")) < 10).all(1)
-    high, low = _VALUE[table[:, pairs]], _VALUE[table[:, [at + 1 for at in pairs]]]
-    same &= ((high | low) < 16).all(1)
-    if not same.all():
-        table, rows, high, low = table[same], rows[same], high[same], low[same]
-    stamp = (
-        layout.times.stamp(line, fields, lambda *span: _number(table, *span)) if fields else None
-    )
-    if fields and stamp is None:
-        return None
-    return _Shape(rows, high * np.uint8(16) + low, layout.label_of(line, run), stamp), same
+    return ~(free | numbers), numbers, pairs, fields
 
 
-def _number(table: Bytes, start: int, stop: int) -> Array:
-    powers = 10 ** np.arange(stop - start - 1, -1, -1, dtype=np.int64)
-    return (table[:, start:stop] - np.int64(ord("0"))) @ powers
+def _number(table: Bytes, start: int, stop: int) -> Array | int:
+    """The number in some columns; one for all lines while their digits are equal."""
+    number: Array | int = 0
+    for digits in table[start:stop]:
+        equal = (digits == digits[0]).all()
+        number = number * 10 + (int(digits[0]) if equal else digits.astype(np.int64)) - ord("0")
+    return number
 
 
 def _append(
@@ -149,6 +163,9 @@ def _append(
         part, times = slice(start, stop), None
         if shapes[0].stamp is not None and stop > start:
             times = log.clock.column(Stamp(ns[part], zone), numbers[part])
+        elif streams.start_ns is not None:
+            size = streams.size + np.cumsum(sizes[part])
+            times = streams.start_ns + size * streams.byte_ns
         one_by_one = [stop] if stop < len(known) else []
         if shapes[0].stamp is not None and times is None:
             one_by_one = [*range(start, stop), *one_by_one]

@@ -232,8 +232,8 @@ class LogStream:
             self.frames[header] += len(at)
             if len(at):
                 self.first_line.setdefault(header, int(lines[at[0]]))
-        keys = np.maximum.accumulate(np.append(self.key, t_ns if self._log.by_time else lines))
-        return _Piece(keys[1:], lines, replace(batch, t_ns=t_ns, delay_ns=delay_ns))
+        keys = np.maximum.accumulate(np.append(self.key, t_ns))[1:] if self._log.by_time else lines
+        return _Piece(keys, lines, replace(batch, t_ns=t_ns, delay_ns=delay_ns))
 
 
 class LogStreams:
@@ -264,7 +264,7 @@ class LogStreams:
         self.set_back = False
         """Whether times fell far within a stream."""
         self._streams = {port: LogStream(port, self) for port in ports}
-        self.by_time = bool(self._streams) and resolution_ns is not None
+        self.by_time = len(self._streams) > 1 and resolution_ns is not None
         self._count = 0
         self._held: list[_Piece] = []
 

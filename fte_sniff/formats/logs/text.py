@@ -26,8 +26,8 @@ _BY_MARK: Final = {
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-_INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0|\xef\xbb\xbf"
-"""Colours and other escape sequences, NUL, and the mark of UTF-8."""
+_INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0"
+"""Colours and other escape sequences, and NUL."""
 _CONTROL: Final = rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]"
 _FULL_WIDTH: Final = {"，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " "}
 
@@ -88,10 +88,11 @@ def _clean(data: bytes) -> bytes:
     """Lines as UTF-8, without colours and NUL, with plain commas, colons and line ends."""
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if b"\x1b" in data or b"\0" in data or b"\xef\xbb\xbf" in data:
+    if b"\x1b" in data or b"\0" in data:
         data = re.sub(_INVISIBLE, b"", data)
     if data.isascii():
         return data
+    data = data.replace(codecs.BOM_UTF8, b"")
     if not _decodes(data, "utf-8"):
         data = b"".join(map(_utf8, data.splitlines(keepends=True)))
     for wide, plain in _FULL_WIDTH.items():

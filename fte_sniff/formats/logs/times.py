@@ -326,7 +326,9 @@ class LogClock:
         """
         options, kind = self._options, self._rule.kind
         named, has_clock = time_in_name(name)
-        source = "now" if written_ns is None else "the file's modification time"
+        source = (
+            "the time of the first read" if written_ns is None else "the file's modification time"
+        )
         base_ns = time_ns() if written_ns is None else written_ns
         if kind == "since" and options.start_ns is not None:
             self._base_ns = options.start_ns

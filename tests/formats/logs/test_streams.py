@@ -1,0 +1,134 @@
+"""The streams of a log: merged by time over a whole file, whatever its reads, in bounded memory."""
+
+from __future__ import annotations
+
+import random
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.formats.logs import streams, text
+from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, byte_time_ns, encode
+from tests.examples import examples
+
+TX = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
+RX = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 7, "error": 0, "online": 15})
+
+
+def line(way: str, us: int, data: bytes) -> str:
+    seconds, us = divmod(us, 1_000_000)
+    clock = f"{10 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{us:06}"
+    return f"2026-01-31T{clock}Z {way}: {data.hex(' ')}\n"
+
+
+def rows_of(reader: LogReader) -> list[Row]:
+    return [row for rows in reader.rows(lambda _: None) for row in rows]
+
+
+def times_of(rows: list[Row]) -> list[int]:
+    return [row.t_ns or 0 for row in rows]
+
+
+SECTIONS = "".join(
+    line(way, 20_000 * number + late, data)
+    for way, late, data in (("TX", 0, TX), ("RX", 3000, RX))
+    for number in range(600)
+)
+"""First all that was sent, then all that was received."""
+
+
+@pytest.mark.parametrize("few", [0, 20_000])
+@pytest.mark.parametrize("size", [3000, 1 << 20])
+def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few: int, size: int
+) -> None:
+    monkeypatch.setattr(streams, "FEW", few)
+    monkeypatch.setattr(text, "BLOCK_BYTES", size)
+    path = tmp_path / "x.log"
+    path.write_text(SECTIONS)
+    rows = rows_of(LogReader(str(path)))
+    assert [row.port[-2:] for row in rows] == ["tx", "rx"] * 600
+    assert times_of(rows) == sorted(times_of(rows))
+
+
+def test_rows_that_wait_for_a_direction_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(streams, "_MOST_HELD", 100)
+    monkeypatch.setattr(text, "BLOCK_BYTES", 3000)
+    path = tmp_path / "x.log"
+    path.write_text(SECTIONS)
+    batches = LogReader(str(path)).rows(lambda _: None)
+    assert len(next(batches)) < 200
+    assert sum(len(rows) for rows in batches) > 1000
+
+
+def test_lines_whose_bytes_overlap_are_in_the_order_of_their_first_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "x.log"
+    path.write_text("".join(
+        line("TX", at, TX) + line("RX", at + 1000, RX * 3) for at in range(0, 2_000_000, 20_000)
+    ))  # fmt: skip
+    rows = rows_of(LogReader(str(path)))
+    assert times_of(rows) == sorted(times_of(rows))
+    assert [row.port[-2:] for row in rows[:4]] == ["rx", "tx", "rx", "rx"]
+
+
+def test_after_the_clock_was_set_back_the_order_is_that_of_the_lines(tmp_path: Path) -> None:
+    steps = [*range(100), *range(40, 140)]
+    path = tmp_path / "x.log"
+    path.write_text("".join(
+        line("TX", 100_000 * at, TX) + line("RX", 100_000 * at + 5000, RX) for at in steps
+    ))  # fmt: skip
+    notes: list[str] = []
+    rows = [row for rows in LogReader(str(path)).rows(notes.append) for row in rows]
+    assert [row.port[-2:] for row in rows] == ["tx", "rx"] * 200
+    assert any("line 201: the time goes back by 5.905 s" in note for note in notes)
+
+
+@given(st.integers(0, 10**6), st.sampled_from([100, 999, 5000]), st.sampled_from([0, 20_000]))
+@examples(15)
+def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, size: int, few: int
+) -> None:
+    rng, us, lines = random.Random(seed), 0, list[str]()
+    for _ in range(rng.randint(20, 400)):
+        way, data = rng.choice([("TX", TX), ("RX", RX)])
+        us += rng.choice([0, 100, 900, 20_000])
+        cut = rng.choice([10, 10, 10, rng.randint(1, 9)])
+        lines.append(line(way, us, data[:cut]))
+        if cut < 10:
+            us += 900
+            lines.append(line(way, us, data[cut:]))
+        lines += ["port opened\n"] * (rng.random() < 0.1)
+    path = tmp_path_factory.mktemp("x") / "x.log"
+    path.write_text("".join(lines))
+    whole = rows_of(LogReader(str(path)))
+    assert times_of(whole) == sorted(times_of(whole))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(text, "BLOCK_BYTES", size)
+        patch.setattr(streams, "FEW", few)
+        assert rows_of(LogReader(str(path))) == whole
+        split = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
+    piped = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
+    assert split == piped
+
+
+def test_a_stream_that_waits_for_the_end_of_a_frame_does_not_hold_back_the_other() -> None:
+    content = line("RX", 0, RX[:4]) + "".join(line("TX", 20_000 * n, TX) for n in range(1, 200))
+    content = line("RX", 0, RX) * 9 + content
+    rows = rows_of(LogReader("x", None, BytesIO(content.encode())))
+    assert sum(isinstance(row, Frame) for row in rows) == 208
+
+
+@pytest.mark.parametrize("baud", [9600, 115_200])
+def test_bytes_without_times_follow_each_other_at_the_baud(tmp_path: Path, baud: int) -> None:
+    options = LogOptions(start_ns=10**18, baud=baud)
+    plain, labelled = TX.hex(" ") + "\n", f"TX: {TX.hex(' ')}\n"
+    for content in (plain * 50, labelled * 50, labelled * 600):
+        rows = rows_of(LogReader("x", options, BytesIO(content.encode())))
+        step = 10 * byte_time_ns(baud)
+        assert times_of(rows) == [10**18 + step * number for number in range(len(rows))]
