@@ -86,7 +86,7 @@ UNDERSTANDING: tuple[Binding, ...] = (
     _key("enter,i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
     _key("right_square_bracket", "field(1)", "", "look at the next field of the row", "]"),
     _key("left_square_bracket", "field(-1)", "", "look at the previous field", "["),
-    _key("r", "related", "", "from a command to its answer, or back", "r"),
+    _key("R", "related", "", "from a command to its answer, or back", "R"),
     _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
     _key("M", "pane('motors')", "Motors", "target and feedback of each motor", "M"),
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),

@@ -54,6 +54,7 @@ _Run: TypeAlias = tuple[str, Style]
 """A text and its style, without that of the line."""
 
 _NULL: Final = Style.null()
+_NOT_REVERSED: Final = Style(reverse=False)
 _SPACE: Final = (" ", _NULL)
 _OWN_FIELDS: Final = {(kind.name, field.name): field for kind in KINDS for field in kind.fields}
 _FIELDS: Final = {field.name: field for field in VALUE_FIELDS}
@@ -156,6 +157,11 @@ class Painter:
         if row.status is Status.OK and is_raised(row):
             return RAISED_MARK, self.palette.raised_mark
         return mark_of(row), self.palette.marks[row.status]
+
+    @cached_property
+    def _over_lines(self) -> dict[Style, dict[Style, Style]]:
+        """By style of a line, the styles of segments over it."""
+        return {}
 
     @cached_property
     def shown(self) -> TableLayout:
@@ -306,11 +312,15 @@ class Painter:
         # Fewer segments take less time to draw; `Strip.apply_style` takes five times as long.
         joined = list[_Run]()
         for text, style in runs:
-            if text == " " and joined and not _is_boxed(joined[-1][1]):
+            if joined and text.isspace() and not (_is_boxed(joined[-1][1]) or _is_boxed(style)):
                 joined[-1] = (joined[-1][0] + text, joined[-1][1])
             elif text:
                 joined.append((text, style))
-        segments = [Segment(text, line + style) for text, style in joined]
+        over = self._over_lines.setdefault(line, {})
+        segments = [
+            Segment(text, over.get(style) or over.setdefault(style, _over(line, style)))
+            for text, style in joined
+        ]
         width = sum(len(segment.text) for segment in segments)
         if not all(segment.text.isascii() for segment in segments):
             width = sum(cell_len(segment.text) for segment in segments)
@@ -318,6 +328,12 @@ class Painter:
             segments.append(Segment(" " * (self.width - width), line))
         strip = Strip(segments, max(width, self.width))
         return strip if width <= self.width else strip.crop(0, self.width)
+
+
+def _over(line: Style, style: Style) -> Style:
+    """A style over that of its line; what is reversed in a reversed line is not."""
+    both = line + style
+    return both + _NOT_REVERSED if line.reverse and style.reverse else both
 
 
 @cache

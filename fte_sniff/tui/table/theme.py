@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cache, cached_property
 
 from rich.segment import Segment
@@ -55,6 +56,8 @@ class Palette:
     """The bytes of the field that the user looks at."""
     cursor_row: Style
     """The bytes of the cursor's row among others."""
+    framing: Style
+    """Header and tail bytes."""
     few_colors: bool = False
     """Whether fields differ by underline and bold too, since there are no or 16 colours."""
 
@@ -83,12 +86,11 @@ class Palette:
     def fields(self) -> Mapping[str, Style]:
         """The style of each field's bytes, by its name in `dissect`."""
         looks = _LOOKS if self.few_colors else (_PLAIN,)
-        dim = Style(dim=True) if self.few_colors else _PLAIN
         values = {
             name: style + looks[number % len(looks)]
             for number, (name, style) in enumerate(self.values.items())
         }
-        framing = dict.fromkeys(("header", "tail", "num"), self.muted + dim)
+        framing = dict.fromkeys(("header", "tail", "num"), self.framing)
         cmd = Style(color=self.field_hues[0], bold=True if self.few_colors else None)
         return {**framing, "reserve": self.faint, "cmd": cmd, **values}
 
@@ -153,7 +155,7 @@ def _by_status(suspect: Style, malformed: Style) -> Mapping[Status, Style]:
 
 
 DARK = Palette(
-    muted=Style(color="#8a94a0"),
+    muted=Style(color="#96a0ac"),
     hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
     target=Style(color="#e6b04a"),
     statuses=_by_status(Style(color="#f0e442"), Style(color="#ff8f50")),
@@ -167,7 +169,7 @@ DARK = Palette(
         *("#dd9fc3", "#b3a1f0", "#56b4e9", "#2fc49b", "#e6b04a", "#b8d35a", "#f0906a"),
         *("#c9b8a0", "#7fcfd0"),
     ),
-    faint=Style(color="#707a86"),
+    faint=Style(color="#78828e"),
     changed=(
         Style(color="#101010", bgcolor="#ffd866", bold=True),
         Style(color="#ffd866", bgcolor="#5c4a12", bold=True),
@@ -176,9 +178,10 @@ DARK = Palette(
     ),
     field=Style(color="#101010", bgcolor="#ffffff", bold=True, underline=True),
     cursor_row=Style(bgcolor="#0f3a5c", bold=True),
+    framing=Style(color="#96a0ac"),
 )
 LIGHT = Palette(
-    muted=Style(color="#66707a"),
+    muted=Style(color="#566069"),
     hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
     target=Style(color="#7a5200"),
     statuses=_by_status(Style(color="#6b5e00"), Style(color="#a33c00")),
@@ -192,7 +195,7 @@ LIGHT = Palette(
         *("#8f3a6b", "#5b3fb0", "#0062a0", "#00694b", "#7a5200", "#4a6300", "#9a3412"),
         *("#6b4a3a", "#00626b"),
     ),
-    faint=Style(color="#727a82"),
+    faint=Style(color="#6c747c"),
     changed=(
         Style(color="#ffffff", bgcolor="#b35c00", bold=True),
         Style(color="#101010", bgcolor="#ffc66d", bold=True),
@@ -201,17 +204,19 @@ LIGHT = Palette(
     ),
     field=Style(color="#ffffff", bgcolor="#101010", bold=True, underline=True),
     cursor_row=Style(bgcolor="#c4dcf0", bold=True),
+    framing=Style(color="#566069"),
 )
 
 
-def _with_few_colors(palette: Palette, hues: tuple[str, ...]) -> Palette:
+def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) -> Palette:
     """The palette in the 16 colours of a terminal, with looks that need no colours."""
     cmd, _motor, rpm, pulses, *_, mecanum = hues
     return replace(
         palette,
         hues=(cmd, rpm, pulses, mecanum),
         field_hues=hues,
-        faint=palette.muted + Style(dim=True),
+        faint=framing,
+        framing=framing,
         changed=_FEW_CHANGED,
         field=Style(reverse=True, bold=True, underline=True),
         cursor_row=Style(bold=True),
@@ -260,22 +265,32 @@ _LIGHT = Theme(
 CONTRAST_THEMES = (_DARK, _LIGHT)
 
 _PALETTES = {
-    CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff")),
-    CONTRAST_LIGHT: replace(LIGHT, muted=Style(color="#000000")),
+    CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff"), faint=Style(color="#a0a0a0")),
+    CONTRAST_LIGHT: replace(LIGHT, muted=Style(color="#000000"), faint=Style(color="#505050")),
 }
 
 
-def palette_of(theme: Theme, few_colors: bool = False) -> Palette:
-    """The palette for a theme; one that needs no colours where there are few or none."""
-    return _palette(theme.name, theme.dark, few_colors)
+class Colors(Enum):
+    """The colours of a terminal."""
+
+    ALL = "all"
+    SIXTEEN = "16"
+    NONE = "none"
+
+
+def palette_of(theme: Theme, colors: Colors = Colors.ALL) -> Palette:
+    """The palette for a theme; it needs no colours where there are few or none."""
+    return _palette(theme.name, theme.dark, colors)
 
 
 @cache
-def _palette(name: str, dark: bool, few_colors: bool) -> Palette:
+def _palette(name: str, dark: bool, colors: Colors) -> Palette:
     palette = _PALETTES.get(name, DARK if dark else LIGHT)
-    if not few_colors:
+    if colors is Colors.ALL:
         return palette
-    return _with_few_colors(palette, _DARK_16 if dark else _LIGHT_16)
+    # Dim text is not visible in all themes of 16 colours.
+    framing = palette.muted if colors is Colors.SIXTEEN else Style(dim=True)
+    return _with_few_colors(palette, _DARK_16 if dark else _LIGHT_16, framing)
 
 
 class NoColor(LineFilter):

@@ -32,7 +32,7 @@ from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.overview_bar import BarSign, OverviewBar, OverviewRender
 from fte_sniff.tui.table.painter import EventCell, Painter, RowCell, Sign
-from fte_sniff.tui.table.theme import Palette, palette_of
+from fte_sniff.tui.table.theme import Colors, Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
 
@@ -160,6 +160,7 @@ class RowTable(ScrollView, can_focus=True):
         self._pause_index = 0
         self._hidden = 0
         self._lines: Sequence[TableLine] = ()
+        self._latest_painter: Painter | None = None
         self._drawn: tuple[object, ...] = ()
 
     @property
@@ -393,13 +394,17 @@ class RowTable(ScrollView, can_focus=True):
         layout = layout_for(width, self.view)
         self._hidden = min(max(0, self._hidden), layout.max_hidden(width))
         palette = self.palette
-        return Painter(layout, palette, width, self._hidden, self.view.times, self.search)
+        painter = Painter(layout, palette, width, self._hidden, self.view.times, self.search)
+        if painter != self._latest_painter:
+            self._latest_painter = painter
+        return self._latest_painter
 
     @property
     def palette(self) -> Palette:
         """The styles under the current theme and the colours of the terminal."""
-        few = self.app.no_color or self.app.console.color_system == "standard"
-        return palette_of(self.app.current_theme, few)
+        few = Colors.SIXTEEN if self.app.console.color_system == "standard" else Colors.ALL
+        colors = Colors.NONE if self.app.no_color else few
+        return palette_of(self.app.current_theme, colors)
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """Lines of a part of the window."""
@@ -423,8 +428,9 @@ class RowTable(ScrollView, can_focus=True):
     def _line_style(self, line: TableLine) -> Style:
         if line.position != self.viewport.cursor:
             sign = line.cell.sign if isinstance(line.cell, RowCell) else Sign.NONE
-            name = {Sign.SELECTED: "selected", Sign.PAIRED: "paired"}.get(sign)
-            return self._component_style(name) if name else self._base
+            if sign is Sign.SELECTED or sign is Sign.PAIRED:
+                return self._component_style("paired" if sign is Sign.PAIRED else "selected")
+            return self._base
         if self.app.no_color:
             return self._base + NO_COLOR_CURSOR
         return self._component_style("cursor" if self.has_focus else "cursor-away")

@@ -1,0 +1,98 @@
+"""Colours of the table: contrast, and looks that need no colours."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from rich.color import Color
+from rich.style import Style
+from textual.theme import BUILTIN_THEMES, Theme
+
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, encode
+from fte_sniff.protocol.dissect import byte_names
+from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_of
+
+ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
+FRAMES = {
+    kind.name: Frame(
+        "p", 0, encode(kind, {f.name: 1 for f in kind.fields if not f.defined_bits}), 1
+    )
+    for kind in KINDS
+}
+
+
+def luminance(color: Color) -> float:
+    parts = [part / 255 for part in color.get_truecolor()]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(style: Style, background: str) -> float:
+    """The ratio of WCAG 2: 1 to 21."""
+    assert style.color
+    one, other = luminance(style.color), luminance(style.bgcolor or Color.parse(background))
+    return (max(one, other) + 0.05) / (min(one, other) + 0.05)
+
+
+def background_of(theme: Theme) -> str:
+    return theme.background or ("#121212" if theme.dark else "#E0E0E0")
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_bytes_have_contrast_under_every_theme(name: str) -> None:
+    theme = ALL_THEMES[name]
+    palette, background = palette_of(theme), background_of(theme)
+    low = {
+        name: round(ratio, 1)
+        for name, style in {**palette.fields, **dict(enumerate(palette.changed))}.items()
+        if (ratio := contrast(style, background)) < (3.0 if name == "reserve" else 4.5)
+    }
+    assert not low
+
+
+def looks(palette: Palette, kind: str) -> list[tuple[object, ...]]:
+    """Attributes of the bytes without their colours, by byte."""
+    styles = [style.without_color for style in palette.of_bytes(FRAMES[kind])]
+    return [(one.bold, one.dim, one.underline, one.reverse) for one in styles]
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+def test_adjacent_fields_differ_without_colours(kind: str) -> None:
+    found = looks(palette_of(ALL_THEMES["textual-dark"], Colors.NONE), kind)
+    names = byte_names(FRAMES[kind].kind)  # type: ignore[arg-type]
+    framing = {"header", "tail", "num", "reserve"}
+    for (name, look), (other, next_look) in pairwise(zip(names, found, strict=True)):
+        if name != other and not {name, other} <= framing:
+            assert look != next_look, (name, other)
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+@pytest.mark.parametrize("theme", ["textual-dark", "textual-light"])
+def test_adjacent_fields_differ_in_16_colours(kind: str, theme: str) -> None:
+    palette = palette_of(ALL_THEMES[theme], Colors.SIXTEEN)
+    names = byte_names(FRAMES[kind].kind)  # type: ignore[arg-type]
+    framing = {"header", "tail", "num", "reserve"}
+    for (name, style), (other, next_style) in pairwise(
+        zip(names, palette.of_bytes(FRAMES[kind]), strict=True)
+    ):
+        if name != other and not {name, other} <= framing:
+            assert style != next_style, (name, other)
+
+
+def test_the_byte_with_the_fault_stands_out() -> None:
+    palette = palette_of(ALL_THEMES["textual-dark"])
+    raw = bytes.fromhex("AA010103E80007000 0EE".replace(" ", ""))
+    frame = Frame("p", 0, raw, 1, (Fault.RESERVED_NONZERO,))
+    sound = palette.of_bytes(Frame("p", 0, bytes.fromhex("AA010103E800000000EE"), 1))
+    differing = [
+        at
+        for at, pair in enumerate(zip(sound, palette.of_bytes(frame), strict=True))
+        if pair[0] != pair[1]
+    ]
+    assert differing == [5, 6, 7, 8]
+    damage = Damage("p", 0, raw[:-1] + b"\xef", 1, (Fault.BAD_TAIL,))
+    *others, tail = palette.of_bytes(damage)
+    assert len(set(others)) == 1
+    assert tail not in others
