@@ -107,6 +107,11 @@ class RowRange:
     after_loss: bool = False
     """Whether something could not be read between the previous rows and these."""
 
+    @property
+    def stop(self) -> int:
+        """Where its records end in the file; 0 if none could be read."""
+        return self.records[-1][1] if self.records else 0
+
 
 def _merged(ranges: Iterable[ByteRange]) -> tuple[ByteRange, ...]:
     """The same ranges, contiguous ones merged."""

@@ -118,7 +118,7 @@ class Repair:
         before = 0
         try:
             for found, rows in self._reader.ranges():
-                end = found.records[-1][1]
+                end = max(before, found.stop)
                 self._on_read(end - before)
                 before = end
                 yield found, rows

@@ -349,7 +349,7 @@ class RecordingInput(Input):
             troubles.update(event.kind for event in rows.events)
             some = some or bool(len(rows))
             self.ends.update(rows.end_offsets())
-            self.position = passage.records[-1][1]
+            self.position = max(self.position, passage.stop)
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)
                 yield InputBatch(rows, rows.events, passage.after_loss, reload)

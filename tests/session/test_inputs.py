@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,12 +22,15 @@ from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.recording.batch_reader import TimeRange
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.inputs import (
     FEW,
     SPAN_BYTES,
     InputBatch,
     LogInput,
+    RecordingInput,
     decided_spans,
     rows_of_spans,
 )
@@ -248,3 +252,20 @@ def test_parquet_is_the_frames_one_behind_the_other(tmp_path: Path) -> None:
     write_parquet((table_frame(batch.rows) for batch in batches), path, dict(TABLE_SCHEMA))
     found = pl.read_parquet(path)
     assert found.equals(table_frame(rows))
+
+
+def test_a_recording_of_which_nothing_can_be_read_is_reported(tmp_path: Path) -> None:
+    """Its first batch is empty and has no place in the file."""
+    path = tmp_path / "a.mcap"
+    rows = [Frame("p", 10 * at, FRAME, 10**18 + at) for at in range(100)]
+    write_recording(path, [PortFacts("p")], [RowBatch.from_rows(rows)])
+    content = path.read_bytes()
+    at = content.index(b"\x06", 200)
+    found = []
+    for start in range(at - 30, at + 200, 10):
+        path.write_bytes(content[:start] + content[start + 1 :])
+        with suppress(FileError):
+            recording = RecordingInput(RecordingReader(path))
+            found += [len(batch.rows) for batch in recording.batches(None, lambda _: None)]
+            assert recording.losses
+    assert 0 in found
