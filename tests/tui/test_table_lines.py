@@ -258,5 +258,6 @@ def test_widths_chosen_at_one_size_do_not_cut_another(
 
 
 def test_every_key_has_one_action() -> None:
-    found = Counter(key for _heading, keys in SECTIONS for one in keys for key in one.key.split(","))
+    every = (one for _heading, keys in SECTIONS for one in keys)
+    found = Counter(key for one in every for key in one.key.split(","))
     assert {key for key, count in found.items() if count > 1 and key} == set()
