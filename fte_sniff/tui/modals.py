@@ -346,7 +346,7 @@ def field_pairs(palette: Palette) -> Iterator[Pair]:
 
 
 CHANGED = later("with d: differs from the frame before of the same kind and motor")
-CHANGED_BEFORE = later("with d: changed {count} frames before")
+CHANGED_BEFORE = later("with d: frames since the change: {count}")
 NOT_CHANGED = later("with d: did not change")
 
 
