@@ -15,6 +15,7 @@ from fte_sniff.formats.logs.chance import frames_in
 from fte_sniff.formats.logs.labels import direction_of, label_of
 from fte_sniff.formats.logs.streams import LogForm, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
+from fte_sniff.formats.logs.times import masked
 from fte_sniff.protocol import FRAME_LENGTH
 
 _PLAIN: Final = bytes.maketrans(b",:;-", b"    ")
@@ -77,8 +78,8 @@ def is_plain(line: bytes) -> bool:
 def is_mistyped(line: bytes) -> bool:
     """Whether a line looks like plain hex with a typing error, and not like other text."""
     wrong = [token for token in re.split(rb"%b+" % _GAP, line) if not is_plain(token)]
-    labelled = direction_of(line) or re.match(_ADDRESS, line)
-    return not labelled and max(map(len, wrong), default=9) <= _LONGEST_MISTAKE
+    other = direction_of(line) or re.match(_ADDRESS, line) or masked(line) != line
+    return not other and max(map(len, wrong), default=9) <= _LONGEST_MISTAKE
 
 
 class PlainLog(LogForm):

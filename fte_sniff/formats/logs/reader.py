@@ -235,6 +235,8 @@ def _sample(path: Path) -> list[bytes]:
             lines = lines_of(file.read(_SAMPLE_BYTES), encoding)
             if len(lines) > 2:
                 lines = lines[number > 0 : len(lines) - (number < 3)]
+            elif number and len(lines) < 2:
+                continue  # within a very long line
             sample += [line[:_LONGEST_SAMPLED] for line in lines]
     return sample
 

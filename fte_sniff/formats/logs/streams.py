@@ -180,15 +180,15 @@ class LogStream:
         self._size += len(data)
         self._framer.push(Chunk(self.port, self._clock_ns, data))
 
-    def drain(self, *, final: bool, few: bool) -> _Piece | None:
-        """The rows that are decided since the last time."""
+    def drain(self, *, final: bool, few: int) -> _Piece | None:
+        """The rows that are decided since the last time; as a list if there are at most `few`."""
         if final:
             self._framer.finish()
         span = self._framer.drain()
         self.cut_frame = cut_frame_note(span) if final else None
         if not len(span):
             return None
-        piece = self._few_rows(span) if few or len(span) < _FEW_AT_ONCE else self._batch(span)
+        piece = self._few_rows(span) if len(span) <= few else self._batch(span)
         done = bisect_right(self._stops, span.segments.end)
         for column in self._columns:
             del column[:done]
@@ -310,7 +310,7 @@ class LogStreams:
             self.by_time, ready, self._held = False, self._held, []
             for stream in self._streams.values():
                 stream.key = -1
-        few, streams = self._count < FEW, self._streams.values()
+        few, streams = max(FEW - self._count, _FEW_AT_ONCE), self._streams.values()
         pieces = [stream.drain(final=final, few=few) for stream in streams]
         self._held += [piece for piece in pieces if piece is not None]
         self._count += sum(len(piece.rows) for piece in pieces if piece is not None)

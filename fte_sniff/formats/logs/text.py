@@ -124,6 +124,8 @@ class TextBlocks:
         while True:
             pending += data if decoder is None else decoder.decode(data, not data).encode()
             end = _end_of_lines(pending) if data else len(pending)
+            if column and end:  # the rest of a very long line is a block
+                end = pending.find(b"\n") + 1 or end
             unfinished = bool(data) and not end and len(pending) >= LONGEST_LINE
             if unfinished:
                 end = _end_of_words(pending)
@@ -135,9 +137,10 @@ class TextBlocks:
                 column = column + end if unfinished else 0
                 number += text.count(b"\n")
                 pending = pending[end:]
-            if not data:
+            if data:
+                data = self._read(BLOCK_BYTES)
+            elif not pending:
                 return
-            data = self._read(BLOCK_BYTES)
 
 
 def _end_of_lines(data: bytes) -> int:

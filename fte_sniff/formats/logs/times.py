@@ -135,7 +135,7 @@ class TimeRule:
     form: str | None = None
     """The date in the table, "" for a clock alone, None for a number."""
     column: int = 0
-    """Which number."""
+    """Which number; -1 for the last, where labels before it have numbers."""
     scale: int = SECOND
     """Nanoseconds of one of the numbers."""
     kind: str = "date"
@@ -161,7 +161,7 @@ class TimeRule:
                 return None
             return {name: found.span(name) for name, part in found.groupdict().items() if part}
         numbers = list(re.finditer(_NUMBER, text[:stop][start:]))
-        if self.column >= len(numbers):
+        if not -len(numbers) <= self.column < len(numbers):
             return None
         begin, end = (start + offset for offset in numbers[self.column].span())
         point = text.find(b".", begin, end)
@@ -267,7 +267,8 @@ def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> Ti
 
 def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
     rows = [re.findall(_NUMBER, part) for part in parts]
-    for column in range(min(map(len, rows), default=0)):
+    least = min(map(len, rows), default=0)
+    for column in (*range(least), *range(-1, -least - 1, -1)):
         values = [row[column] for row in rows]
         whole, places = zip(
             *(map(len, (value + b".").split(b".")[:2]) for value in values), strict=True

@@ -246,3 +246,30 @@ def test_lines_that_a_dump_leaves_out_are_reported() -> None:
     lines = LAYOUTS["hexdump -C"](a_log(2)).splitlines()
     _, notes = rows_of("\n".join([*lines[:6], "*", *lines[6:]]).encode())
     assert "log.txt: line 7 leaves out bytes: '*'" in notes
+
+
+def test_lines_around_a_very_long_one_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 3000)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 1000)
+    one = frame_of(KINDS[1], random.Random(1)).hex(" ")
+    for after in (0, 1, 100):
+        content = f"x: {one}\n" * 100 + f"x: {one} " * 500 + "\n" + f"x: {one}\n" * after
+        rows, notes = rows_of(content.encode())
+        assert len(rows) == 100 + after
+        assert any("no bytes" in note and "line 101" in note for note in notes)
+
+
+@pytest.mark.parametrize("name", ["Saleae 2", "two columns"])
+def test_two_channels_of_an_analyser_are_two_ports(name: str) -> None:
+    log = a_log(1)
+    rows, _ = rows_of(LAYOUTS[name](log).encode())
+    bytes_of = {
+        port: b"".join(row.raw for row in rows if row.port == port)
+        for port in sorted({row.port for row in rows})
+    }
+    sent = {way: b"".join(one.data for one in log if one.way == way) for way in WAYS}
+    assert sorted(bytes_of.values()) == sorted(sent.values())
+    assert len(bytes_of) == 2
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    assert len(times) == len(rows)
+    assert times == sorted(times)

@@ -189,3 +189,83 @@ def test_what_fills_a_screen_is_not_quoted_whole() -> None:
         with pytest.raises(InputTextError) as caught:
             of("X" * 5000)
         assert len(str(caught.value)) < 200
+
+
+def file_of(path: Path, lines: list[str]) -> tuple[list[Row], list[str]]:
+    path.write_text("".join(f"{line} RX: {BYTES}\n" for line in lines))
+    notes: list[str] = []
+    rows = [row for rows in LogReader(str(path)).rows(notes.append) for row in rows]
+    return rows, notes
+
+
+def far_from_the_sample(usual: str, other: str) -> list[str]:
+    """Lines of which one, that is in none of the four blocks of a sample, differs."""
+    return [*[usual] * 1000, other, *[usual] * 5000]
+
+
+def test_a_date_anywhere_in_a_file_decides_the_order_of_day_and_month(tmp_path: Path) -> None:
+    lines = far_from_the_sample("02/03/2026 12:00:00", "02/13/2026 12:00:00")
+    rows, notes = file_of(tmp_path / "x.log", lines)
+    assert iso_time(rows[0].t_ns or 0)[:10] == "2026-02-03"
+    assert not any("day or month first" in note for note in notes)
+
+
+def test_a_time_anywhere_in_a_file_decides_the_resolution(tmp_path: Path) -> None:
+    """A second of silence is none if the stamps have seconds, and ends a frame if they have ms."""
+    cut = [f"2026-01-31 12:00:00.000Z RX: {BYTES}"] * 6000
+    for second, (start, stop) in enumerate(((0, 14), (15, 29)), 58):
+        cut.append(f"2026-01-31 12:00:{second}.000Z RX: {BYTES[start:stop]}")
+    for other, frames in (("12:00:00.000", 6001), ("12:00:00.007", 6000)):
+        cut[1000] = f"2026-01-31 {other}Z RX: {BYTES}"
+        (tmp_path / "x.log").write_text("\n".join(cut))
+        rows = [row for some in LogReader(str(tmp_path / "x.log")).rows(len) for row in some]
+        assert sum(row.raw == bytes.fromhex(BYTES) for row in rows) == frames
+
+
+def test_what_contradicts_the_first_lines_of_a_pipe_is_reported() -> None:
+    first = [f"0{2 + n // 1500}/02/2026 12:00:00.000" for n in range(2999)]
+    later = ["01/13/2026 12:00:00.000", "03/02/2026 12:00:00.005"]
+    text = "".join(f"{line} RX: {BYTES}\n" for line in first + later)
+    rows, notes = read(text, LogOptions(zone=UTC))
+    assert len(rows) == 3001
+    assert "log: line 3000: has no time like the others, and gets that before" in notes
+    assert "log: line 3001: its time is finer than those of the first lines" in notes
+
+
+@pytest.mark.parametrize(
+    ("name", "day", "found", "source"),
+    [
+        ("x.log", DAY, "2026-01-31", None),
+        ("x-20240305.log", DAY, "2026-01-31", None),
+        ("x-20240305.log", None, "2024-03-05", "the file's name"),
+        ("x.log", None, "2001-09-09", "the file's modification time"),
+    ],
+)
+def test_the_date_of_times_of_day(
+    tmp_path: Path, name: str, day: date | None, found: str, source: str | None
+) -> None:
+    path = tmp_path / name
+    path.write_text(f"12:00:05.5 RX: {BYTES}\n" * 3)
+    os.utime(path, ns=(10**18, 10**18))
+    notes: list[str] = []
+    reader = LogReader(str(path), LogOptions(day, UTC))
+    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    assert iso_time((rows[0].t_ns or 0) + FRAME_NS)[:21] == f"{found}T12:00:05.5"
+    bases = [note for note in notes if "its times have no date" in note]
+    assert len(bases) == (source is not None)
+    assert all(f"the date is {found} by {source}; --date" in note for note in bases)
+
+
+def test_the_seconds_of_a_pipe_count_from_its_first_read() -> None:
+    before = datetime.now(UTC)
+    rows, notes = read("".join(f"{n}.5 RX: {BYTES}\n" for n in range(3)), LogOptions())
+    since = (rows[1].t_ns or 0) + FRAME_NS - 1_500_000_000 - int(before.timestamp() * 10**9)
+    assert -(10**9) < since < 60 * 10**9
+    assert any("by the time of the first read; --start" in note for note in notes)
+
+
+def test_lines_without_a_time_are_reported() -> None:
+    lines = [f"[2026-01-31 12:00:0{n}Z] {BYTES}" for n in range(5)]
+    rows, notes = read("\n".join([*lines, f"[] {BYTES}"]), LogOptions())
+    assert rows[-1].t_ns == (rows[-2].t_ns or 0) + FRAME_NS
+    assert notes == ["log: line 6: has no time like the others, and gets that before"]
