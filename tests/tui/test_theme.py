@@ -81,8 +81,9 @@ def test_adjacent_fields_differ_in_16_colours(kind: str, theme: str) -> None:
             assert style != next_style, (name, other)
 
 
-def test_the_byte_with_the_fault_stands_out() -> None:
-    palette = palette_of(ALL_THEMES["textual-dark"])
+@pytest.mark.parametrize("colors", Colors)
+def test_the_byte_with_the_fault_stands_out(colors: Colors) -> None:
+    palette = palette_of(ALL_THEMES["textual-dark"], colors)
     raw = bytes.fromhex("AA010103E80007000 0EE".replace(" ", ""))
     frame = Frame("p", 0, raw, 1, (Fault.RESERVED_NONZERO,))
     sound = palette.of_bytes(Frame("p", 0, bytes.fromhex("AA010103E800000000EE"), 1))
@@ -95,4 +96,8 @@ def test_the_byte_with_the_fault_stands_out() -> None:
     damage = Damage("p", 0, raw[:-1] + b"\xef", 1, (Fault.BAD_TAIL,))
     *others, tail = palette.of_bytes(damage)
     assert len(set(others)) == 1
-    assert tail not in others
+    assert tail.without_color not in others if colors is Colors.NONE else tail not in others
+    raised = bytes.fromhex("550101000000000409EE")
+    *_, error, online, _tail = palette.of_bytes(Frame("p", 0, raised, 1))
+    assert error == online
+    assert error.reverse or error.bgcolor

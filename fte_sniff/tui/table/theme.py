@@ -108,9 +108,9 @@ class Palette:
         if row.faults or is_raised(row):
             for field in dissect(row):
                 if field.fault is not None:
-                    look = self.marks[status_of((field.fault,))]
+                    look = self._standing_out(self.marks[status_of((field.fault,))])
                 elif field.is_raised:
-                    look = self.raised_mark
+                    look = self._standing_out(self.raised_mark)
                 else:
                     continue
                 styles = _styled(styles, field.offsets, look)
@@ -120,8 +120,13 @@ class Palette:
         styles: Sequence[Style] = (self.statuses[row.status],) * len(row.raw)
         for field in dissect(row):
             if field.fault is not None and field.name in ("header", "cmd", "tail", "extra"):
-                styles = _styled(styles, field.offsets, self.marks[row.status])
+                look = self._standing_out(self.marks[row.status])
+                styles = _styled(styles, field.offsets, look)
         return styles
+
+    def _standing_out(self, mark: Style) -> Style:
+        """The style of a mark for bytes: reversed where its background may not show."""
+        return Style(reverse=True, bold=True) if self.few_colors else mark
 
     def aged(self, style: Style, age: int) -> Style:
         """The style of a byte that changed `age` frames ago."""
