@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from typing import Literal
+from urllib.parse import unquote
 
 import polars as pl
 from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
-from fte_sniff.errors import RecordingWarning, printable
+from fte_sniff.errors import RecordingWarning, UsageError, printable
 from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
 from fte_sniff.row_batch import Codebook, RowBatch
@@ -69,34 +72,132 @@ _MOST_LOSSES = 5
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
-def scan(paths: Paths) -> pl.LazyFrame:
+def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.LazyFrame:
     """Recordings as a lazy table with the columns of the row contract; see `read` for their types.
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
-    AND, skips the chunks before it. Rows come in batches of about 64 thousand, so a recording of
-    any size needs bounded memory with `collect(engine="streaming")` and the `sink_` methods.
+    AND, skips the chunks before it. A file is opened when the query reaches it, and skipped if its
+    summary shows that it ends before that time, or that the filter holds for none of its ports.
+    Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
+    `collect(engine="streaming")` and the `sink_` methods.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these;
             rows come in the order of the recordings' first times.
+        file_column: whether to add the column `file`, the path as text.
+        hive: whether to add a column for each folder such as `robot=7/` in the paths: Int64 if
+            all its values are whole numbers, otherwise String; null for files without it.
 
     Raises:
         FileError: a file cannot be read or is no recording, or there is none. An error found only
             during a query is raised by the query, as polars' ComputeError.
+        UsageError: a folder has the name of a column.
 
     Warns:
         RecordingWarning: a file is damaged, and rows may be missing; one line for each file says
-            what is lost, as `decode` does. Chunks that the query skips are not checked.
+            what is lost, as `decode` does. Chunks and files that the query skips are not checked.
     """
-    readers = _opened(paths)
+    files = [_ScannedFile.of(reader) for reader in map(RecordingReader, _recordings(paths))]
+    files.sort(key=attrgetter("start"))
+    added = _added_columns([one.path for one in files], file_column=file_column, hive=hive)
 
     def batches(
         names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
     ) -> Iterator[pl.DataFrame]:
-        return _frames(readers, names, wanted, limit)
+        # Where rows are numbered, those that do not pass count too, so none may be passed over.
+        since_ns = 0 if wanted is None or limit is not None else earliest_ns(wanted)
+        left = limit
+        for number, one in enumerate(files):
+            own = added[number : number + 1]
+            if limit is None and one.is_skipped(wanted, since_ns, own):
+                continue
+            make = _maker(names, wanted, own)
+            reader = RecordingReader(one.path)
+            for columns in _first(_columns([reader], TimeRange(since_ns)), left):
+                left = None if left is None else left - len(columns)
+                yield make(columns)
+            if left == 0:
+                return
 
-    return register_io_source(batches, schema=dict(TABLE_SCHEMA), is_pure=True)
+    return register_io_source(batches, schema=dict(TABLE_SCHEMA) | dict(added.schema), is_pure=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _ScannedFile:
+    """What a query needs to know of a file before it opens it."""
+
+    path: Path
+    start: tuple[int, str]
+    last_ns: int | None
+    """No row is later, nanoseconds since 1970 UTC; None if the summary does not show it."""
+    ports: tuple[str, ...]
+    """Empty if the summary does not show them."""
+
+    @classmethod
+    def of(cls, reader: RecordingReader) -> _ScannedFile:
+        start = start_of(reader)
+        if not reader.is_whole or reader.times is None:
+            return cls(reader.path, start, None, ())
+        ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
+        return cls(reader.path, start, reader.times[1], tuple(ports))
+
+    def is_skipped(self, wanted: pl.Expr | None, since_ns: int, added: pl.DataFrame) -> bool:
+        """Whether none of its rows can pass the filter; `added` are its further columns."""
+        if wanted is None:
+            return False
+        if self.last_ns is not None and self.last_ns < since_ns:
+            return True
+        known = added
+        if self.ports:
+            ports = pl.DataFrame({"port": self.ports})
+            known = ports if not added.width else ports.join(added, how="cross")
+        return bool(known.width) and _excludes(wanted, known)
+
+
+def _excludes(wanted: pl.Expr, known: pl.DataFrame) -> bool:
+    """Whether a filter holds for no row that has these values in some columns."""
+    names = set(wanted.meta.root_names())
+    if names and names <= set(known.columns):
+        try:
+            return not known.select(wanted).to_series().any()
+        except PolarsError:
+            return False  # the query raises it
+    inputs = wanted.meta.pop()[::-1]
+    if len(inputs) != 2:
+        return False
+    left, right = inputs
+    if wanted.meta.eq(left & right):
+        return _excludes(left, known) or _excludes(right, known)
+    return wanted.meta.eq(left | right) and _excludes(left, known) and _excludes(right, known)
+
+
+def _added_columns(files: Sequence[Path], *, file_column: bool, hive: bool) -> pl.DataFrame:
+    """The further columns, a row for each file."""
+    columns: dict[str, pl.Series] = {}
+    if hive:
+        keys = [dict(_hive_keys(path)) for path in files]
+        for name in dict.fromkeys(name for own in keys for name in own):
+            values = pl.Series(name, [own.get(name) for own in keys], pl.String)
+            numbers = values.cast(pl.Int64, strict=False)
+            columns[name] = numbers if numbers.null_count() == values.null_count() else values
+    if file_column:
+        columns["file"] = pl.Series("file", [_text_of(path) for path in files], pl.String)
+    for name in columns:
+        if name in TABLE_SCHEMA or (hive and file_column and name == "file" and name in keys[0]):
+            raise UsageError(f"a folder is named {name}=..., as a column is; rename it")
+    return pl.DataFrame(list(columns.values()))
+
+
+def _hive_keys(path: Path) -> Iterator[tuple[str, str]]:
+    for folder in path.parts[:-1]:
+        name, sign, value = folder.partition("=")
+        if sign and name:
+            yield name, unquote(value)
+
+
+def _text_of(path: Path) -> str:
+    return str(path).encode(errors="replace").decode()
 
 
 def read(paths: Paths) -> pl.DataFrame:
@@ -107,33 +208,16 @@ def read(paths: Paths) -> pl.DataFrame:
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
     Takes the `paths` of `scan`, and raises and warns as it does.
     """
-    readers = _opened(paths)
-    frames = list(_frames(readers, None, None, None))
+    readers = sorted(map(RecordingReader, _recordings(paths)), key=start_of)
+    frames = list(map(table_frame, _whole(readers)))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))
     return pl.concat(frames, rechunk=False)
 
 
-def _opened(paths: Paths) -> list[RecordingReader]:
+def _recordings(paths: Paths) -> list[Path]:
     listed = [paths] if isinstance(paths, str | PathLike) else paths
-    found = recordings_in(Path(path) for path in listed)
-    return sorted(map(RecordingReader, found), key=start_of)
-
-
-def _frames(
-    readers: Sequence[RecordingReader],
-    names: list[str] | None,
-    wanted: pl.Expr | None,
-    limit: int | None,
-) -> Iterator[pl.DataFrame]:
-    """The frames of a query: of the first `limit` rows, those that pass the filter."""
-    make = _maker(names, wanted)
-    # A row's time is never later than its log time, so no chunk that ends before can hold one. It
-    # may be earlier by any time, so chunks that begin after the last time must be looked through.
-    # Where rows are numbered, those that do not pass count too, so none may be passed over.
-    span = TimeRange(0 if wanted is None or limit is not None else earliest_ns(wanted))
-    for columns in _first(_columns(readers, span), limit):
-        yield make(columns)
+    return recordings_in(Path(path) for path in listed)
 
 
 def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[RowBatch]:
@@ -141,6 +225,10 @@ def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[Ro
     for reader in readers:
         yield from (columns for columns in reader.batches(codebook, span) if len(columns))
         _warn_of(reader)
+
+
+def _whole(readers: Sequence[RecordingReader]) -> Iterator[RowBatch]:
+    yield from _first(_columns(readers, TimeRange()), None)
 
 
 def _first(batches: Iterator[RowBatch], limit: int | None) -> Iterator[RowBatch]:
@@ -164,17 +252,30 @@ def _warn_of(reader: RecordingReader) -> None:
         warnings.warn(losses, RecordingWarning, stacklevel=6)
 
 
-def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowBatch], pl.DataFrame]:
-    """Makes the frame of a batch: first the filter's columns, then the others of the rows left."""
+def _maker(
+    names: list[str] | None, wanted: pl.Expr | None, added: pl.DataFrame
+) -> Callable[[RowBatch], pl.DataFrame]:
+    """Makes the frame of a batch: first the filter's columns, then the others of the rows left.
+
+    `added` is one row of further columns.
+    """
+
+    def frame(columns: RowBatch, needed: list[str] | None) -> pl.DataFrame:
+        own = [one for one in added if needed is None or one.name in needed]
+        if not own:
+            return table_frame(columns, needed)
+        known = table_frame(columns, None if needed is None else [*needed, "offset"])
+        return known.with_columns(one.new_from_index(0, len(columns)) for one in own)
+
     if wanted is None:
-        return lambda columns: table_frame(columns, names).select(names or pl.all())
+        return lambda columns: frame(columns, names).select(names or pl.all())
     asked = wanted.meta.root_names()
 
     def make(columns: RowBatch) -> pl.DataFrame:
-        mask = table_frame(columns, asked or ["offset"]).select(wanted).to_series().fill_null(False)
+        mask = frame(columns, asked or ["offset"]).select(wanted).to_series().fill_null(False)
         if len(mask) != len(columns):  # polars gives a constant as a single row
             mask = mask.new_from_index(0, len(columns))
         left = columns if mask.all() else columns.select(mask.to_numpy())
-        return table_frame(left, names).select(names or pl.all())
+        return frame(left, names).select(names or pl.all())
 
     return make

@@ -13,15 +13,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-from fte_sniff.errors import FileError
-from fte_sniff.protocol import Row, record
+from fte_sniff.errors import FileError, UsageError
+from fte_sniff.protocol import Frame, Row, record
+from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.scan import earliest_ns
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.scan import earliest_ns, read, scan
 from tests.examples import examples
 
 SAMPLES = Path(__file__).parents[3] / "samples"
 RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
+FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+START = 1_770_000_000 * 10**9
 
 
 def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
@@ -334,3 +339,73 @@ def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
             writer.write(rows[start : start + 100])
             writer.flush()
     return path
+
+
+def _robots(folder: Path) -> list[Path]:
+    """Recordings of two robots, an hour apart, each with a port of its own."""
+    paths = []
+    for robot in (7, 8):
+        paths.append(folder / f"robot={robot}" / "site=a%20b" / "a.mcap")
+        paths[-1].parent.mkdir(parents=True)
+        rows = [
+            Frame(f"p{robot}", 10 * at, FRAME, START + robot * 3600 * 10**9 + at * 10**6)
+            for at in range(100)
+        ]
+        write_recording(paths[-1], [PortFacts(f"p{robot}")], [RowBatch.from_rows(rows)])
+    return paths
+
+
+def test_the_columns_are_those_of_the_contract_unless_more_are_asked_for(tmp_path: Path) -> None:
+    paths = _robots(tmp_path)
+    assert scan(paths).collect_schema().names() == list(TABLE_SCHEMA)
+    table = scan(paths, file_column=True, hive=True)
+    assert table.collect_schema().names() == [*TABLE_SCHEMA, "robot", "site", "file"]
+    found = table.group_by("robot", "site", "file").len().sort("robot").collect()
+    assert found.rows() == [
+        (7, "a b", str(paths[0]), 100),
+        (8, "a b", str(paths[1]), 100),
+    ]
+    assert table.drop("robot", "site", "file").collect().equals(read(paths))
+    assert table.select("robot").collect()["robot"].to_list() == [7] * 100 + [8] * 100
+    assert table.filter(pl.col("robot") == 8).select("offset").head(3).collect().height == 3
+
+
+def test_a_folder_named_as_a_column_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "kind=x" / "a.mcap"
+    path.parent.mkdir()
+    path.write_bytes(_robots(tmp_path)[0].read_bytes())
+    with pytest.raises(UsageError, match="kind="):
+        scan(path, hive=True)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "opened"),
+    [
+        (pl.col("port") == "p8", 1),
+        (pl.col("port").is_in(["p7"]) & (pl.col("offset") > 5), 1),
+        ((pl.col("port") == "p8") | (pl.col("offset") == 0), 2),
+        ((pl.col("port") == "p8") | (pl.col("port") == "x"), 1),
+        (pl.col("port") == "x", 0),
+        (pl.col("robot") == 7, 1),
+        (pl.col("file").str.contains("robot=8"), 1),
+        ((pl.col("robot") > 7) & (pl.col("port") == "p7"), 0),
+        (pl.col("time") >= datetime.fromtimestamp(START // 10**9 + 8 * 3600, UTC), 1),
+        (pl.col("offset") >= 0, 2),
+    ],
+)
+def test_files_that_cannot_match_are_not_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: pl.Expr, opened: int
+) -> None:
+    paths = _robots(tmp_path)
+    table = scan(paths, file_column=True, hive=True)
+    expected = table.collect().filter(wanted)
+    seen: list[Path] = []
+    original = RecordingReader.batches
+
+    def counted(self: RecordingReader, *arguments: object) -> object:
+        seen.append(self.path)
+        return original(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(RecordingReader, "batches", counted)
+    assert table.filter(wanted).collect().equals(expected)
+    assert len(seen) == opened
