@@ -140,6 +140,9 @@ def reason_of(error: OSError) -> str:
     return REASONS.get(error.errno or 0, error.strerror or str(error))
 
 
+TOO_MANY_FILES = TranslatableText("too many open files; try `ulimit -n 4096`")
+"""The limit of the process or the system is reached: no fault of the file."""
+
 UNREADABLE: Mapping[type[OSError], str] = {
     FileNotFoundError: "{path}: there is no such file; check the name and the folder",
     IsADirectoryError: "{path} is a directory; name the files in it",
@@ -170,5 +173,7 @@ def unwritable(path: object, error: OSError) -> FileError:
 
 
 def _file_error(forms: Mapping[type[OSError], str], path: object, error: OSError) -> FileError:
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return FileError(TOO_MANY_FILES)
     form = next(form for kind, form in forms.items() if isinstance(error, kind))
     return FileError(form, path=path, reason=reason_of(error))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import errno
 import grp
 import os
-import pkgutil
 import pwd
 import re
 import stat
 import termios
 from importlib import import_module
 from importlib.util import find_spec
+from inspect import getmodulename
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -70,12 +70,20 @@ def _check_url(url: str, scheme: str) -> None:
 
 
 def known_schemes() -> list[str]:
-    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`..."""
-    found = {
-        module.name.removeprefix(_HANDLER_PREFIX)
+    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`...
+
+    Raises OSError if the folders cannot be listed; `pkgutil` would find nothing in them.
+    """
+    modules = {
+        getmodulename(name)
         for package in serial.protocol_handler_packages
-        for module in pkgutil.iter_modules(import_module(package).__path__)
-        if module.name.startswith(_HANDLER_PREFIX)
+        for folder in import_module(package).__path__
+        for name in os.listdir(folder)  # noqa: PTH208 - only names
+    }
+    found = {
+        module.removeprefix(_HANDLER_PREFIX)
+        for module in modules
+        if module is not None and module.startswith(_HANDLER_PREFIX)
     }
     return sorted(
         scheme

@@ -95,12 +95,13 @@ def _write(
         _write_all(sink, "standard output", reading, line.hidden_by_stdout)
         return
     try:
-        if is_text and path.exists() and not path.is_file() and not path.is_dir():
+        in_sequence = form is not OutputFormat.PARQUET
+        if in_sequence and path.exists() and not path.is_file() and not path.is_dir():
             _write_all(open_sink(form, path, reading.source), path, reading)  # a device or a pipe
             return
         if path.is_dir():
             raise IsADirectoryError
-        if path.exists() and not force:
+        if path.is_file() and not force:
             raise FileExistsError
         export = FileExport(path, form, reading.source)
         try:

@@ -58,7 +58,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
 
     language = load_settings(None).language(lang)
     set_language(language)
-    if output.exists() and not force:
+    if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
     timeline = Timeline()
     with progress_line(reads_stdin=STDIN in query.files) as line:

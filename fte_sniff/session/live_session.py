@@ -9,7 +9,7 @@ from pathlib import Path
 from subprocess import TimeoutExpired
 
 from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
-from fte_sniff.errors import FileError, PortError, TranslatableText
+from fte_sniff.errors import TOO_MANY_FILES, FileError, PortError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import (
@@ -39,7 +39,6 @@ _KILLED = TranslatableText(
     "what it had flushed to its recording until then is kept",
     seconds=END_WITHIN_S,
 )
-_TOO_MANY_FILES = TranslatableText("too many open files; try `ulimit -n 4096`")
 _ENDED_EARLY = TranslatableText("the capture was ended while the disk was still writing")
 _UNEXPECTED = TranslatableText(
     "the capture process ended unexpectedly; what it had recorded is kept"
@@ -194,7 +193,7 @@ class LiveSession:
         if self.stopping and not self.state.started:
             return Ended()
         progress = self.state.progress
-        error = FileError if reason in (_TOO_MANY_FILES, _ENDED_EARLY) else PortError
+        error = FileError if reason in (TOO_MANY_FILES, _ENDED_EARLY) else PortError
         if self.state.recording is None:
             return Ended(reason, error(reason), progress=progress)
         whole = TranslatableText(
@@ -208,7 +207,7 @@ class LiveSession:
     def _exit_reason(self) -> TranslatableText:
         with suppress(TimeoutExpired):
             if self._process.wait(END_WITHIN_S) == FileError.exit_code:
-                return _TOO_MANY_FILES
+                return TOO_MANY_FILES
         return _UNEXPECTED
 
     def _receive(self) -> Message:

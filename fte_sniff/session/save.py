@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Full, Queue
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
@@ -253,23 +253,24 @@ class FileExport:
         """Create the temporary file, in the same folder; an old one is replaced.
 
         Raises:
-            FileError: another program records to `path`.
+            FileError: another program records to `path`, or it is no regular file.
             OSError: the file cannot be created.
         """
         self.path = path
-        self._temporary = temporary_path(path)
-        self._lock = _locked(path)
+        self._target = _replaceable(path)
+        self._temporary = temporary_path(self._target)
+        self._lock = _locked(self._target)
         try:
             self.sink = open_sink(form, self._temporary, source)
-        except OSError:
+        except BaseException:
             self._temporary.unlink(missing_ok=True)
             self._unlock()
             raise
 
     def commit(self) -> None:
         """Give the closed file its name; a file of that name is replaced."""
-        self._lock = _locked(self.path) if self._lock is None else self._lock
-        self._temporary.replace(self.path)
+        self._lock = _locked(self._target) if self._lock is None else self._lock
+        self._temporary.replace(self._target)
         self._unlock()
 
     def abandon(self) -> None:
@@ -284,6 +285,16 @@ class FileExport:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+
+def _replaceable(path: Path) -> Path:
+    """The file that is created or replaced: a link's target, never the link, a pipe or a device.
+
+    Raises FileError if the path leads to something else than a regular file.
+    """
+    if path.exists() and not path.is_file():
+        raise FileError("{path} is no regular file; name another", path=path)
+    return path.resolve() if path.is_symlink() else path
 
 
 def _locked(path: Path) -> int | None:
@@ -301,12 +312,16 @@ def temporary_path(path: Path) -> Path:
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that has its name only when it is complete.
+    """Write a file that has its name only when it is complete; a pipe or device as it is.
 
     Raises:
         FileError: another program records to `path`.
         OSError: the file cannot be written.
     """
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    path = _replaceable(path)
     temporary, lock = temporary_path(path), _locked(path)
     try:
         temporary.write_bytes(content)
@@ -406,6 +421,21 @@ _CHECK_S: Final = 0.1
 """Interval at which a blocked `write` checks that the thread still writes."""
 
 
+_DESCRIPTORS: Final = 8
+"""Files that polars opens to write one; it panics, and writes about it, if it cannot."""
+
+
+def _check_descriptors(count: int) -> None:
+    """Raise OSError if that many files cannot be opened now."""
+    opened: list[int] = []
+    try:
+        for _ in range(count):
+            opened.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
+
+
 class _AbandonedError(Exception):
     """The file is not wanted any more."""
 
@@ -414,12 +444,22 @@ class ParquetSink:
     """Writes the columns of `analysis.dataframe`; a thread writes the file."""
 
     def __init__(self, path: Path) -> None:
+        """Raises OSError if it cannot be created."""
         self._path = path
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
         self._error: BaseException | None = None
         self._abandoned = False
+        self._begun = Event()
+        _check_descriptors(_DESCRIPTORS)
         self._thread = Thread(target=self._run, name="writes Parquet", daemon=True)
         self._thread.start()
+        try:
+            self._begun.wait()  # polars has its descriptors before others use them up
+        except BaseException:
+            self.abandon()
+            raise
+        if self._error is not None:
+            raise self._error
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
         """See `Sink`."""
@@ -453,16 +493,19 @@ class ParquetSink:
             raise self._error
 
     def _run(self) -> None:
-        from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-        from fte_sniff.formats.parquet import write_parquet
-
         try:
+            from fte_sniff.analysis.dataframe import TABLE_SCHEMA
+            from fte_sniff.formats.parquet import write_parquet
+
             write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
-        except (OSError, _AbandonedError, KeyboardInterrupt) as error:
+        except BaseException as error:  # noqa: BLE001 - `write` and `close` raise it
             # polars raises KeyboardInterrupt in the thread that runs the query.
             self._error = error
+        finally:
+            self._begun.set()
 
     def _frames(self) -> Iterator[pl.DataFrame]:
+        self._begun.set()
         while not self._abandoned and (frame := self._waiting.get()) is not None:
             yield frame
         if self._abandoned:

@@ -1,6 +1,7 @@
 """The latency of a port, from what the system knows about its driver."""
 
 import os
+import resource
 import socket
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 import serial
 
 from fte_sniff.capture.discovery import Holder, holders_text
-from fte_sniff.capture.port_errors import known_schemes, port_error
+from fte_sniff.capture.port_errors import check_name, known_schemes, port_error
 from fte_sniff.capture.serial_port import (
     FIFO_BYTES,
     HOST_NS,
@@ -215,6 +216,20 @@ def test_a_device_without_hardware_sends_one_to_the_plug(number):
 def test_the_kinds_of_ports_are_found_not_written_down():
     assert {"sim", "loop", "socket", "rfc2217", "hwgrep"} <= set(known_schemes())
     assert "cp2110" not in known_schemes()
+
+
+def test_too_many_open_files_are_no_unknown_kind_of_port():
+    # The lowest free descriptor is the first that may not be opened.
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = os.dup(0)
+    os.close(free)
+    check_name("sim://")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, limits[1]))
+    try:
+        with pytest.raises(OSError, match="Too many open files"):
+            check_name("sim://")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
 def test_bytes_that_a_server_sends_at_once_are_there():

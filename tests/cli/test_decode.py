@@ -22,6 +22,7 @@ from fte_sniff.analysis.feed import BaudChange, shifted
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.formats.writers import OutputFormat
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
@@ -232,6 +233,34 @@ def test_output_to_a_device_and_to_standard_output_by_name(run, samples: Path) -
     plain = run("decode", samples / "idle.raw").stdout
     assert run("decode", samples / "idle.raw", "-o", "-").stdout == plain
     assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
+
+
+@pytest.mark.parametrize("options", [(), ("--force",)])
+@pytest.mark.parametrize("form", OutputFormat)
+def test_output_to_a_named_pipe(
+    run, tmp_path: Path, samples: Path, form: OutputFormat, options: tuple[str, ...]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    words = ("decode", samples / "clean.mcap", "--format", form, *options)
+    if form is OutputFormat.PARQUET:
+        done = run(*words, "-o", "pipe")
+        assert (done.returncode, done.stderr) == (
+            4,
+            "fte-sniff: pipe is no regular file; name another\n",
+        )
+    else:
+        with (tmp_path / "copy").open("wb") as copy:
+            reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=copy)
+            assert run(*words, "-o", "link").returncode == 0
+            assert reader.wait(60) == 0
+        assert run(*words, "-o", "file").returncode == 0
+        if form is OutputFormat.MCAP:
+            assert len(list(RecordingReader(tmp_path / "copy"))) == 1200
+        else:
+            assert (tmp_path / "copy").read_bytes() == (tmp_path / "file").read_bytes()
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "link").is_symlink()
 
 
 def test_standard_input_is_named_once(run, samples: Path) -> None:

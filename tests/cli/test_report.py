@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -294,3 +295,14 @@ def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, sampl
     assert (done.returncode, done.stdout) == (2, "")
     assert "pip install 'fte-sniff[report]'" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_the_page_goes_through_a_pipe_and_replaces_none(run, tmp_path: Path, samples: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with (tmp_path / "copy").open("wb") as copy:
+        reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=copy)
+        done = run("report", samples / "clean.mcap", "-o", "pipe", "--force")
+        assert reader.wait(60) == 0
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "copy").read_bytes().rstrip().endswith(b"</html>")

@@ -307,7 +307,11 @@ if (sys.argv[0] == "-c") == {in_capture}:
     ("in_capture", "most", "arguments"),
     [
         (False, 560, (*DECODE, "--filter", "motor = 1", "-o", "x.csv", "--force")),
+        (False, 560, (*DECODE[:2], "-o", "x.parquet", "--force")),
         (False, 400, ("stats", DECODE[1])),
+        (False, 700, ("report", DECODE[1], "-o", "x.html", "--force")),
+        (False, 400, ("check", DECODE[1], "--expect", "count(malformed) >= 0", "--jobs", "2")),
+        (True, 400, ("check", DECODE[1], "--expect", "count(malformed) >= 0", "--jobs", "2")),
         (False, 350, (*LIVE, "sim://")),
         (True, 360, (*LIVE, "sim://")),
         (True, 360, ("bridge", "sim://?host=off", *LIVE[1:])),
@@ -346,6 +350,14 @@ def test_both_texts_about_open_files_are_the_same() -> None:
 @pytest.mark.parametrize("limit", [6, 7, 8])
 def test_a_small_limit_of_open_files_is_one_line(bash, limit: int) -> None:
     codes, _, errors = bash(f"(ulimit -n {limit}; F decode clean.mcap --limit 1)")
+    assert (codes, errors) == ("4", "fte-sniff: too many open files; try `ulimit -n 4096`\n")
+
+
+@pytest.mark.parametrize("limit", [16, 19, 22, 30])
+@pytest.mark.parametrize("output", ["x.csv", "x.parquet"])
+def test_more_inputs_than_open_files_are_one_line(bash, limit: int, output: str) -> None:
+    many = "for n in $(seq 40); do cp clean.mcap n$n.mcap; done"
+    codes, _, errors = bash(f"{many}; (ulimit -n {limit}; F decode n*.mcap -o {output} --force)")
     assert (codes, errors) == ("4", "fte-sniff: too many open files; try `ulimit -n 4096`\n")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import resource
 import threading
 from pathlib import Path
@@ -34,7 +35,7 @@ from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
-from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
+from fte_sniff.session.save import ExportSource, FileExport, SaveJob, SaveTarget
 from tests.recording.conftest import entries_in
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -162,6 +163,22 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").symlink_to("/dev/null")
     with pytest.raises(FileError, match="is no regular file; name another"):
         SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")
+
+
+@pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
+def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    form = FORMAT_BY_SUFFIX[suffix]
+    with pytest.raises(FileError, match="pipe is no regular file; name another"):
+        FileExport(tmp_path / "pipe", form, ORIGIN)
+    (tmp_path / "link").symlink_to("target")
+    export = FileExport(tmp_path / "link", form, ORIGIN)
+    export.sink.write(rows())
+    export.sink.close()
+    export.commit()
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").stat().st_size
+    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "link", "target"}
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
