@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff import __main__
-from fte_sniff.session.live_session import _TOO_MANY_FILES
+from fte_sniff.errors import TOO_MANY_FILES
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.terminals import terminal
@@ -344,7 +344,7 @@ def test_too_many_open_files_are_one_line(
 
 def test_both_texts_about_open_files_are_the_same() -> None:
     """The program can read no module for the one; the screen translates the other."""
-    assert f"fte-sniff: {_TOO_MANY_FILES}\\n" in Path(__main__.__file__).read_text()
+    assert f"fte-sniff: {TOO_MANY_FILES}\\n" in Path(__main__.__file__).read_text()
 
 
 @pytest.mark.parametrize("limit", [6, 7, 8])
