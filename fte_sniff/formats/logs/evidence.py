@@ -26,6 +26,8 @@ NUMBER_TOKEN: Final = (
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
+_CUT_SCORE: Final = -0.02
+"""For each run of which numbers are left out: less than they would cost as bytes."""
 _LEAST_SHARE: Final = 0.05
 """Of the bytes of the chosen lanes, how many are in frames."""
 _LEAST_SHARE_CUT: Final = 0.8
@@ -57,6 +59,7 @@ class Lane:
             _FRAME_SCORE * len(self.frames)
             + _OUTSIDE_SCORE * self.outside
             + _LANE_SCORE * len(cuts)
+            + _CUT_SCORE * len(pieces) * any(cut != slice(None) for cut in cuts.values())
         )
 
     def joined(self, other: Lane) -> Lane:

@@ -35,6 +35,7 @@ _ADDRESS: Final = (
 """An address or a time before bytes."""
 _CERTAIN: Final = 0.95
 _FEW_BYTES: Final = 100
+_MANY_BYTES: Final = 1000
 _LONGEST_MISTAKE: Final = 3
 _FIX: Final = "write bytes as hex digits, like AA 01 01 03 E8 00 00 00 00 EE; # starts a comment"
 
@@ -87,6 +88,7 @@ class PlainLog(LogForm):
 
     def __init__(self, data: bytes) -> None:
         self.frames, self.size = len(frames_in(data)), len(data)
+        self.is_chance = not self.frames and self.size >= _MANY_BYTES
         self.is_certain = 0 < _CERTAIN * self.size <= FRAME_LENGTH * self.frames
 
     @classmethod
@@ -120,7 +122,7 @@ class PlainLog(LogForm):
     def notes(self) -> list[str]:
         """That there are no frames, in a log of more than a few bytes."""
         few = self.frames or self.size < _FEW_BYTES
-        return [] if few else ["no frames found in the first lines; it is read as plain hex"]
+        return [] if few else ["no frames found; it is read as plain hex"]
 
     def explain(self) -> list[str]:
         """What it is."""

@@ -213,6 +213,11 @@ class LogReader:
         if isinstance(plain, PlainLog) and not (
             found and found.better_than(plain.frames, plain.size)
         ):
+            if self.options.whole and plain.is_chance:
+                raise InputTextError(
+                    f"no frames found in {plain.size:,} bytes of plain hex, which is chance;"
+                    ' --form "hex pairs" or "hex digits" reads it all the same'
+                )
             return plain
         if found is None and not looks_like_text(b"\n".join(lines)):
             raise FileError(f"{self._where}holds no text; if it holds raw bytes, add --input raw")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -200,12 +201,30 @@ def test_a_text_without_frames_is_refused_and_says_what_was_looked_for(name: str
         rows_of(NOTHING[name].encode())
 
 
-def test_random_hex_has_no_frames_beyond_chance() -> None:
-    data = random.Random(1).randbytes(300_000)
-    rows, notes = rows_of(data.hex().encode())
+@pytest.mark.parametrize("separator", ["", " "])
+def test_random_hex_is_refused_as_chance(tmp_path: Path, separator: str) -> None:
+    path = tmp_path / "random.hex"
+    data, text = random.Random(1).randbytes(5_000_000), ""
+    for at in range(0, len(data), 32):
+        text += f"{data[at : at + 32].hex(separator) if separator else data[at : at + 32].hex()}\n"
+    path.write_text(text)
+    with pytest.raises(FteSniffError, match=r"no frames found in [\d,]+ bytes of plain hex"):
+        list(LogReader(str(path)).rows(lambda note: None))
+    name = "hex pairs" if separator else "hex digits"
+    rows = [
+        row
+        for rows in LogReader(str(path), LogOptions(form=name)).rows(lambda note: None)
+        for row in rows
+    ]
     assert b"".join(row.raw for row in rows) == data
     assert sum(isinstance(row, Frame) and not row.faults for row in rows) <= 3
-    assert notes[0] == "log.txt: no frames found in the first lines; it is read as plain hex"
+
+
+def test_an_empty_and_a_binary_file_are_refused() -> None:
+    with pytest.raises(FteSniffError, match="is empty"):
+        rows_of(b"")
+    with pytest.raises(FteSniffError, match="holds no text; if it holds raw bytes"):
+        rows_of(random.Random(1).randbytes(4000))
 
 
 def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
