@@ -105,6 +105,16 @@ def values(number: int, sent: Sent) -> dict[str, object]:
         "strings": json.dumps([f"0x{b:02x}" for b in data]),
         "latin": json.dumps(data.decode("latin-1")),
         "sum": f"{sum(data) & 0xFF:02X}",
+        "fours": data.hex(" ", -4),
+        "X": "".join(f"\\{b:02X}" for b in data),
+        "lua": "".join(f"\\{b:03d}" for b in data),
+        "pascal": "".join(f"#${b:02X}" for b in data),
+        "bars": " | ".join(map(UPPER, data)),
+        "cells": "".join(f"<td>{b:02X}</td>" for b in data),
+        "modbus": "".join(f"[{b:02X}]" if tx else f"<{b:02X}>" for b in data),
+        "ns": (1_700_000_000_000 + sent.ms) * 10**6,
+        "outgoing": "outgoing" if tx else "incoming",
+        "noise": "HEAP 3ffb" if number % 3 else "HEAP 20",
     }
 
 
@@ -256,6 +266,37 @@ ONE_LINE: dict[str, Layout] = {
     "Python tuple": line("({since}, {repr})"),
     "Chinese words": line("时间：{t}，方向：{zh}，数据：{spaced}"),
     "Chinese CSV": line("{n},{t},{zh},数据帧,{spaced}"),
+    "usbmon": line("ffff8880 {ns} S B{tx}:1:005:2 -115 {len} = {fours}"),
+    "NSData": line("2024-03-05 {t}+0000 App[12:345] {send} <{fours}>"),
+    "NSData of iOS 13": line("2024-03-05 {t}+0000 App[12:345] {send} {{len = {len}, 0x{hex}}}"),
+    "libmodbus": line("{modbus}"),
+    "pymodbus": line("{t} DEBUG transport:312 {send}: {xs} old_data:  addr=None"),
+    "QModMaster": line("{t} - {TX} > {lower}"),
+    "LabVIEW escapes": line("{t}\t{TX}\t{X}"),
+    "Lua": line('{t} {tx} "{lua}"'),
+    "Delphi": line("{t} {TX} {pascal}"),
+    "HTML table": line("<tr><td>{t}</td><td>{TX}</td><td>{spaced}</td></tr>"),
+    "HTML cells": line("<tr><td>{t}</td><td>{tx}</td>{cells}</tr>"),
+    "Org table": line("| {t} | {TX} | {bars} |"),
+    "InfluxDB": line('uart,dir={tx},port=ttyUSB0 data="{hex}",len={len}i {ns}'),
+    "psql": line("  {n:3} | 2024-03-05 {t} | {tx} | \\x{hex}"),
+    "syslog": line("Mar  5 {s} robot fte[1234]: {TX} {lower}"),
+    "RFC 5424": line("<134>1 2024-03-05T{t}Z robot fte 1234 - - {tx} {hex}"),
+    "dmesg": line("[{since}] fte_uart: {tx}: 00000000: {dump}"),
+    "nRF Connect": line('A\t{t}\t"(0x) {dashes}" {send}'),
+    "glog": line("I0305 {t}456  1234 serial.cc:42] {tx} {lower}"),
+    "journald": line('{{"__REALTIME_TIMESTAMP":"{ns}","DIR":"{tx}","MESSAGE":{json}}}'),
+    "Elastic": line('{{"@timestamp":"2024-03-05T{t}Z","way":"{outgoing}","payload":"{lower}"}}'),
+    "Moxa PComm": line("{n}, {t}, {send}, {len}, {spaced}"),
+    "AccessPort": line("#{n}\t{t}\tIRP_MJ_{TX}\tCOM3\tSUCCESS\tLength: {len:04d}, Data: {spaced}"),
+    "J-Link RTT": line("00> {t} {TX}[{len}] {spaced}"),
+    "VS Code": line('[{t}] ---- {send} hex encoded message: "{spaced}" ----'),
+    "R": line(" [1] {lower}"),
+    "Docker": line("2024-03-05T{t}456789Z {tx} {lower}"),
+    "Elixir": line("{t} [debug] {tx}: <<{dec}>>"),
+    "SSCOM": line("[{t}]{zh}{arrow}◇{spaced} □"),
+    "PlatformIO": line("{t} > {lower}"),
+    "Eclipse": line("{t} [{tx}]\t{lower}\t{noise}"),
 }  # fmt: skip
 
 OTHERS: dict[str, Layout] = {
@@ -269,6 +310,61 @@ OTHERS: dict[str, Layout] = {
     "od": octal_words,
     "Node.js": node_array,
     "PulseView": pulseview,
+}
+
+
+def windbg(log: Sequence[Sent]) -> str:
+    data = b"".join(sent.data for sent in log)
+    return (
+        "".join(
+            f"00000000`{at:08x}  {data[at : at + 8].hex(' ')}-{data[at + 8 : at + 16].hex(' ')}"
+            f"  {shown(data[at : at + 16])}\n"
+            for at in range(0, len(data) - 16, 16)
+        )
+        + f"00000000`{len(data):08x}  {data[-(len(data) % 16 or 16) :].hex(' ')}\n"
+    )
+
+
+def intel_hex(log: Sequence[Sent]) -> str:
+    data, text = b"".join(sent.data for sent in log), ""
+    for at in range(0, len(data), 16):
+        record = bytes([len(data[at : at + 16]), *at.to_bytes(2, "big"), 0]) + data[at : at + 16]
+        text += f":{(record + bytes([-sum(record) & 0xFF])).hex().upper()}\n"
+    return f"{text}:00000001FF\n"
+
+
+def bus_hound(log: Sequence[Sent]) -> str:
+    text = "Device  Length  Phase  Data                    Description\n"
+    for sent in log:
+        way = "OUT" if sent.way == "tx" else "IN "
+        fours = "  ".join(sent.data[at : at + 4].hex(" ") for at in range(0, len(sent.data), 4))
+        text += f"  23.1  {len(sent.data):5}  {way}    {fours:<53}{shown(sent.data)}\n"
+    return text
+
+
+def two_headings(log: Sequence[Sent]) -> str:
+    return "".join(
+        f"{number:06d}: 2024-03-05 {clock(sent.ms)} +0.02\n"
+        f" IRP_MJ_{'WRITE' if sent.way == 'tx' else 'READ'} (DOWN)\n"
+        f"  {spaced(sent.data):<47}  {shown(sent.data)}\n\n"
+        for number, sent in enumerate(log)
+    )
+
+
+def zephyr(log: Sequence[Sent]) -> str:
+    return "".join(
+        f"[{clock(sent.ms)},000] <dbg> uart: {'uart_send' if sent.way == 'tx' else 'uart_recv'}\n"
+        f"{'':39}{sent.data[:8].hex(' '):<23}  {sent.data[8:].hex(' '):<23}|{shown(sent.data)}\n"
+        for sent in log
+    )
+
+
+OTHERS |= {
+    "WinDbg": windbg,
+    "Intel HEX": intel_hex,
+    "Bus Hound": bus_hound,
+    "HHD, two headings": two_headings,
+    "Zephyr, two lines": zephyr,
 }
 
 LAYOUTS = ONE_LINE | OTHERS

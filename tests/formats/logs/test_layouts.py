@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FteSniffError
+from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
 from tests.examples import examples
@@ -88,7 +89,8 @@ def test_a_layout_comes_back_exactly(name: str, seed: int) -> None:
     assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
 
 
-LABELLED = sorted(set(ONE_LINE) - {"MATLAB", "RealTerm brackets", "Arduino", "text beside", "XCOM"})
+BARE = {"MATLAB", "RealTerm brackets", "Arduino", "text beside", "XCOM", "libmodbus"}
+LABELLED = sorted(set(ONE_LINE) - BARE)
 
 
 @given(
@@ -158,6 +160,11 @@ def test_many_lines_at_once_are_as_one_by_one(name: str, monkeypatch: pytest.Mon
     times = zip(at_once, one_by_one, strict=True)
     assert all(abs((a.t_ns or 0) - (b.t_ns or 0)) <= 1_000_000 for a, b in times)
     assert notes == same
+
+
+def test_every_form_names_its_programs() -> None:
+    assert all(extractor.tools for extractor in EXTRACTORS)
+    assert len({extractor.name for extractor in EXTRACTORS}) == len(EXTRACTORS)
 
 
 def test_a_frame_that_the_other_direction_interrupts_is_whole() -> None:
