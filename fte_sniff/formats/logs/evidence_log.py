@@ -39,13 +39,7 @@ class EvidenceLog(LogForm):
     def __init__(
         self, lines: Sequence[bytes], found: Sequence[Hypothesis], options: LogOptions
     ) -> None:
-        """A log.
-
-        Args:
-            lines: a sample.
-            found: what it may be, the best first.
-            options: what the user says of it.
-        """
+        """The log of a sample of lines, by what is found in it, the best hypothesis first."""
         self._pattern, self._paste = options.pattern, not options.whole
         given = options.pattern is not None and "dir" in options.pattern.groupindex
         self.layout = Layout(found[0], lines, given=given)
@@ -251,7 +245,7 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
                 f' choose one with --form "{good[0].extractor.name}"'
             )
     if good or not (options.form or options.pattern or not options.whole):
-        return good
+        return good and [good[0], *(one for one in ranked if one is not good[0])]
     digits = [one._replace(masks_times=True) for one in forms if options.form or one.columnar]
     return ranked or sample.longest(digits)
 

@@ -18,6 +18,8 @@ _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
+_LONE: Final = ("word before", "word above", "word after", "given after", "arrow above")
+"""Labels of which a single one is no accident."""
 
 
 class Found(NamedTuple):
@@ -102,7 +104,7 @@ class Layout:
         extractor, where = self.hypothesis.extractor, self.times.where
         streams = f"{', '.join(self.streams)}, by {self.labels} {self.labelled} the bytes"
         return [
-            f'form "{extractor.name}", as of {extractor.tools}',
+            f'form "{extractor.name}", written by {extractor.tools}',
             *(f"lane {key!r}{left_out(cut)}" for key, cut in self.hypothesis.cuts.items()),
             f"times: {'none' if where == 'none' else f'{self.times.kind} {where} the bytes'}",
             f"streams: {streams if self.streams else 'one'}",
@@ -141,7 +143,7 @@ class Layout:
             not 0 < len(known) <= _MOST_STREAMS
             or labels.count(None) > (1 - _COVERED) * len(labels)
             or (where == "above" and len({text.above for text in texts}) < 2)
-            or (len(named) < 2 and not _one_is_enough(kind, where))
+            or (len(named) < 2 and f"{kind} {where}" not in _LONE)
         ):
             return False
         pieces = [
@@ -159,11 +161,6 @@ class Layout:
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
-
-
-def _one_is_enough(kind: str, where: str) -> bool:
-    """Whether a single label is no accident."""
-    return kind in ("word", "given") or (kind, where) == ("arrow", "above")
 
 
 def left_out(cut: slice) -> str:
