@@ -118,8 +118,9 @@ class InputReading:
 
         The rows of inputs without times come last. Inputs are opened when their first rows are due.
         """
+        alone = len(self.inputs) == 1  # to look for its first time would only take time
         successions = [
-            TimedInput(chain[0].first_ns, partial(self._successive, chain))
+            TimedInput(None if alone else chain[0].first_ns, partial(self._successive, chain))
             for chain in _chains(self.inputs)
         ]
         for batch in merged_by_time(successions):

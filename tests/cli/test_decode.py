@@ -527,6 +527,20 @@ def test_a_log_with_times_becomes_a_recording(run, tmp_path: Path) -> None:
     assert "log.txt: none of its 2 rows lies between --from and --to; they go from" in none
 
 
+@pytest.mark.parametrize("suffix", ["raw", "hex"])
+def test_bytes_without_times_get_a_clock_at_the_baud(run, tmp_path: Path, suffix: str) -> None:
+    frame = bytes.fromhex("AA010103E800000000EE")
+    data = frame * 3 if suffix == "raw" else f"{frame.hex(' ')}\n".encode() * 3
+    (tmp_path / f"x.{suffix}").write_bytes(data)
+    clock = ("--start", "2026-01-31T12:00:00Z", "--baud", "9600")
+    made = run("decode", f"x.{suffix}", *clock, "-o", "x.mcap")
+    assert made.returncode == 0, made.stderr
+    times = [row["time"] for row in jsonl(run("decode", "x.mcap", "--format", "jsonl").stdout)]
+    assert [time[17:26] for time in times] == ["00.000000", "00.010416", "00.020833"]
+    piped = run("decode", "-", "--format", "jsonl", *clock, stdin=data)
+    assert [row["time"] for row in jsonl(piped.stdout)] == times
+
+
 @pytest.mark.parametrize(("option", "value"), [("--date", "today"), ("--zone", "Nowhere")])
 def test_a_day_or_zone_that_is_none(run, samples: Path, option: str, value: str) -> None:
     done = run("decode", samples / "idle.hex", option, value)
