@@ -26,6 +26,7 @@ from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.table.widget import RowTable
 
 FOLDER = Path(__file__).with_name("pictures")
 """Folder of the pictures."""
@@ -73,7 +74,7 @@ PICTURES: Mapping[str, Picture] = {
     "narrow": Picture((40, 16), (), "LIVE"),
     "statistics": Picture((200, 60), ("S",), "jitter"),
     "bytes": Picture((110, 30), ("E", "b"), "around offset"),
-    "filter-wrong": Picture((80, 24), ("f", "'moter = 1'"), "did you mean motor"),
+    "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "did you mean motor"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
         (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "hit 2 of 16"
@@ -155,6 +156,8 @@ async def _settled(app: PictureApp, pilot: Pilot[None], shows: str) -> str:
     before, wanted = "", shows.replace(" ", "&#160;")
     for _ in range(MOST_ROUNDS):
         await pilot.pause(0.02)
+        # The overview in the scroll bar is drawn once a second.
+        app.query_one(RowTable).end_overview_pause()
         now = app.export_screenshot(title=f"fte-sniff live {PORT}")
         if now == before and wanted in now:
             return in_cells(now)

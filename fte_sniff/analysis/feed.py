@@ -134,6 +134,10 @@ def _rising_times(rows: Sequence[Row]) -> Ints:
     return np.asarray(np.maximum.accumulate(RowBatch.from_rows(rows).t_ns))
 
 
+SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+"""Speeds of playback."""
+
+
 @dataclass(frozen=True, slots=True)
 class FeedState:
     """State of the source of the rows, as of one poll."""

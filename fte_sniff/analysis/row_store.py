@@ -223,9 +223,16 @@ class RowStore:
         """The oldest first."""
         self.first = 0
         """Index of the oldest row."""
-        self.next = 0
-        """Index of the next row: the number of all rows so far."""
+        self.loaded = 0
+        """Index after the last row, also where a limit hides it."""
+        self.limit: int | None = None
+        """Index from which on rows are hidden, as if they had not come yet; None to hide none."""
         self.view = FilteredView(self)
+
+    @property
+    def next(self) -> int:
+        """Index of the next row: the number of all rows so far."""
+        return self.loaded if self.limit is None else min(self.loaded, self.limit)
 
     def __len__(self) -> int:
         return self.next - self.first
@@ -259,18 +266,18 @@ class RowStore:
         while done < len(batch):
             if not self.blocks or not self.blocks[-1].free:
                 capacity = min(self._block_rows, self.bound)
-                self.blocks.append(Block(self.next, capacity, self.codebook))
+                self.blocks.append(Block(self.loaded, capacity, self.codebook))
             block = self.blocks[-1]
             piece = batch[done : done + block.free]
             block.append(piece)
             changed.append(self._cache.load(block))
             done += len(piece)
-            self.next += len(piece)
+            self.loaded += len(piece)
             self._drop_oldest()
         self.view.update(changed)
 
     def _drop_oldest(self) -> None:
-        self.first = max(self.first, self.next - self.bound)
+        self.first = max(self.first, self.loaded - self.bound)
         while self.blocks and self.blocks[0].end <= self.first:
             self._cache.remove(self.blocks.popleft())
 
@@ -351,6 +358,8 @@ class FilteredView:
         """Number of rows that are known to pass."""
         if self.filter is None:
             return len(self._store)
+        if self._store.limit is not None:
+            return self.position_of(self._store.next)
         return self._matching_sums()[-1] - self._dropped()
 
     def _matching_sums(self) -> list[int]:
@@ -413,7 +422,8 @@ class FilteredView:
     def offsets(self, block: Block) -> Offsets:
         """Offsets of the block's shown rows, rising."""
         first = max(0, self._store.first - block.start)
+        end = min(block.count, self._store.next - block.start)
         if self.filter is None:
-            return np.arange(first, block.count)
+            return np.arange(first, end)
         matches = block.matches.astype(np.int64)
-        return matches[matches >= first]
+        return matches[(matches >= first) & (matches < end)]

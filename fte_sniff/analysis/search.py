@@ -259,7 +259,8 @@ class HitCounter:
 
     def _countable(self, block: Block) -> int:
         """Rows of the block that the filter was applied to."""
-        return block.count if self._store.view.filter is None else block.filtered
+        reached = block.count if self._store.view.filter is None else block.filtered
+        return min(reached, max(0, self._store.next - block.start))
 
     def position(self, index: int) -> HitPosition:
         """The position of the row with that index."""
@@ -281,10 +282,10 @@ class MatchCounter(HitCounter):
     """Counts the rows in memory that match, also those that the current filter hides."""
 
     def _offsets(self, block: Block) -> Offsets:
-        return np.arange(max(0, self._store.first - block.start), block.count)
+        return np.arange(max(0, self._store.first - block.start), self._countable(block))
 
     def _countable(self, block: Block) -> int:
-        return block.count
+        return min(block.count, max(0, self._store.next - block.start))
 
 
 MOST_VALUES: Final = 10_000

@@ -225,6 +225,7 @@ def _start_options(
         signals=_ending_signals(plan),
         line_setup=setup,
         language=settings.language(lang),
+        colors=settings.colors,
         choices=settings.choices,
         save_choices=settings.keep,
         warnings=settings.trouble,
@@ -352,13 +353,16 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
     session = LiveSession(plan, observe)
     with _ended_by_signals(session, plan):
         # Imported while the capture process starts on another core and opens the port.
+        from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
         session.begin()
         _report_pipe(session)
         _report_survivor(plan, session)
+    notes = Notes([(path, None) for path in session.state.recordings if path.is_file()])
     try:
         if not session.stopping:
+            options = replace(options, notes=notes)
             code = run_screen(session, options, on_exit=seen.append)
     finally:
         # The screen has replaced the signal handlers.
@@ -367,6 +371,8 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
             request_end()
             finish_session(session, seen)
             _report_recording(session)
+            for path in notes.written:
+                print_err(f"notes are in {path}")
     sys.exit(code)
 
 

@@ -56,15 +56,19 @@ if TYPE_CHECKING:
 STDIN = Path("-")
 
 
-_OPTIONS = all_of(
-    click.argument(
+def _files_argument(*, required: bool) -> Callable[..., Any]:
+    argument: Callable[..., Any] = click.argument(
         "files",
         nargs=-1,
-        required=True,
-        metavar="FILE...",
+        required=required,
+        metavar="FILE..." if required else "[FILE]...",
         type=FileName(),
         shell_complete=files_with(KIND_OF_SUFFIX),
-    ),
+    )
+    return argument
+
+
+_OPTIONS = all_of(
     click.option(
         "--input",
         "kind",
@@ -118,15 +122,23 @@ _OPTIONS = all_of(
 )
 
 
-def input_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add FILE... and the options that select its rows; the command receives them as `query`."""
+def input_options(
+    command: Callable[..., Any] | None = None, *, required: bool = True
+) -> Callable[..., Any]:
+    """Add FILE... and the options that select its rows; the command receives them as `query`.
+
+    Without `required` there may be no file.
+    """
+    if command is None:
+        return partial(input_options, required=required)
 
     @wraps(command)
     def with_query(*, explain: bool, **options: Any) -> Any:
         query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
         return query.explain() if explain else command(query=query, **options)
 
-    return _OPTIONS(with_query)
+    with_options: Callable[..., Any] = _files_argument(required=required)(_OPTIONS(with_query))
+    return with_options
 
 
 @dataclass(frozen=True, slots=True)

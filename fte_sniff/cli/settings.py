@@ -46,6 +46,7 @@ from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES, Delta
 
 if TYPE_CHECKING:
+    from fte_sniff.session.notes import Place
     from fte_sniff.tui.options import Choices
 
 
@@ -160,6 +161,15 @@ class Settings:
             changes=bool(screen.changes),
             events=screen.events is not False,
         )
+
+    def choices_at(self, place: Place) -> Choices:
+        """The choices, with the columns of a view that was left."""
+        from fte_sniff.tui.table.columns import ColumnChoice
+
+        names = place.columns
+        if names is None or not set(names) <= set(_COLUMNS):
+            return self.choices
+        return replace(self.choices, columns=ColumnChoice(names, place.widths))
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""

@@ -4,35 +4,58 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import click
 
+from fte_sniff.analysis.feed import SPEEDS
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import (
     REREAD_ROWS,
+    alert_of,
+    alert_option,
     keep_rows_option,
     line_setup,
+    row_filter,
     units_options,
 )
 from fte_sniff.cli.output import exit_if_unreadable, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
-from fte_sniff.cli.streams import ending_signals
-from fte_sniff.errors import UsageError
+from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.errors import FilterError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.recording.retention import size_text
 from fte_sniff.session.inputs import Input, RecordingInput
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.session.notes import Place
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
-@input_options
+@input_options(required=False)
+@alert_option
+@click.option(
+    "--play",
+    "play_speed",
+    type=click.Choice([f"{speed:g}" for speed in SPEEDS]),
+    metavar="SPEED",
+    help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
+)
 @keep_rows_option(10_000_000, REREAD_ROWS)
 @units_options
 @config_option
 @lang_option
 def command(
     query: InputQuery,
+    alert_text: str | None,
+    play_speed: str | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -54,12 +77,17 @@ def command(
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings(config)
+    language = settings.language(lang)
+    if not query.files:
+        query = replace(query, files=(_picked(language),))
     check_inputs(query.files)
+    from fte_sniff.session.notes import Notes, read_place, save_place
     from fte_sniff.session.replay import RecordingPages, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
-    wanted = query.row_filter()
+    wanted, paths = query.row_filter(), query.paths()
+    place = read_place(paths)
     with progress_line() as line:
         reading = query.read(None, progress=line.progress)
         batches = iter(reading)
@@ -73,25 +101,34 @@ def command(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
-        list(map(str, query.paths())),
+        list(map(str, paths)),
         pages,
     )
+    notes = Notes(_spans(paths, reading.inputs))
     opening = StartOptions(
-        row_filter=wanted,
+        row_filter=wanted or _filter_of(place),
+        alert=alert_of(alert_text),
         keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,
         zone=query.zone_given(),
-        language=settings.language(lang),
-        choices=settings.choices,
+        language=language,
+        colors=settings.colors,
+        choices=settings.choices_at(place),
         save_choices=settings.keep,
-        warnings=settings.trouble,
+        warnings=(*settings.trouble, *notes.damage),
+        notes=notes,
+        place=place if play_speed is None else replace(place, cursor=None),
+        play_speed=None if play_speed is None else float(play_speed),
+        save_place=partial(save_place, paths),
     )
     code = run_screen(session, opening, pages)
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
         print_notes(reading)
+        for path in notes.written:
+            print_err(f"notes are in {path}")
     if session.error is not None:
         raise session.error
     exit_if_unreadable(reading)
@@ -101,3 +138,48 @@ def command(
 def _row_count(inputs: Sequence[Input]) -> int | None:
     counts = [one.count for one in inputs if one.count is not None]
     return sum(counts) if len(counts) == len(inputs) else None
+
+
+def _filter_of(place: Place) -> RowFilter | None:
+    """The filter with which a view was left; None without one."""
+    try:
+        return row_filter(place.filter or None)
+    except FilterError:  # of another version
+        return None
+
+
+def _spans(
+    paths: Sequence[Path], inputs: Sequence[Input]
+) -> list[tuple[Path, tuple[int, int] | None]]:
+    """The files, with their times where these decide to which capture a note belongs."""
+    from fte_sniff.session.notes import capture_path
+
+    if len(set(map(capture_path, paths))) == 1:
+        return [(path, None) for path in paths]
+    times = {one.reader.path: one.times for one in inputs if isinstance(one, RecordingInput)}
+    return [(path, times.get(path)) for path in paths]
+
+
+MOST_RECENT: Final = 30
+"""Recordings in the list of recent ones."""
+
+
+def _picked(language: str) -> Path:
+    """The recording of this folder that the user picks; ends the command where none is picked."""
+    dated = sorted(((path.stat().st_mtime, path) for path in Path().glob("*.mcap")), reverse=True)
+    if not dated:
+        raise UsageError("there is no recording in this folder; name a FILE")
+    from fte_sniff.tui.modals import Entry, pick
+
+    entries = [
+        Entry(
+            printable(path.name),
+            str(path),
+            f"{datetime.fromtimestamp(at_s):%Y-%m-%d %H:%M}  {size_text(path.stat().st_size):>8}",
+        )
+        for at_s, path in dated[:MOST_RECENT]
+    ]
+    chosen = pick(entries, language)
+    if chosen is None:
+        sys.exit(0)
+    return Path(chosen)

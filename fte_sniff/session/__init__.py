@@ -12,9 +12,10 @@ Modules:
                      time, with the gaps found.
     inputs           Recordings, logs, raw bytes and standard input.
     live_session     LiveSession: start, poll, stop.
+    notes            Notes on rows beside the recording, and the place of a view.
     port_merge       Order rows of several ports; detect swapped wiring.
     progress         Progress: how far the reading of files has come.
-    replay           ReplaySession over files with paging.
+    replay           ReplaySession over files with paging; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
     time_merge       Merge the batches of several inputs by time.

@@ -1,4 +1,4 @@
-"""Session that replays files, and pages of rows that are read again."""
+"""Session that reads files for a view, playback of their rows, and pages that are read again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import Final
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
+from fte_sniff.analysis.counters import Rate
+from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate, StreamChange, shifted
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, RowBatch
@@ -161,6 +164,84 @@ def _concatenated(sequences: list[Sequence[Row]]) -> Sequence[Row]:
         # Making a batch of a few objects is faster than making objects of a batch.
         return RowBatch.concat([RowBatch.from_rows(rows) for rows in sequences])
     return [row for rows in sequences for row in rows]
+
+
+MAX_PLAYED_PER_STEP: Final = 100_000
+"""Rows that one step of playback shows at most."""
+
+
+class Playback:
+    """Shows the rows of a store at the pace at which they came, from one row on."""
+
+    def __init__(self, store: RowStore, index: int, speed: float, now_ns: int) -> None:
+        """Hide the rows from an index on; their times give the pace.
+
+        Args:
+            store: its limit is set.
+            index: of the first row to be played; it or a later one has a time.
+            speed: one of `SPEEDS`.
+            now_ns: the present time of a monotonic clock.
+        """
+        self._store, self._now_ns = store, now_ns
+        self.speed = speed
+        self.paused = False
+        self.tally = Tally()
+        """Counts of the rows that are shown."""
+        self._rate = Rate()
+        for rows in store.batches(store.first, index):
+            self.tally.update(rows)
+        self.t_ns = self._time_from(index)
+        """The time that is played, nanoseconds since 1970 UTC."""
+        store.limit = index
+
+    def _time_from(self, index: int) -> int:
+        """Time of the first row with one, from an index on."""
+        for rows in self._store.batches(index, self._store.loaded):
+            if rows.timed.any():
+                return int(rows.t_ns[rows.timed][0])
+        return self.tally.last_ns or 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all rows are shown."""
+        return self._store.next >= self._store.loaded
+
+    def advance(self, now_ns: int) -> Sequence[Row]:
+        """Show the rows that are due, and return them."""
+        elapsed_ns, self._now_ns = now_ns - self._now_ns, now_ns
+        if self.paused:
+            return []
+        self.t_ns += round(elapsed_ns * self.speed)
+        start = self._store.next
+        self._store.limit = None
+        end = min(start + MAX_PLAYED_PER_STEP, self._store.loaded)
+        shown = []
+        for rows in self._store.batches(start, end):
+            later = rows.timed & (rows.t_ns > self.t_ns)
+            due = int(later.argmax()) if later.any() else len(rows)
+            shown.append(rows[:due])
+            if due < len(rows):
+                break
+        count = sum(map(len, shown))
+        self._store.limit = start + count
+        for rows in shown:
+            self.tally.update(rows)
+        self._rate.update(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
+        return RowBatch.concat(shown) if count else []
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """Frames per second of the recorded time, lately."""
+        return self._rate.per_second(self.t_ns)
+
+    def change_speed(self, by: int) -> None:
+        """Switch to the next speed (`by` 1) or the previous one (-1)."""
+        number = SPEEDS.index(self.speed) + by
+        self.speed = SPEEDS[min(max(number, 0), len(SPEEDS) - 1)]
+
+    def stop(self) -> None:
+        """Show all rows."""
+        self._store.limit = None
 
 
 MAX_CACHED: Final = 4

@@ -332,8 +332,8 @@ def replace_file(path: Path, content: bytes) -> None:
             os.close(lock)
 
 
-def replace_text(path: Path, text: str) -> None:
-    """Replace a small file atomically; only the user may read it.
+def replace_text(path: Path, text: str, mode: int = 0o600) -> None:
+    """Replace a small file atomically; by default, only the user may read it.
 
     Replaces the target of a symbolic link, not the link. Raises OSError.
     """
@@ -342,7 +342,7 @@ def replace_text(path: Path, text: str) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
     try:
-        with os.fdopen(os.open(temporary, flags, 0o600), "w", encoding="utf-8") as file:
+        with os.fdopen(os.open(temporary, flags, mode), "w", encoding="utf-8") as file:
             file.write(text)
         temporary.replace(path)
     finally:

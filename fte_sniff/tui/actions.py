@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC
 from functools import partial
-from time import monotonic
+from time import monotonic, monotonic_ns
 
 from textual import on
 from textual.app import App
@@ -17,7 +17,10 @@ from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.analysis.search import Search, find_fault, find_raised, find_step
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.protocol import Row
 from fte_sniff.protocol.dissect import dissect
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.notes import Note, Notes, RowKey, located
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, parse_goal, row_of, time_at, time_of
 from fte_sniff.tui.i18n import LANGUAGES, _, error_text, switch_language, theme_after
@@ -30,6 +33,7 @@ from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
     NameField,
+    NoteField,
     PictureField,
     PromptField,
     PromptLine,
@@ -40,7 +44,7 @@ from fte_sniff.tui.prompt import (
 )
 from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.widget import RowTable, TableHeader
-from fte_sniff.tui.view_model import ViewModel
+from fte_sniff.tui.view_model import ViewModel, ViewUpdate
 
 
 class ScreenActions(App[None]):
@@ -62,8 +66,20 @@ class ScreenActions(App[None]):
     _picture_field: PictureField
     language: str
     """A key of `i18n.LANGUAGES`."""
+    _note_field: NoteField
+    _missing: dict[RowKey, Note]
+    """Notes whose rows have not come yet."""
+    _left_at: RowKey | None
+    """The row where the view was left, until it has come."""
+    _noted_row: Row | None = None
+    _noted_index: int = 0
+    """The row whose note is written, and its index."""
     _earlier_filters: list[str]
     """Filters before the current one, the latest last; an empty one shows all rows."""
+    _speed: float
+    """Speed of the next playback."""
+    _notes: Notes | None
+    """Where marks are kept; None to keep none."""
     _save_job: SaveJob | None
     """The file that is being written, if any."""
 
@@ -86,8 +102,45 @@ class ViewActions(ScreenActions):
     """Pause, times, columns, theme, language, panes, help and the list of commands."""
 
     def action_pause(self) -> None:
-        """Freeze the view, or resume it."""
-        self._table.toggle_pause()
+        """Freeze the view of a capture, or resume it; play a file, or pause playback."""
+        model, viewport = self._model, self._table.viewport
+        if model.state.live:
+            self._table.toggle_pause()
+        elif model.start_ns is None:
+            self._inform(_("no row here has a time to go by"))
+        elif model.playback is not None and viewport.following:
+            model.playback.paused = not model.playback.paused
+        else:
+            self._play()
+
+    def _play(self) -> None:
+        """Play from the row under the cursor; from the first if that is the last."""
+        model, index = self._model, self._table.last_index
+        speed = self._speed if model.playback is None else model.playback.speed
+        model.stop_playback()
+        if index >= model.store.next - 1:
+            index = model.store.first
+        self._panes.restart(model.play(index, speed, monotonic_ns()))
+        self._table.action_follow()
+        self._inform(_("playing; < and > change the speed, space pauses, esc shows the whole file"))
+
+    def _stop_playback(self) -> None:
+        """Show the whole file again."""
+        if self._model.playback is None:
+            return
+        self._speed = self._model.playback.speed
+        self._table.stop_following()
+        events = self._model.stop_playback()
+        self._panes.on_update(ViewUpdate(True, events, False, None))
+        self._table.sync()
+        self._inform(_("the whole file is shown"))
+
+    def action_speed(self, by: int) -> None:
+        """Play faster or more slowly."""
+        if self._model.playback is None:
+            self._inform(_("nothing is played; space plays a file from the cursor's row"))
+        else:
+            self._model.playback.change_speed(by)
 
     def action_times(self) -> None:
         """Switch to the next time style; without a mark or another zone, two are skipped."""
@@ -210,7 +263,7 @@ class ViewActions(ScreenActions):
                 _(key.tooltip),
                 key.action,
                 key_names(key),
-                f"{key.key_display} {key.tooltip} {SEARCH_WORDS.get(key.action, '')}",
+                f"{SEARCH_WORDS.get(key.action, '')} {key.key_display} {key.tooltip}",
             )
             for key in COMMANDS
         ]
@@ -322,8 +375,86 @@ class NavigationActions(ScreenActions):
         """Mark the row under the cursor, or remove its mark."""
         if self._table.viewport.count:
             self._table.stop_following()
-            self._table.marks.toggle(self._table.last_index)
-            self._table.sync()
+            index, row = self._table.last_index, self._table.cursor_row
+            if self._table.marks.text(index):
+                self._inform(_("the row has a note; # changes it, an empty one removes it"))
+            elif row is not None:
+                self._keep_note(index, row, "" if index not in self._table.marks else None)
+
+    def action_note(self) -> None:
+        """Ask for a note on the row under the cursor."""
+        self._table.stop_following()
+        self._noted_row = self._table.cursor_row
+        self._noted_index = self._table.last_index
+        if self._noted_row is not None:
+            self._note_field.open_with(self._table.marks.text(self._noted_index))
+
+    def _write_note(self, text: str) -> None:
+        if self._noted_row is not None:
+            self._keep_note(self._noted_index, self._noted_row, text or None)
+
+    def _keep_note(self, index: int, row: Row, text: str | None) -> None:
+        """Mark a row with a text, or remove its mark (None), and write that to the file."""
+        note = Note.on(row, text or "")
+        if text is None:
+            self._table.marks.remove(index)
+        else:
+            self._table.marks.set(index, note.text)
+        self._table.sync()
+        if self._notes is not None:
+            if text is None:
+                self._notes.remove(note)
+            else:
+                self._notes.set(note)
+            self._start_worker("notes", self._save_notes)
+
+    async def _save_notes(self) -> None:
+        """Write the notes in a thread, since a disk may be slow."""
+        if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
+            self._notice.warn(printable(_(trouble)))
+
+    def action_notes(self) -> None:
+        """Pick a marked row and go to it."""
+        store, marks, entries = self._model.store, self._table.marks, []
+        for index in sorted(marks):
+            if store.first <= index < store.next:
+                row = store.row(index)
+                time = "" if row.t_ns is None else clock_text(row.t_ns, 3, self._table.view.zone)
+                text = printable(marks.text(index)) or _("mark")
+                entries.append(Entry(f"{time}  {text}", str(index), f"{row.offset:,}"))
+        if entries:
+            self.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
+        else:
+            self._inform(_("no row is marked; m marks one"))
+
+    def _go_to_note(self, index: str | None) -> None:
+        if index is not None and not self._table.jump_to_index(int(index)):
+            self._inform(_("the filter hides this row; F shows all rows"))
+
+    def _find_noted(self, rows: Sequence[Row], first: int) -> None:
+        """Mark those of the new rows that have a note, and find the row where the view was left."""
+        wanted = set(self._missing)
+        if self._left_at is not None:
+            wanted.add(self._left_at)
+        if not (wanted and len(rows)):
+            return
+        for number, key in located(RowBatch.from_rows(rows), wanted):
+            note = self._missing.pop(key, None)
+            if note is not None:
+                self._table.marks.set(first + number, note.text)
+            if key == self._left_at:
+                self._left_at = None
+                self._table.sync()
+                self._table.jump_to_index(first + number)
+
+    def _show_note(self) -> None:
+        """Show the note on the row under the cursor."""
+        index = self._table.cursor_index
+        text = "" if index is None else self._table.marks.text(index)
+        if text:
+            self._notice.pin("note", _("note: {text}").format(text=printable(text)), warning=False)
+        else:
+            self._notice.unpin("note")
 
     def action_to_mark(self, by: int) -> None:
         """Go to the next mark, or to the previous one."""

@@ -27,6 +27,7 @@ from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.session.notes import Place
 from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
 from fte_sniff.tui.export_actions import ExportActions
 from fte_sniff.tui.goto import GotoField, parse_goal
@@ -49,6 +50,7 @@ from fte_sniff.tui.prompt import (
     FilterField,
     FilterSources,
     NameField,
+    NoteField,
     PictureField,
     PromptLine,
     SaveField,
@@ -56,7 +58,7 @@ from fte_sniff.tui.prompt import (
 )
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import zone_at
-from fte_sniff.tui.table.theme import CONTRAST_THEMES, NoColor
+from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
@@ -101,6 +103,9 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         store = self._model.store
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(store, self._header, options.choices.view)
+        rules = ColorRules(options.colors)
+        self._table.rules = rules if options.colors else None
+        self._warnings = [*options.warnings, *rules.mistakes]
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
         main = Vertical(self._header, self._table, id="main")
         self._body = Body(main, self._panes, options.choices.panes)
@@ -118,6 +123,11 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._picture_field = PictureField(self._picture_target, self._save_picture)
         self._earlier_filters = []
         self._save_job = None
+        self._speed = 1.0
+        self._notes = options.notes
+        self._missing = dict(options.notes.notes) if options.notes else {}
+        self._left_at = options.place.cursor
+        self._note_field = NoteField(str, self._write_note)
         self._quit_asked_s = -inf
         self._alerts = 0
         self._status_line = StatusLine()
@@ -131,6 +141,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         yield self._notice
         yield self._filter_field
         yield self._name_field
+        yield self._note_field
         yield self._search_field
         yield self._goto_field
         yield self._save_field
@@ -163,8 +174,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             return
         if self._notice.display and not self._searching:
             self._notice.dismiss()
-        elif not self._end_search():
-            self._panes.close()
+        elif not self._end_search() and not self._panes.close():
+            self._stop_playback()
 
     def action_leave(self) -> None:
         """Close the open pane, else quit; while it is recorded, only when pressed again."""
@@ -194,11 +205,14 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def on_mount(self) -> None:
         """Start to poll, a file at its first row; quit on signals."""
         self._table.focus()
-        if self._options.warnings:
-            self._notice.warn(printable("; ".join(self._options.warnings)))
+        if self._warnings:
+            self._notice.warn(printable("; ".join(map(_, self._warnings))))
         self.tick()
-        if not self._model.state.live:
+        if not self._model.state.live and self._left_at == self._options.place.cursor:
             self._table.action_first()
+        if self._options.play_speed is not None:
+            self._speed = self._options.play_speed
+            self.call_later(self.action_pause)
         self.set_interval(TICK_S, self._on_clock)
         if self._model.state.running:
             self._poll_interval.start(lambda: self.call_later(self.tick))
@@ -213,6 +227,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._poll_interval.stop()
         if self._save_job is not None:
             self._save_job.abandon()
+        if self._notes is not None:
+            self._notes.save()
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             with contextlib.suppress(RuntimeError, ValueError):
@@ -233,6 +249,17 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             view.delta,
             view.changes,
             view.events,
+        )
+
+    @property
+    def place(self) -> Place:
+        """Where the view is now."""
+        row, choice = self._table.cursor_row, self._table.view.choice
+        return Place(
+            self._filter_field.current,
+            None if choice is None else choice.names,
+            () if choice is None else choice.widths,
+            None if row is None else (row.port, row.offset),
         )
 
     @property
@@ -277,6 +304,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         if not self._model.state.running:
             self._poll_interval.stop()
         self._panes.on_update(update)
+        self._find_noted(update.rows, update.first)
         self._report(update)
         self._table.landmarks.add(update.events, update.stream_changes)
         if update.changed or update.events:
@@ -285,7 +313,12 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._show_state()
         if not keys_first:
             state = self._model.state
-            self._panes.tick(self.now_ns(), state.live and state.running)
+            play = self._model.playback
+            self._panes.tick(
+                self.now_ns(), state.live and state.running, None if play is None else play.t_ns
+            )
+            if play is not None and play.is_over and not state.running:
+                self._stop_playback()
 
     def _update_table(self) -> None:
         start_ns = self._model.start_ns
@@ -298,7 +331,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def _report(self, update: ViewUpdate) -> None:
         """Show notices of port events, the recording and the feed; quit at the end if wanted."""
         state = self._model.state
-        for event in update.events if state.live else ():
+        for event in update.events if state.live or self._model.playback else ():
             self._notice.on_port_event(event, self._table.view.shown_zone)
         if update.rings:
             self.bell()
@@ -331,9 +364,11 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
 
     def _show_state(self) -> None:
         model, viewport = self._model, self._table.viewport
-        mode = mode_of(model.state, viewport.paused, viewport.following)
+        play = model.playback
+        mode = mode_of(model.state, viewport.paused, viewport.following, play)
         unseen = viewport.waiting if viewport.paused else viewport.below
-        self._title_line.show(model.state, mode, unseen, int(model.recorded_s))
+        speed = None if play is None else play.speed
+        self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
         self._status_line.numbers = model.status_counters(viewport, self._hit_status.text)
         self._filter_field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
@@ -360,6 +395,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     @on(RowTable.Moved)
     def _on_table_moved(self) -> None:
         self._show_state()
+        self._show_note()
         self._panes.on_cursor_moved()
 
 
@@ -385,4 +421,6 @@ def run_screen(
         options.save_choices(app.choices)
     if app.failure is not None:
         raise app.failure
+    if options.save_place is not None:
+        options.save_place(app.place)
     return app.return_code or 0

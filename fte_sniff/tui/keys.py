@@ -56,6 +56,7 @@ FINDING: tuple[Binding, ...] = (
     _key("X", "without", "", "hide rows that are like this one in a cell", "X"),
     _key("backspace", "filter_before", "", "return to the previous filter", "backspace"),
     _key("m", "mark", "", "mark the row, or remove its mark", "m"),
+    _key("number_sign", "note", "", "write a note on the row; an empty one removes it", "#"),
     _key("u", "to_mark(1)", "", "the next marked row", "u"),
     _key("U", "to_mark(-1)", "", "the previous marked row", "U"),
     _key("o", "landmark(1)", "", "the next lost port or gap", "o"),
@@ -67,7 +68,15 @@ FINDING: tuple[Binding, ...] = (
 """Find rows."""
 
 HANDLING: tuple[Binding, ...] = (
-    _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
+    _key(
+        "space,p",
+        "pause",
+        "Pause",
+        "freeze the view, never the capture; play a file from here",
+        "space",
+    ),
+    _key("less_than_sign", "speed(-1)", "", "play more slowly, down to 0.1×", "<"),
+    _key("greater_than_sign", "speed(1)", "", "play faster, up to 100×", ">"),
     _key("v", "select", "", "select rows from here to the cursor, for y, Y and w", "v"),
     _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
     _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
@@ -112,6 +121,7 @@ LEAVING: tuple[Binding, ...] = (
 UNBOUND: tuple[Binding, ...] = (
     _key("", "language", "", "switch the language: English, Chinese"),
     _key("", "events", "", "show or hide the lines of port events and gaps"),
+    _key("", "notes", "", "list all marks and notes"),
 )
 """Commands without a key."""
 
@@ -157,6 +167,10 @@ SEARCH_WORDS: Mapping[str, str] = {
     "without": "filter by cell exclude",
     "filter_before": "undo back filter",
     "mark": "bookmark flag",
+    "note": "comment remark annotate text label",
+    "notes": "bookmarks comments annotations",
+    "speed(-1)": "playback slow",
+    "speed(1)": "playback fast",
     "goto": "jump seek time row number offset",
     "pause": "stop freeze hold play playback",
     "select": "range block rows",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar, TypeAlias
 
 from rich.cells import cell_len
@@ -12,7 +13,7 @@ from rich.style import Style
 from rich.table import Column, Table
 from rich.text import Text
 from textual import events, on
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
@@ -32,7 +33,7 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.row_schema import short_names_of
-from fte_sniff.tui.i18n import ExplainedWord, _, later
+from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
 from fte_sniff.tui.keys import CHOOSING, PICKING, SECTIONS, bindings, key_names, translate_keys
 from fte_sniff.tui.panes.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
@@ -167,9 +168,10 @@ class Picker(ListScreen[str | None]):
         words = self._typed.lower().split()
         found = []
         for entry in self._entries:
-            text = f" {entry.text} {entry.right} {entry.words}".lower()
-            if all(word in text for word in words):
-                at = text.find(f" {words[0]}") if words else 0
+            parts = [f" {part}".lower() for part in (entry.text, entry.right, entry.words)]
+            if all(any(word in part for part in parts) for word in words):
+                starts = [part.find(f" {words[0]}") for part in parts] if words else [0]
+                at = min((start for start in starts if start >= 0), default=-1)
                 is_key = self._typed in entry.right.split()
                 found.append(((not is_key, at < 0, at), entry))
         return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
@@ -456,3 +458,24 @@ class HelpPage(ModalScreen[None]):
     def action_scroll(self, to: str) -> None:
         """Scroll the page, once it is laid out."""
         self.call_after_refresh(getattr(self._page, f"scroll_{to}"), animate=False)
+
+
+class PickerApp(App[str | None]):
+    """A screen of its own for one picker, before another screen opens."""
+
+    CSS_PATH = Path(__file__).with_name("screen.tcss")
+    ENABLE_COMMAND_PALETTE = False
+
+    def __init__(self, title: str, entries: Sequence[Entry]) -> None:
+        super().__init__()
+        self._heading, self._entries = title, entries
+
+    def on_mount(self) -> None:
+        """Open the picker."""
+        self.push_screen(Picker(_(self._heading), self._entries), self.exit)
+
+
+def pick(entries: Sequence[Entry], language: str) -> str | None:
+    """Let the user pick one of recent recordings; None if nothing was picked."""
+    set_language(language)
+    return PickerApp(later("recordings in this folder, the latest first"), entries).run()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from datetime import tzinfo
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
+from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView
 
@@ -70,6 +72,16 @@ class StartOptions:
     """The first filter."""
     alert: Alert | None = None
     """Signals rows that match its filter."""
+    colors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Styles of rows by the filter that they match; the first that matches wins."""
+    notes: Notes | None = None
+    """Notes on the rows; None to keep none."""
+    place: Place = START
+    """Where the view was left the last time."""
+    play_speed: float | None = None
+    """Speed at which a file is played from the start; None to show all of it."""
+    save_place: Callable[[Place], None] | None = None
+    """Called at the end with the place where the view is left."""
     keep_rows: int = DEFAULT_BOUND
     """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
     signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)

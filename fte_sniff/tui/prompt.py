@@ -658,3 +658,17 @@ class PictureField(SaveField):
     LABEL = later("picture to")
     EXAMPLE = "fte-sniff-screen.svg"
     SUFFIXES = PICTURE_SUFFIXES
+
+
+class NoteField(PromptField):
+    """Asks for a note on a row."""
+
+    LABEL = later("note")
+    EXAMPLE = "the wheel was blocked by hand"
+    HINT = later("enter keeps it beside the recording, an empty one removes it, esc goes back")
+
+    def open_with(self, text: str) -> None:
+        """Let the user change a note."""
+        self.open()
+        self._line.value = text
+        self._line.cursor_position = len(text)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from enum import StrEnum
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from rich.cells import cell_len
 from rich.style import Style
@@ -22,6 +22,9 @@ from fte_sniff.formats.cell_text import fit, fit_path
 from fte_sniff.recording.retention import size_text
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.keys import SHOWN_FIRST, key_names
+
+if TYPE_CHECKING:
+    from fte_sniff.session.replay import Playback
 
 NAME = "fte-sniff"
 
@@ -40,12 +43,16 @@ class Mode(StrEnum):
     WAITING = "WAITING"
     SCROLLED = "SCROLLED"
     PAUSED = "PAUSED"
+    PLAYING = "PLAYING"
+    HELD = "PAUSED AT"
     ENDED = "ENDED"
     FILE = "FILE"
 
 
-def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
+def mode_of(state: FeedState, paused: bool, following: bool, play: Playback | None = None) -> Mode:
     """The mode of a view: LIVE only while the newest rows are in view; WAITING for a lost port."""
+    if play is not None:
+        return Mode.HELD if play.paused else Mode.PLAYING
     if paused:
         return Mode.PAUSED
     if state.live and state.running:
@@ -56,11 +63,13 @@ def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
     return Mode.LOADING if state.running else Mode.FILE
 
 
-def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
+def badge_text(state: FeedState, mode: Mode, unseen: float) -> str:
     """The mode at the end of the title line."""
     words = _(mode)
     if mode is Mode.PAUSED:
         words = _("PAUSED, {count:,} new").format(count=unseen)
+    elif mode in (Mode.PLAYING, Mode.HELD):
+        words = f"{words} {unseen:g}×"
     elif mode is Mode.SCROLLED:
         words = _("SCROLLED +{count:,}").format(count=unseen)
     elif mode is Mode.LOADING and state.progress is not None:
@@ -113,12 +122,12 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
 
 
 def title_parts(
-    state: FeedState, mode: Mode, unseen: int, width: int, elapsed_s: float = 0
+    state: FeedState, mode: Mode, unseen: float, width: int, elapsed_s: float = 0
 ) -> tuple[str, str, str, str]:
     """Names, state of the recording, its path, and mode: the title line in `width` cells.
 
     The path is cut first, then the names. `unseen` is the number of rows since a pause, or below
-    the window; `elapsed_s` the age of the recording.
+    the window, or the speed of playback; `elapsed_s` the age of the recording.
     """
     badge, recording = (
         badge_text(state, mode, unseen),
@@ -141,7 +150,9 @@ def title_parts(
     return names, recording, path, badge
 
 
-def title_text(state: FeedState, mode: Mode, unseen: int, width: int, elapsed_s: float = 0) -> str:
+def title_text(
+    state: FeedState, mode: Mode, unseen: float, width: int, elapsed_s: float = 0
+) -> str:
     """The title line in exactly `width` cells."""
     return "".join(title_parts(state, mode, unseen, width, elapsed_s))
 
@@ -163,7 +174,7 @@ class TitleLine(Widget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._shown: tuple[FeedState, Mode, int, float] | None = None
+        self._shown: tuple[FeedState, Mode, float, float] | None = None
         self._line = ""
 
     def flash(self) -> None:
@@ -171,7 +182,7 @@ class TitleLine(Widget):
         self.add_class("-alert")
         self.set_timer(FLASH_S, lambda: self.remove_class("-alert"))
 
-    def show(self, state: FeedState, mode: Mode, unseen: int, elapsed_s: float = 0) -> None:
+    def show(self, state: FeedState, mode: Mode, unseen: float, elapsed_s: float = 0) -> None:
         """Draw a changed state; the arguments are those of `title_text`."""
         self._shown = (state, mode, unseen, elapsed_s)
         line = title_text(state, mode, unseen, self.size.width, elapsed_s)

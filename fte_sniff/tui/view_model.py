@@ -24,6 +24,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.session.replay import Playback
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.status_bar import StatusCounters
 from fte_sniff.tui.table.viewport import Viewport
@@ -53,6 +54,10 @@ class ViewUpdate:
     """Whether the alert is due."""
     stream_changes: Sequence[StreamChange] = ()
     """Gaps and baud changes among the new rows, by indices in the store."""
+    rows: Sequence[Row] = ()
+    """Rows that the store has received."""
+    first: int = 0
+    """Index of the first of them."""
 
 
 class ViewModel:
@@ -72,6 +77,12 @@ class ViewModel:
         self._frames = 0
         self._line_errors = 0
         self._events: Counter[PortEventKind] = Counter()
+        self.playback: Playback | None = None
+        """The playback of a file, if it runs or is paused."""
+        self._file_events: list[PortEvent] = []
+        self._file_changes: list[StreamChange] = []
+        self._events_played = 0
+        """Number of `_file_events` that were forwarded during playback."""
         self._frames_per_s: float | None = None
         self._recording_since_ns: int | None = None
         self.recorded_s = 0.0
@@ -86,20 +97,57 @@ class ViewModel:
         ended = self.state.running and not update.state.running
         trouble = update.state.trouble if update.state.trouble != self.state.trouble else None
         self.state = update.state
-        stream_changes = shifted(update.changes, self.store.next)
+        first = self.store.loaded
+        stream_changes = shifted(update.changes, first)
         if update.rows:
             self.store.append(update.rows)
             self.tally.update(update.rows)
-        rings = bool(update.rows) and self._rings(update.rows, now_ns)
+        rings = self.state.live and self._rings(update.rows, now_ns)
         for event in update.events:
             self._events[event.kind] += 1
             if event.kind is PortEventKind.LINE_ERROR:
                 self._line_errors += event.count
+        events = update.events
+        if not self.state.live:
+            self._file_events += events
+            self._file_changes += stream_changes
         changed = bool(update.rows) or bool(self.store.view.pending)
+        if self.playback is not None:
+            played = self.playback.advance(now_ns)
+            changed |= bool(len(played))
+            rings = self._rings(played, now_ns)
+            events = self._played_events(self.playback.t_ns)
         self.store.view.filter_step()
         self._update_rate(now_ns)
         self._update_recording(now_ns)
-        return ViewUpdate(changed, update.events, ended, trouble, rings, stream_changes)
+        return ViewUpdate(
+            changed, events, ended, trouble, rings, stream_changes, update.rows, first
+        )
+
+    def play(self, index: int, speed: float, now_ns: int) -> ViewUpdate:
+        """Play a file from a row on; returns what was before it, for models that begin anew."""
+        self.stop_playback()
+        self.playback = Playback(self.store, index, speed, now_ns)
+        self._events_played = 0
+        events = self._played_events(self.playback.t_ns)
+        return ViewUpdate(True, events, False, None, stream_changes=self._file_changes)
+
+    def stop_playback(self) -> Sequence[PortEvent]:
+        """Show all rows again; returns the events that were not played."""
+        if self.playback is None:
+            return ()
+        self.playback.stop()
+        self.playback = None
+        return self._file_events[self._events_played :]
+
+    def _played_events(self, t_ns: int) -> Sequence[PortEvent]:
+        """The events up to a time that were not forwarded yet."""
+        start = self._events_played
+        while self._events_played < len(self._file_events):
+            if self._file_events[self._events_played].t_ns > t_ns:
+                break
+            self._events_played += 1
+        return self._file_events[start : self._events_played]
 
     def _rings(self, rows: Sequence[Row], now_ns: int) -> bool:
         return self.alert is not None and self.alert.observe(rows, now_ns / 1e9)
@@ -125,7 +173,8 @@ class ViewModel:
     @property
     def at_rest(self) -> bool:
         """Whether no more rows come, and the filter has been applied to all."""
-        return not self.state.running and not self.store.view.pending
+        is_playing = self.playback is not None and not self.playback.paused
+        return not self.state.running and not self.store.view.pending and not is_playing
 
     @property
     def ports(self) -> tuple[str, ...]:
@@ -139,18 +188,20 @@ class ViewModel:
 
     def status_counters(self, viewport: Viewport, hits: str = "") -> StatusCounters:
         """Counters for the status line; `hits` is the text about the current search."""
+        play = self.playback
+        tally = self.tally if play is None else play.tally
         return StatusCounters(
-            rows=self.state.rows,
-            frames_per_s=self._frames_per_s,
-            malformed=self.tally.malformed,
-            malformed_share=self.tally.malformed_share,
+            rows=self.state.rows if play is None else len(self.store),
+            frames_per_s=self._frames_per_s if play is None else play.frames_per_s,
+            malformed=tally.malformed,
+            malformed_share=tally.malformed_share,
             not_shown=self.state.not_shown,
             row_number=viewport.cursor + 1 if viewport.count else 0,
             following=viewport.following,
             below=viewport.below,
             line_errors=self._line_errors,
             hits=hits,
-            is_mean=not (self.state.running and self.state.live),
+            is_mean=play is None and not (self.state.running and self.state.live),
         )
 
     @property
@@ -217,7 +268,7 @@ class HitStatus:
         """Count new rows; start again where the search, the columns or the filter changed."""
         search = self._table.search
         columns = frozenset(column.name for column in self._table.columns)
-        wanted = (search, columns, self._store.view.filter)
+        wanted = (search, columns, self._store.view.filter, self._store.limit is None)
         if wanted != self._counted:
             self._counted, self._due_s = wanted, 0.0
             test = search and partial(search.matches, columns=columns)

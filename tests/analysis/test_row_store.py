@@ -2,13 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import Bools, find_byte, find_fault, find_step, select_rows
-from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.analysis.search import (
+    Bools,
+    MatchCounter,
+    find_byte,
+    find_fault,
+    find_step,
+    select_rows,
+)
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, RowBatch
 from tests.examples import examples
 
@@ -208,3 +216,28 @@ def test_a_position_that_does_not_exist_is_an_error(position: int) -> None:
 def test_sizes_out_of_range_are_refused(bound: int, block_rows: int) -> None:
     with pytest.raises(ValueError, match="cannot be"):
         RowStore(bound, block_rows)
+
+
+@given(st.integers(0, 60), st.integers(0, 60), st.booleans())
+def test_a_limit_hides_rows_as_if_they_had_not_come(count: int, limit: int, filtered: bool) -> None:
+    raws = [encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": 7}) for motor in (1, 2)]
+    rows = [Frame("p", 10 * number, raws[number % 3 // 2], number) for number in range(count)]
+    whole, short = RowStore(block_rows=7), RowStore(block_rows=7)
+    whole.append(rows)
+    whole.limit = limit
+    short.append(rows[:limit])
+    for store in (whole, short):
+        store.view.set_filter(RowFilter.parse("motor = 2") if filtered else None)
+        store.view.filter_step()
+    assert len(whole) == len(short)
+    assert whole.view.count == short.view.count
+    assert whole.view.slice(0, count) == short.view.slice(0, count)
+    assert [whole.view.position_of(index) for index in range(count)] == [
+        short.view.position_of(index) for index in range(count)
+    ]
+    counter = MatchCounter(whole, lambda rows: rows.length > 0)
+    while counter.step():
+        pass
+    assert counter.position(-1).total == min(count, limit)
+    whole.limit = None
+    assert len(whole) == count

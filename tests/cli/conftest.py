@@ -28,7 +28,8 @@ def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def environment(settings_file: Path) -> dict[str, str]:
     """Ours, with nothing in it that changes how the program writes."""
-    return _plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file)}
+    state = str(settings_file.parent / "state")
+    return _plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
 
 def _plain_environment() -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -393,3 +394,44 @@ def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
         screen.until(ROWS_TERMINAL)
         screen.type("Q")
         assert screen.ended() == 0
+
+
+def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
+    run, environment, tmp_path: Path
+) -> None:
+    with terminal(environment, tmp_path, "view") as screen:
+        assert screen.ended() == 2
+    assert b"there is no recording in this folder" in screen.drawn
+    arguments = ("--count", "400", "--no-reconnect")
+    assert run("live", "sim://?seed=1", "--plain", *arguments, "-o", "x.mcap").returncode == 0
+    with terminal(environment, tmp_path, "view") as screen:
+        screen.until("x.mcap")
+        screen.type("\r")
+        screen.until("400 rows")
+        screen.type("fmotor = 2\rm")
+        screen.until("of 400 rows")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
+    for options, shown in (((), "motor = 2"), (("--filter", "motor = 3"), "motor = 3")):
+        with terminal(environment, tmp_path, "view", "x.mcap", *options) as screen:
+            screen.until(shown)
+            screen.until("of 400 rows")
+            screen.type("Q")
+            assert screen.ended() == 0
+
+
+def test_a_capture_is_told_apart_and_its_notes_are_kept(environment, tmp_path: Path) -> None:
+    arguments = ("live", "sim://?seed=1", "-o", "x.mcap", "--alert", "motor = 1")
+    with terminal(environment, tmp_path, *arguments) as screen:
+        screen.until("● REC 0:00:0")
+        screen.until("rows match the alert")
+        screen.type("m")
+        screen.type("q")
+        screen.until("press q again to stop recording")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"\a" in screen.drawn
+    assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
+    (line,) = (tmp_path / "x.mcap.notes.jsonl").read_text().splitlines()
+    assert set(json.loads(line)) == {"time", "port", "offset", "text"}

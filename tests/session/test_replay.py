@@ -26,7 +26,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.inputs import InputBatch
-from fte_sniff.session.replay import MAX_READ_AHEAD, RecordingPages, ReplaySession
+from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -335,3 +335,52 @@ def test_a_file_that_is_not_what_it_was_is_named(
     happen(path)
     with pytest.raises(FileError, match=r"run\.mcap: (has changed|there is no such file)"):
         loaded(pages, COUNT // 2, COUNT // 4)
+
+
+def timed_store(times: list[int | None]) -> RowStore:
+    store = RowStore(block_rows=3)
+    store.append([Frame("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)])
+    return store
+
+
+def test_playback_shows_rows_at_their_pace_and_speed() -> None:
+    store = timed_store([1000, 1010, None, 1020, 1035, 1100])
+    play = Playback(store, 1, 1.0, now_ns=5)
+    assert (len(store), play.tally.rows, play.t_ns) == (1, 1, 1010)
+    assert len(play.advance(5)) == 2, "a row without a time comes with the one before it"
+    assert len(play.advance(14)) == 0
+    assert [row.t_ns for row in play.advance(15)] == [1020]
+    play.paused = True
+    assert len(play.advance(1000)) == 0
+    play.paused = False
+    play.change_speed(1)
+    assert len(play.advance(1007)) == 0
+    assert [row.t_ns for row in play.advance(1008)] == [1035]
+    for _ in range(20):
+        play.change_speed(1)
+    assert play.speed == 100
+    assert not play.is_over
+    assert len(play.advance(1009)) == 1
+    assert play.is_over
+    assert play.tally.rows == len(store) == 6
+    for _ in range(20):
+        play.change_speed(-1)
+    assert play.speed == 0.1
+    play.stop()
+    assert store.limit is None
+
+
+@given(st.lists(st.integers(0, 500), max_size=60), st.lists(st.integers(0, 50), max_size=40))
+def test_playback_is_the_same_however_often_it_is_polled(
+    times: list[int], steps: list[int]
+) -> None:
+    """Times may fall a little, as those of two ports do."""
+    one, other = timed_store([*times]), timed_store([*times])
+    often, once = Playback(one, 0, 1.0, 0), Playback(other, 0, 1.0, 0)
+    now = 0
+    for step in (*steps, 0):
+        now += step
+        often.advance(now)
+    once.advance(now)
+    assert one.next == other.next
+    assert often.tally.rows == once.tally.rows

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.session.notes import Notes
 from fte_sniff.tui import actions
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.modals import Picker
@@ -17,6 +20,7 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
+    ListFeed,
     Rows,
     lines,
     page,
@@ -523,3 +527,56 @@ def test_a_click_picks_and_a_click_beside_goes_back(feed: Any, speed_rows: Rows)
         assert "100 of 400 rows" in page(app)
 
     play(feed, scenario)
+
+
+def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
+    speed_rows: Rows, tmp_path: Path
+) -> None:
+    recording = tmp_path / "run.mcap"
+
+    async def write(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "m", "up", "number_sign")
+        await type_line(app, pilot, "[red]stall")
+        await press(app, pilot, "enter")
+        await until(app, pilot, lambda: "note: [red]stall" in page(app))
+        await press(app, pilot, "m")
+        assert "# changes it" in page(app)
+
+    async def read(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "U", "U")
+        await until(app, pilot, lambda: "note: [red]stall" in page(app))
+        assert table(app).viewport.cursor == 38
+        await press(app, pilot, "ctrl+p", *"notes", "enter")
+        await press(app, pilot, "down", "enter")
+        await settle(app, pilot)
+        assert table(app).viewport.cursor == 39
+        assert "note:" not in page(app)
+        await press(app, pilot, "up", "number_sign", "ctrl+u", "enter", "U")
+        assert "no marked row is shown above" in page(app)
+
+    for scenario in (write, read):
+        feed = ListFeed()
+        feed.give(speed_rows(40))
+        play(feed, scenario, options=StartOptions(notes=Notes([(recording, None)])))
+    (line,) = recording.with_name("run.mcap.notes.jsonl").read_text().splitlines()
+    assert json.loads(line)["offset"] == 390
+
+
+def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    recording = tmp_path / "run.mcap"
+    (tmp_path / "run.mcap.notes.jsonl").mkdir()
+    (tmp_path / "state").write_text("no folder")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(40))
+        await settle(app, pilot)
+        await press(app, pilot, "m")
+        await until(app, pilot, lambda: "the notes are not saved" in page(app))
+        feed.give(speed_rows(5, start=40))
+        await settle(app, pilot)
+        await press(app, pilot, "G")
+        assert rpms(app)[-1] == 44
+
+    play(feed, scenario, options=StartOptions(notes=Notes([(recording, None)])))

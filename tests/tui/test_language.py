@@ -159,6 +159,7 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
         feed.give(speed_rows(10))
         await press(app, pilot, "f")
         await type_line(app, pilot, "moter")
+        await press(app, pilot, "enter")
         text = squeezed(app)
         assert "第1个字符处：没有名称'moter'" in text
         assert "您是想写motor吗？" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from datetime import timedelta, timezone
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -453,3 +454,78 @@ def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_row
         assert drawn[-1].endswith(" motor=2 rpm=1")
 
     play(feed, scenario, (40, 12))
+
+
+def file_of(rows: list[Row], feed: Any) -> None:
+    feed.give(rows)
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+
+
+def test_a_file_is_played_with_all_panes_as_live(
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0]
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        monkeypatch.setattr(app, "now_ns", lambda: now[0])
+        monkeypatch.setattr("fte_sniff.tui.actions.monotonic_ns", lambda: now[0])
+
+        async def after(ms: float) -> None:
+            now[0] += round(ms * 1e6)
+            await settle(app, pilot)
+
+        await press(app, pilot, "S", "colon")
+        await type_line(app, pilot, "101")
+        await press(app, pilot, "enter", "space")
+        assert "PLAYING 1×" in page(app)
+        await after(50)
+        assert rpms(app)[-1] == 150
+        assert "151 rows" in page(app)
+        assert "speed 1" in page(app)
+        await press(app, pilot, "greater_than_sign")
+        await after(50)
+        assert "PLAYING 2×" in page(app)
+        assert rpms(app)[-1] == 250
+        await press(app, pilot, "space")
+        await after(50)
+        assert "PAUSED AT 2×" in page(app)
+        assert rpms(app)[-1] == 250
+        await press(app, pilot, "escape", "escape", "escape")
+        assert " FILE " in page(app)
+        assert "1,000 rows" in page(app)
+        await press(app, pilot, "g", "space")
+        await after(10_000)
+        assert " FILE " in page(app)
+        assert rpms(app)[-1] == 999
+
+    file_of(speed_rows(1000), feed)
+    play(feed, scenario, size=(100, 40))
+
+
+def test_a_file_without_times_is_not_played(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "space")
+        assert "no row here has a time" in page(app)
+        assert "PAUSED" not in page(app)
+        await press(app, pilot, "greater_than_sign")
+        assert "nothing is played" in page(app)
+
+    file_of([Damage("p", 0, b"\x01", None, (Fault.NOISE,))], feed)
+    play(feed, scenario)
+
+
+def test_rows_have_the_colours_of_the_users_rules(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(9))
+        await settle(app, pilot)
+        assert "nonsense" in page(app)
+        here = table(app)
+        backgrounds = []
+        for y in range(8):
+            styles = [segment.style for segment in here.render_line(y)]
+            names = {s.bgcolor.name for s in styles if s is not None and s.bgcolor is not None}
+            backgrounds.append([name for name in ("dark_red", "blue") if name in names])
+        assert backgrounds == [["dark_red"], ["blue"], [], [], ["blue"], ["blue"], [], []]
+
+    colors = {"rpm = 0": "on dark_red", "motor IN (1, 2)": "on blue", "nonsense = 1": "red"}
+    play(feed, scenario, options=StartOptions(colors=colors))

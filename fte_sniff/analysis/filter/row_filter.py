@@ -96,11 +96,13 @@ class Alert:
 
     def observe(self, rows: Sequence[Row], now_s: float) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
-        matching = self._filter.select(rows)
-        if not matching:
+        if not len(rows):
+            return False
+        (matching,) = self._filter.matches(rows).nonzero()
+        if not len(matching):
             return False
         self.count += len(matching)
-        self.last = matching[-1]
+        self.last = rows[int(matching[-1])]
         is_due = now_s >= self._due_s
         if is_due:
             self._due_s = now_s + ALERT_INTERVAL_S

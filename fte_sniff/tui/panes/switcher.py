@@ -49,6 +49,7 @@ class PaneSwitcher:
         """What the open pane shows."""
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
+        self._playhead_ns: int | None = None
 
     def __iter__(self) -> Iterator[Pane]:
         return iter(self._panes.values())
@@ -112,12 +113,18 @@ class PaneSwitcher:
         self._models.statistics.observe_events(update.events)
         self._models.add_changes(update.stream_changes)
 
-    def tick(self, now_ns: int, running: bool) -> None:
+    def restart(self, update: ViewUpdate) -> None:
+        """Begin the models anew, with the events and changes of an update."""
+        self._models = LiveModels(self._store, self._line_setup)
+        self.on_update(update)
+
+    def tick(self, now_ns: int, running: bool, playhead_ns: int | None = None) -> None:
         """Update the models with new rows, and draw the open pane where it is due.
 
         `now_ns` is of any monotonic clock. If `running`, time passes also without rows.
+        `playhead_ns` is the time that is played, nanoseconds since 1970 UTC.
         """
-        self._clock_ns = now_ns
+        self._clock_ns, self._playhead_ns = now_ns, playhead_ns
         self._postponed = False
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
@@ -178,7 +185,9 @@ class PaneSwitcher:
         index = -1 if table.cursor_index is None else table.cursor_index
         following = table.viewport.following and not table.viewport.paused
         newest_ns = self._models.traces.last_ns
-        if newest_ns is not None:
+        if self._playhead_ns is not None:
+            newest_ns = self._playhead_ns
+        elif newest_ns is not None:
             # In a running capture time passes also without rows.
             newest_ns += self._clock_ns - self._newest_at_ns
         return PaneContext(

@@ -60,11 +60,17 @@ _OWN_FIELDS: Final = {(kind.name, field.name): field for kind in KINDS for field
 _FIELDS: Final = {field.name: field for field in VALUE_FIELDS}
 
 
+def _on(line: Style, style: Style) -> Style:
+    """A style without its background on a line that is highlighted."""
+    return Style.combine([style, Style(bgcolor=line.bgcolor)]) if line.bold else style
+
+
 class Sign(ExplainedWord):
     """The sign in the first cell after the status."""
 
     NONE = " ", ""
     MARKED = "*", "marked by m"
+    NOTED = "#", "marked, with a note"
     SELECTED = "|", "selected by v"
     PAIRED = "&", "the command or the answer of the row under the cursor"
 
@@ -83,6 +89,8 @@ class RowCell:
     """By byte, the frames since it changed; None where changes are not shown."""
     field: range | None = None
     """Offsets of the bytes that are highlighted."""
+    style: Style | None = None
+    """The user's style of the row, over all others but that of the line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +132,10 @@ class Painter:
                 runs += self._highlighted(self._damage(row, spanned))
             if number + 1 < len(columns) and number + 1 not in spanned[1:]:
                 runs.append(_SPACE)
+        if cell.style is not None:
+            # The background of the cursor's line is more important.
+            over = _on(line, cell.style)
+            runs = [(text, style + over) for text, style in runs]
         return self._strip(runs, line)
 
     def event(self, cell: EventCell, line: Style) -> Strip:

@@ -6,17 +6,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
+from rich.errors import StyleSyntaxError
 from rich.segment import Segment
 from rich.style import Style
 from textual.color import Color
 from textual.filter import LineFilter
 from textual.theme import Theme
 
+from fte_sniff.errors import FilterError, quoted
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Status, status_of
 from fte_sniff.protocol.dissect import byte_names, dissect
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
 from fte_sniff.tui.text import is_raised
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 _PLAIN = Style.null()
 _COMMAND = Style(bold=True)
@@ -273,6 +279,41 @@ _PALETTES = {
     CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff"), faint=Style(color="#a0a0a0")),
     CONTRAST_LIGHT: replace(LIGHT, muted=Style(color="#000000"), faint=Style(color="#505050")),
 }
+
+
+class ColorRules:
+    """Styles of rows that match a filter; the first rule that matches wins."""
+
+    def __init__(self, rules: Mapping[str, str]) -> None:
+        """Compile rules, a style by filter; those with a mistake are left out, see `mistakes`."""
+        self.mistakes: list[str] = []
+        """What is wrong with the rules, one line each."""
+        self._rules: list[tuple[RowFilter, Style]] = []
+        self._styles: dict[int, Style] = {}
+        for text, style in rules.items():
+            try:
+                self._rules.append((_parsed(text), Style.parse(style)))
+            except (FilterError, StyleSyntaxError) as error:
+                self.mistakes.append(f"[colors] {quoted(text)}: {error}")
+
+    def styles(self, rows: Sequence[tuple[int, Row]]) -> Sequence[Style]:
+        """The styles of rows with their indices; those of the previous call are known."""
+        new = [(index, row) for index, row in rows if index not in self._styles]
+        found = [_PLAIN] * len(new)
+        batch = [row for _, row in new]
+        for row_filter, style in reversed(self._rules if new else ()):
+            for number in row_filter.matches(batch).nonzero()[0].tolist():
+                found[number] = style
+        known = self._styles | {index: style for (index, _), style in zip(new, found, strict=True)}
+        self._styles = {index: known[index] for index, _ in rows}
+        return list(self._styles.values())
+
+
+def _parsed(text: str) -> RowFilter:
+    # The import loads polars, which is slow; most screens have no rules.
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+    return RowFilter.parse(text)
 
 
 class Colors(Enum):

@@ -98,10 +98,10 @@ class Viewport:
 
 
 class RowMarks:
-    """Set of marked rows, by index."""
+    """Marked rows by index, each with a text, which may be empty."""
 
     def __init__(self) -> None:
-        self._by_age: dict[int, None] = {}
+        self._by_age: dict[int, str] = {}
 
     def __contains__(self, index: int) -> bool:
         return index in self._by_age
@@ -122,14 +122,26 @@ class RowMarks:
         """Set or remove a mark; returns whether it is set now."""
         is_new = index not in self._by_age
         if is_new:
-            self._by_age[index] = None
+            self._by_age[index] = ""
         else:
             del self._by_age[index]
         return is_new
 
+    def text(self, index: int) -> str:
+        """The text of a mark; empty without a text or a mark."""
+        return self._by_age.get(index, "")
+
+    def set(self, index: int, text: str) -> None:
+        """Mark a row, or change the text of its mark."""
+        self._by_age[index] = text
+
+    def remove(self, index: int) -> None:
+        """Remove a mark, if there is one."""
+        self._by_age.pop(index, None)
+
     def forget_before(self, first: int) -> None:
         """Remove the marks of rows that left the store."""
-        self._by_age = {index: None for index in self._by_age if index >= first}
+        self._by_age = {index: text for index, text in self._by_age.items() if index >= first}
 
     def beyond(self, index: int, by: int) -> list[int]:
         """Marks after an index (`by` 1) or before it (-1), the nearest first."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from typing import ClassVar
 
 from rich.cells import cell_len
@@ -32,7 +33,7 @@ from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.overview_bar import BarSign, OverviewBar, OverviewRender
 from fte_sniff.tui.table.painter import EventCell, Painter, RowCell, Sign
-from fte_sniff.tui.table.theme import Colors, Palette, palette_of
+from fte_sniff.tui.table.theme import ColorRules, Colors, Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
 
@@ -153,6 +154,8 @@ class RowTable(ScrollView, can_focus=True):
         """Time of the first row of all, if it has one."""
         self.field: int | None = None
         """Number in `dissect` of the field that the user looks at in the cursor's row."""
+        self.rules: ColorRules | None = None
+        """The user's styles of rows by filter."""
         self._empty_text = ""
         self._store = store
         self._header = header
@@ -266,7 +269,7 @@ class RowTable(ScrollView, can_focus=True):
         if (wanted, rows) == self._overview_drawn or self._overview_timer is not None:
             return
         self._overview_drawn = (wanted, rows)
-        self._overview_timer = self.set_timer(OVERVIEW_S, self._end_overview_pause)
+        self._overview_timer = self.set_timer(OVERVIEW_S, self.end_overview_pause)
         signs = self._overview.signs(height, palette)
         bar = self.vertical_scrollbar
         if signs != self._bar_signs:
@@ -274,7 +277,8 @@ class RowTable(ScrollView, can_focus=True):
             bar.renderer = OverviewRender.with_signs(signs)  # type: ignore[misc]
             bar.refresh()
 
-    def _end_overview_pause(self) -> None:
+    def end_overview_pause(self) -> None:
+        """Draw the overview now if it has changed."""
         self._overview_timer = None
         self._draw_overview()
 
@@ -327,7 +331,8 @@ class RowTable(ScrollView, can_focus=True):
         needs_past = view.changes or (view.delta is not Delta.ROW and self._shows_delta)
         pasts = self.relations.pasts([index for index, _row in rows]) if needs_past else {}
         above_ns = self._above_ns if self._shows_delta else None
-        for index, row in rows:
+        styles = self.rules.styles(rows) if self.rules else repeat(None)
+        for (index, row), style in zip(rows, styles, strict=False):
             past, field = pasts.get(index), None
             before_ns = above_ns
             if view.delta is not Delta.ROW:
@@ -340,15 +345,18 @@ class RowTable(ScrollView, can_focus=True):
                 field = self._field_offsets(row)
             sign = Sign.SELECTED if index in selected else Sign.NONE
             sign = Sign.PAIRED if index in pair else sign
+            if index in self.marks:
+                sign = Sign.NOTED if self.marks.text(index) else Sign.MARKED
             yield (
                 index,
                 RowCell(
                     row,
-                    Sign.MARKED if index in self.marks else sign,
+                    sign,
                     since_ns,
                     (row.t_ns or 0) - (before_ns or 0) if known else None,
                     past.ages if past and view.changes and isinstance(row, Frame) else None,
                     field,
+                    style,
                 ),
             )
             above_ns = row.t_ns

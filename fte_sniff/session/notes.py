@@ -1,0 +1,328 @@
+"""Notes on rows, in a file beside the recording, and the place at which a recording was left.
+
+A line of the file is a note; the files of one capture share it, also after rotation:
+
+{"time": "2026-01-31T12:00:00.033000000Z", "port": "/dev/ttyUSB0", "offset": 4890, "text": "stall"}
+
+Where that file cannot be written, a file in the user's state folder takes its place.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from platformdirs import user_state_path
+
+from fte_sniff.analysis.time_text import time_ns
+from fte_sniff.errors import TranslatableText, reason_of
+from fte_sniff.protocol import Row, iso_time
+from fte_sniff.session.save import replace_text
+
+if TYPE_CHECKING:
+    from fte_sniff.row_batch import RowBatch
+
+NOTES_SUFFIX: Final = ".notes.jsonl"
+
+MOST_TEXT: Final = 500
+"""Most characters of a note."""
+
+_MOST_BYTES: Final = 10_000_000
+"""Largest notes file that is read."""
+
+RowKey: TypeAlias = tuple[str, int]
+"""Port of a row, and the offset of its first byte."""
+
+Span: TypeAlias = tuple[int, int]
+"""First and last time, nanoseconds since 1970 UTC."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A text about a row; empty for a mark."""
+
+    t_ns: int | None
+    """Time of the row, nanoseconds since 1970 UTC."""
+    port: str
+    offset: int
+    """Of the row's first byte in the port's stream."""
+    text: str = ""
+
+    @property
+    def key(self) -> RowKey:
+        """What identifies its row."""
+        return self.port, self.offset
+
+    @classmethod
+    def on(cls, row: Row, text: str = "") -> Note:
+        """A note on a row."""
+        return cls(row.t_ns, row.port, row.offset, text[:MOST_TEXT])
+
+    def line(self) -> str:
+        """The line of the file."""
+        time = None if self.t_ns is None else iso_time(self.t_ns)
+        entry = {"time": time, "port": self.port, "offset": self.offset, "text": self.text}
+        return json.dumps(entry, ensure_ascii=False)
+
+    @classmethod
+    def parse(cls, line: str) -> Note:
+        """The note of a line; raises ValueError if it is none."""
+        found = json.loads(line)
+        match found:
+            case {"time": str() | None as time, "port": str(port), "offset": int(offset)} if (
+                isinstance(found.get("text", ""), str) and not isinstance(offset, bool)
+            ):
+                t_ns = None if time is None else time_ns(time)
+                if time is None or t_ns is not None:
+                    return cls(t_ns, port, offset, found.get("text", ""))
+        raise ValueError("no note")
+
+
+def capture_path(file: Path) -> Path:
+    """The name of the capture of a file: without the number of a rotated one."""
+    return file.with_stem(re.sub(r"_[0-9]{5}$", "", file.stem))
+
+
+def _state_folder() -> Path:
+    return user_state_path("fte-sniff", appauthor=False)
+
+
+def _fallback_path(capture: Path | None) -> Path:
+    """The notes file in the state folder."""
+    if capture is None:
+        name = f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    else:
+        folder = sha256(str(capture.resolve().parent).encode()).hexdigest()[:12]
+        name = f"{capture.name}.{folder}"
+    return _state_folder() / "notes" / f"{name}{NOTES_SUFFIX}"
+
+
+class _NotesFile:
+    """The notes of one capture, in the file beside it and that in the state folder."""
+
+    def __init__(self, capture: Path | None) -> None:
+        self.paths = [_fallback_path(capture)]
+        if capture is not None:
+            self.paths.insert(0, capture.with_name(capture.name + NOTES_SUFFIX))
+        self.damaged: dict[Path, str] = {}
+        """Files that are never written, each with what is wrong."""
+        self.written: Path | None = None
+
+    def read(self) -> dict[RowKey, Note]:
+        """The notes of both files."""
+        found: dict[RowKey, Note] = {}
+        for path in reversed(self.paths):
+            found |= self._read(path)
+        return found
+
+    def _read(self, path: Path) -> dict[RowKey, Note]:
+        found: dict[RowKey, Note] = {}
+        number = 0
+        try:
+            if not stat.S_ISREG(path.stat().st_mode):
+                raise ValueError("no regular file")
+            with path.open("rb") as file:
+                content = file.read(_MOST_BYTES + 1)
+            if len(content) > _MOST_BYTES:
+                raise ValueError("too large")
+            for line in content.decode("utf-8").splitlines():
+                number += 1
+                if line.strip():
+                    note = Note.parse(line)
+                    found[note.key] = note
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            self._refuse(path, reason_of(error))
+        except (ValueError, RecursionError):
+            self._refuse(path, TranslatableText("line {number:,} is no note", number=number))
+        return found
+
+    def _refuse(self, path: Path, why: str) -> None:
+        self.damaged[path] = TranslatableText(
+            "the notes in {path} are not read further, and not changed: {why}", path=path, why=why
+        )
+
+    def write(self, changes: Mapping[RowKey, Note | None]) -> str | None:
+        """Apply changes to the file that can be written; returns what went wrong, if anything."""
+        why: str | None = None
+        for path in self.paths:
+            found = self._read(path)
+            if path in self.damaged:
+                continue
+            notes = {**found, **changes}
+            lines = [note.line() for note in notes.values() if note is not None]
+            try:
+                if lines or found:
+                    replace_text(path, "".join(f"{line}\n" for line in lines), 0o666)
+            except OSError as error:
+                why = TranslatableText(
+                    "the notes are not saved: {path}: {why}", path=path, why=reason_of(error)
+                )
+                continue
+            self.written = path
+            self._remove_from_others(path, changes)
+            return None
+        return why or TranslatableText("the notes are not saved")
+
+    def _remove_from_others(self, written: Path, changes: Mapping[RowKey, Note | None]) -> None:
+        """Remove the changed notes from a file that was written when the other could not be."""
+        for path in self.paths:
+            if path == written or path in self.damaged:
+                continue
+            found = self._read(path)
+            kept = [note for key, note in found.items() if key not in changes]
+            if len(kept) < len(found):
+                with suppress(OSError):
+                    replace_text(path, "".join(f"{note.line()}\n" for note in kept), 0o666)
+
+
+class Notes:
+    """The notes on the rows of a view."""
+
+    def __init__(self, recordings: Sequence[tuple[Path, Span | None]]) -> None:
+        """Read the notes of recordings, each with its time span; of none for unrecorded rows."""
+        self._files: dict[Path | None, _NotesFile] = {}
+        self._spans: list[tuple[Path, Span | None]] = []
+        for file, span in recordings:
+            capture = capture_path(file)
+            self._files.setdefault(capture, _NotesFile(capture))
+            self._spans.append((capture, span))
+        if not recordings:
+            self._files[None] = _NotesFile(None)
+        self.notes: dict[RowKey, Note] = {}
+        for one in self._files.values():
+            self.notes |= one.read()
+        self._changes: dict[RowKey, Note | None] = {}
+        self._changed_at: dict[RowKey, int | None] = {}
+        self._lock = Lock()
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read, one line each."""
+        return [line for one in self._files.values() for line in one.damaged.values()]
+
+    @property
+    def written(self) -> list[Path]:
+        """Files that were written."""
+        return [one.written for one in self._files.values() if one.written is not None]
+
+    def set(self, note: Note) -> None:
+        """Add or replace a note; `save` writes it."""
+        self.notes[note.key] = note
+        self._change(note, note)
+
+    def remove(self, note: Note) -> None:
+        """Remove the note on a row; `save` writes it."""
+        self.notes.pop(note.key, None)
+        self._change(note, None)
+
+    def _change(self, note: Note, changed: Note | None) -> None:
+        with self._lock:
+            self._changes[note.key], self._changed_at[note.key] = changed, note.t_ns
+
+    def save(self) -> str | None:
+        """Write the changes; returns what went wrong, if anything. Any thread may call it."""
+        trouble: str | None = None
+        with self._lock:
+            by_file: dict[Path | None, dict[RowKey, Note | None]] = {}
+            for key, note in self._changes.items():
+                by_file.setdefault(self._capture_at(self._changed_at[key]), {})[key] = note
+            self._changes, self._changed_at = {}, {}
+            for capture, changes in by_file.items():
+                trouble = self._files[capture].write(changes) or trouble
+        return trouble
+
+    def _capture_at(self, t_ns: int | None) -> Path | None:
+        """The capture that was recorded at a time; the first if none was."""
+        for capture, span in self._spans:
+            if span is not None and t_ns is not None and span[0] <= t_ns <= span[1]:
+                return capture
+        return next(iter(self._files))
+
+
+def located(rows: RowBatch, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
+    """The rows that contain the byte of a key: number in the batch, and key."""
+    import numpy as np
+
+    offsets: dict[str, list[int]] = {}
+    for port, offset in keys:
+        offsets.setdefault(port, []).append(offset)
+    for code, port in enumerate(rows.codebook.ports):
+        if port not in offsets:
+            continue
+        wanted = np.sort(np.array(offsets[port], np.int64))
+        numbers = np.flatnonzero(rows.port == code)
+        starts = rows.offset[numbers]
+        first = wanted.searchsorted(starts)
+        last = wanted.searchsorted(starts + rows.length[numbers])
+        for at in np.flatnonzero(last > first).tolist():
+            for offset in wanted[first[at] : last[at]].tolist():
+                yield int(numbers[at]), (port, offset)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a view was left."""
+
+    filter: str = ""
+    columns: tuple[str, ...] | None = None
+    widths: tuple[tuple[str, int], ...] = ()
+    cursor: RowKey | None = None
+
+
+START: Final = Place()
+"""The place of a view that is opened for the first time."""
+
+MOST_PLACES: Final = 200
+"""Views whose place is kept."""
+
+
+def _places_path() -> Path:
+    return _state_folder() / "views.json"
+
+
+def _view_key(files: Iterable[Path]) -> str:
+    return "\n".join(str(file.resolve()) for file in files)
+
+
+def _read_places() -> dict[str, Any]:
+    with suppress(OSError, ValueError, RecursionError):
+        path = _places_path()
+        if path.stat().st_size <= _MOST_BYTES:
+            found = json.loads(path.read_text("utf-8"))
+            return found if isinstance(found, dict) else {}
+    return {}
+
+
+def read_place(files: Iterable[Path]) -> Place:
+    """Where the view of these files was left; the start if that is unknown."""
+    match _read_places().get(_view_key(files)):
+        case {"filter": str(text), "columns": columns, "widths": widths, "cursor": cursor}:
+            with suppress(TypeError, ValueError):
+                return Place(
+                    text,
+                    None if columns is None else tuple(map(str, columns)),
+                    tuple((str(name), int(width)) for name, width in widths),
+                    None if cursor is None else (str(cursor[0]), int(cursor[1])),
+                )
+    return START
+
+
+def save_place(files: Iterable[Path], place: Place) -> None:
+    """Keep where the view of these files was left; does nothing if that cannot be written."""
+    places, key = _read_places(), _view_key(files)
+    places.pop(key, None)
+    places[key] = asdict(place)
+    latest = dict(list(places.items())[-MOST_PLACES:])
+    with suppress(OSError):
+        replace_text(_places_path(), json.dumps(latest, ensure_ascii=False, indent=1))

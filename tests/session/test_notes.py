@@ -1,0 +1,160 @@
+"""Notes beside recordings, and the place where a view was left."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.notes import (
+    MOST_PLACES,
+    START,
+    Note,
+    Notes,
+    Place,
+    capture_path,
+    located,
+    read_place,
+    save_place,
+)
+
+T_NS = 1_769_860_800_000_000_123
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's state folder."""
+    folder = tmp_path / "state"
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder))
+    return folder
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+def beside(recording: Path) -> Path:
+    return recording.with_name(recording.name + ".notes.jsonl")
+
+
+@given(
+    st.none() | st.integers(0, 2**62),
+    st.text(),
+    st.integers(0, 2**62),
+    st.text(max_size=500),
+)
+def test_a_line_holds_a_whole_note(t_ns: int | None, port: str, offset: int, text: str) -> None:
+    note = Note(t_ns, port, offset, text)
+    line = note.line()
+    assert "\n" not in line
+    assert list(json.loads(line)) == ["time", "port", "offset", "text"]
+    assert Note.parse(line) == note
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("x", "[]", "{}", '{"time": null, "port": "p", "offset": "0", "text": ""}'),
+        '{"time": "noon", "port": "p", "offset": 0, "text": ""}',
+        '{"time": null, "port": "p", "offset": 0, "text": 7}',
+        '{"time": null, "port": "p", "offset": true, "text": ""}',
+        "[" * 100_000,
+    ],
+)
+def test_a_damaged_file_is_one_warning_and_is_not_overwritten(
+    recording: Path, state: Path, line: str
+) -> None:
+    good = Note(T_NS, "p", 0, "kept").line()
+    beside(recording).write_text(f"{good}\n{line}\n")
+    notes = Notes([(recording, None)])
+    (damage,) = notes.damage
+    assert str(beside(recording)) in damage
+    assert "line 2" in damage
+    assert notes.notes["p", 0].text == "kept"
+    notes.set(Note(None, "p", 10, "new"))
+    assert notes.save() is None
+    assert beside(recording).read_text() == f"{good}\n{line}\n"
+    assert state in notes.written[0].parents
+    assert set(Notes([(recording, None)]).notes) == {("p", 0), ("p", 10)}
+
+
+def test_notes_of_two_screens_are_merged_and_removed(recording: Path) -> None:
+    one, other = Notes([(recording, None)]), Notes([(recording, None)])
+    one.set(Note(T_NS, "p", 0, "one"))
+    other.set(Note(T_NS, "p", 10, "other"))
+    assert one.save() is other.save() is None
+    assert {key: note.text for key, note in Notes([(recording, None)]).notes.items()} == {
+        ("p", 0): "one",
+        ("p", 10): "other",
+    }
+    one.remove(Note(T_NS, "p", 10))
+    one.save()
+    assert [json.loads(line)["text"] for line in beside(recording).read_text().splitlines()] == [
+        "one"
+    ]
+    assert not [path for path in recording.parent.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run_00001.mcap", "run_00017.mcap"])
+def test_the_files_of_a_capture_share_one_file_of_notes(recording: Path, name: str) -> None:
+    assert capture_path(recording.with_name(name)) == recording
+    notes = Notes([(recording.with_name(name), None)])
+    notes.set(Note(T_NS, "p", 0))
+    notes.save()
+    assert beside(recording).exists()
+
+
+def test_without_a_recording_or_in_a_folder_that_takes_none_they_are_in_the_state_folder(
+    recording: Path, state: Path
+) -> None:
+    # A folder in place of the file refuses it, also for root.
+    beside(recording).mkdir()
+    for recordings in ([], [(recording, None)]):
+        notes = Notes(recordings)
+        notes.set(Note(T_NS, "p", 0, "here"))
+        assert notes.save() is None
+        assert notes.written[0].parent == state / "fte-sniff" / "notes"
+    assert Notes([(recording, None)]).notes["p", 0].text == "here"
+
+
+def test_where_nothing_can_be_written_that_is_reported(recording: Path, state: Path) -> None:
+    beside(recording).mkdir()
+    state.write_text("no folder")
+    notes = Notes([(recording, None)])
+    notes.set(Note(T_NS, "p", 0, "here"))
+    assert "not saved" in str(notes.save())
+
+
+def test_of_several_captures_a_note_goes_to_the_one_of_its_time(tmp_path: Path) -> None:
+    files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    notes = Notes([(files[0], (0, 99)), (files[1], (100, 199))])
+    notes.set(Note(150, "p", 0))
+    notes.save()
+    assert [beside(file).exists() for file in files] == [False, True]
+
+
+def test_the_row_that_contains_the_byte_is_found() -> None:
+    raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
+    rows = RowBatch.from_rows([Frame(port, 10 * n, raw, T_NS) for n in range(4) for port in "pq"])
+    keys = [("p", 0), ("q", 25), ("q", 40), ("r", 0), ("p", 30)]
+    assert sorted(located(rows, keys)) == [(0, ("p", 0)), (5, ("q", 25)), (6, ("p", 30))]
+
+
+def test_a_view_reopens_where_it_was_left(recording: Path, state: Path) -> None:
+    assert read_place([recording]) == START
+    place = Place("motor = 1", ("time", "raw"), (("time", 20),), ("p", 30))
+    save_place([recording], place)
+    assert read_place([recording]) == place
+    assert read_place([recording, recording]) == START
+    for number in range(MOST_PLACES):
+        save_place([Path(f"{number}.mcap")], START)
+    assert read_place([recording]) == START
+    for content in ("", "[]", "{", '{"x": {"filter": 7}}', "[" * 100_000):
+        (state / "fte-sniff" / "views.json").write_text(content)
+        assert read_place([recording]) == START
