@@ -55,6 +55,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
+    from fte_sniff.session.file_jobs import check
     from fte_sniff.session.scan import read, scan
 
 __all__ = [
@@ -75,6 +76,7 @@ __all__ = [
     "Status",
     "UsageError",
     "ValueRangeError",
+    "check",
     "encode",
     "read",
     "record",
@@ -87,7 +89,7 @@ def __getattr__(name: str) -> "Any":
     from importlib import import_module
 
     if name in __all__:
-        for path in ("errors", "protocol", "session.scan"):
+        for path in ("errors", "protocol", "session.scan", "session.file_jobs"):
             module = import_module(f"{__name__}.{path}")
             if hasattr(module, name):
                 return getattr(module, name)

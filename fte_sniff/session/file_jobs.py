@@ -12,8 +12,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
+from functools import partial
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
 
 from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.errors import FileError, FteSniffError
@@ -23,6 +25,7 @@ from fte_sniff.session.inputs import Input, RecordingInput
 from fte_sniff.session.progress import Progress
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.verdicts import Verdict
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part
 
@@ -276,3 +279,53 @@ def _finished(
         # What an executor raises is its own business; which file is concerned is known here.
         reason = str(error) or type(error).__name__
         return job, FileError(f"{job.name}: no worker could read it: {reason}")
+
+
+def check(
+    paths: str | PathLike[str] | Sequence[str | PathLike[str]],
+    rules: Sequence[str],
+    *,
+    executor: Executor | None = None,
+) -> list[Verdict]:
+    """The verdicts of rules about recordings, all together, in the order of the rules.
+
+    Args:
+        paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these.
+        rules: texts such as `count(malformed) == 0`, see docs/check.md.
+        executor: reads the files, such as `dask.distributed.Client(...).get_executor()`; by
+            default they are read here, one after the other.
+
+    Raises:
+        FileError: a file cannot be read or is no recording, or there is none.
+        InputTextError: a rule is invalid.
+    """
+    from fte_sniff.analysis.rules import Rule
+    from fte_sniff.analysis.verdicts import RuleCheck
+    from fte_sniff.recording.reader import recordings_in
+
+    make = partial(RuleCheck, [Rule.parse(text) for text in rules])
+    listed = [paths] if isinstance(paths, str | PathLike) else paths
+    found = [Path(path) for path in recordings_in(map(Path, listed))]
+    found.sort(key=_start_of)
+    jobs = [FileJob(path.absolute(), _opened, make) for path in found]
+    merger = FileMerger(make(), InputReading([]))
+    for job, result in finished_jobs(jobs, executor, _MOST_WAITING):
+        if isinstance(result, FileError):
+            raise result
+        merger.add(job, result)
+    return merger.model.verdicts()
+
+
+_MOST_WAITING: Final = 32
+
+
+def _opened(path: Path) -> Input:
+    from fte_sniff.recording.reader import RecordingReader
+
+    return RecordingInput(RecordingReader(path))
+
+
+def _start_of(path: Path) -> tuple[int, str]:
+    from fte_sniff.recording.reader import RecordingReader, start_of
+
+    return start_of(RecordingReader(path))

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fte_sniff
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.rules import Rule
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.analysis.verdicts import RuleCheck
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
@@ -123,3 +124,18 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
     assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: there is no such file")
     assert "as its worker sees it" in str(lost)
     assert not isinstance(found, FileError)
+
+
+def test_check_in_python_gives_the_same_with_any_executor(tmp_path: Path) -> None:
+    rows = [_frame(number) for number in range(9)]
+    write_parts(tmp_path / "parts", [rows[:3], rows[3:5], rows[5:]])
+    rules = ["count(kind = 'reset') == 9", "max_gap(kind = 'reset') == 1", "duration() == 8"]
+    with ThreadPoolExecutor(2) as executor:
+        parts = tmp_path / "parts"
+        found = [fte_sniff.check(parts, rules, executor=one) for one in (None, executor)]
+    assert found[0] == found[1]
+    assert [one.result for one in found[0]] == ["pass"] * 3
+    with pytest.raises(FileError):
+        fte_sniff.check(tmp_path / "absent.mcap", rules)
+    with pytest.raises(InputTextError):
+        fte_sniff.check(tmp_path / "parts", ["count(x) == 0"])
