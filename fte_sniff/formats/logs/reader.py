@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
+from fte_sniff.formats.logs.chance import frames_in
 from fte_sniff.formats.logs.own_rows import OwnLog
 from fte_sniff.formats.logs.plain_hex import PlainLog, bytes_of_line, is_plain
 from fte_sniff.formats.logs.streams import LogForm, LogStreams, Rows
@@ -196,6 +197,14 @@ class LogReader:
             return None
         return OwnLog.by_sample(lines) or PlainLog.by_sample(lines)
 
+    def _is_chance(self, plain: PlainLog) -> bool:
+        """Whether plain hex has no frames, neither in the sample nor in the first block."""
+        if not (self.options.whole and plain.is_chance):
+            return False
+        block = next(iter(self._file_blocks()), None) if self._is_file else None
+        digits = re.sub(rb"[^0-9A-Fa-f]", b"", block.text if block else b"")
+        return not frames_in(bytes.fromhex(digits[: len(digits) & ~1].decode()))
+
     def _decided(self, lines: Sequence[bytes], written_ns: int | None) -> LogForm:
         """What the log is, by a sample.
 
@@ -213,7 +222,7 @@ class LogReader:
         if isinstance(plain, PlainLog) and not (
             found and found.better_than(plain.frames, plain.size)
         ):
-            if self.options.whole and plain.is_chance:
+            if self._is_chance(plain):
                 raise InputTextError(
                     f"no frames found in {plain.size:,} bytes of plain hex, which is chance;"
                     ' --form "hex pairs" or "hex digits" reads it all the same'

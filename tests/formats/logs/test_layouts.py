@@ -227,6 +227,15 @@ def test_random_hex_is_refused_as_chance(tmp_path: Path, separator: str) -> None
     assert sum(isinstance(row, Frame) and not row.faults for row in rows) <= 3
 
 
+def test_plain_hex_whose_first_bytes_are_no_frames_is_read(tmp_path: Path) -> None:
+    data = bytes(5000) + frame_of(KINDS[1], random.Random(1)) * 2000
+    path = tmp_path / "idle.hex"
+    path.write_text(data.hex(" "))
+    rows = [row for rows in LogReader(str(path)).rows(lambda note: None) for row in rows]
+    assert b"".join(row.raw for row in rows) == data
+    assert sum(isinstance(row, Frame) for row in rows) >= 1999
+
+
 def test_an_empty_and_a_binary_file_are_refused() -> None:
     with pytest.raises(FteSniffError, match="is empty"):
         rows_of(b"")
