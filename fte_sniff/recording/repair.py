@@ -133,10 +133,13 @@ class Repair:
         try:
             for _, rows in self._ranges():
                 writer.write(rows)
-            kept = [(one.name, one.metadata) for one in reader.all_metadata]
-            others = [(name, items) for name, items in kept if (name, items) != (PROGRAM, own)]
-            unique = [one for at, one in enumerate(others) if one not in others[:at]]
-            writer.close([(REPAIR_NAME, self._facts()), *unique])
+            # By content: a file may have many records, and each of them more than once.
+            kept = {
+                (one.name, frozenset(one.metadata.items())): (one.name, one.metadata)
+                for one in reader.all_metadata
+            }
+            kept.pop((PROGRAM, frozenset(own.items())), None)
+            writer.close([(REPAIR_NAME, self._facts()), *kept.values()])
         finally:
             writer.abandon()
 

@@ -327,6 +327,15 @@ def _channels_of_other_topics() -> bytes:
     return b"".join(struct.pack("<BQ", 4, len(body)) + body for body in bodies)
 
 
+def _different_metadata() -> bytes:
+    """Twenty thousand metadata records."""
+    bodies = (
+        struct.pack("<I9sII5sI1s", 9, b"fte-sniff", 14, 5, b"%05d" % number, 1, b"v")
+        for number in range(20_000)
+    )
+    return b"".join(struct.pack("<BQ", 12, len(body)) + body for body in bodies)
+
+
 OPENED = encode_event(PortEvent(START, "p", PortEventKind.OPENED, ""), START)
 PRIVATE = struct.pack("<BQ", 0x80, 0)
 
@@ -344,6 +353,7 @@ BOMBS: dict[str, Callable[[dict[str, int]], bytes]] = {
     "one large message": lambda ids: _full_chunk(_message(ids["/fte/port"], bytes(39 * 2**20))),
     "marks": lambda _: b"\x04\0\0\0zstd",
     "overlapping chunks": lambda _: _chunk(b"zstd", zstandard.compress(bytes(2**25)), 2**25, 0),
+    "different metadata": lambda _: _different_metadata(),
     "junk between chunks": lambda _: _full_chunk(PRIVATE) + b"\0",
 }
 """Records for the channel ids by topic; the file has as many as fit."""
@@ -390,6 +400,8 @@ def test_no_small_file_takes_much_memory_or_time(
         ("-m", "fte_sniff", "decode", path.name, "--format", "csv", "-o", "rows.csv"),
         ("-m", "fte_sniff", "stats", path.name),
         ("-m", "fte_sniff", "repair", path.name),
+        ("-m", "fte_sniff", "report", path.name, "-o", "report.html"),
+        ("-m", "fte_sniff", "check", path.name, "--expect", "count(malformed) >= 0"),
         ("-c", SCAN, path.name),
     ):
         cpu_s, peak_mb = _measured(tmp_path, *command)

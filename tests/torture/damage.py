@@ -185,6 +185,24 @@ def _metadata(random: Random) -> bytes:
     return framed(METADATA, _text("fte-sniff") + struct.pack("<I", len(entries)) + entries)
 
 
+def _many_metadata(random: Random) -> bytes:
+    entries = (_text(f"k{n}") + _text("v") for n in range(random.choice((1_000, 17_000))))
+    return b"".join(
+        framed(METADATA, _text("fte-sniff") + struct.pack("<I", len(one)) + one) for one in entries
+    )
+
+
+def _nested_chunks(random: Random) -> bytes:
+    return _packed_chunk(random, _packed_chunk(random, _message(1), 16 << 20), 400 << 20)
+
+
+def _small_chunks(random: Random) -> bytes:
+    one = random.choice((b"", _message(1)))
+    head = struct.pack("<QQQI", START_NS, START_NS, len(one), 0)
+    chunk = framed(CHUNK, head + _text("") + struct.pack("<Q", len(one)) + one)
+    return chunk * random.choice((100, 8_000))
+
+
 def _claimed_record(random: Random) -> bytes:
     opcode = random.choice((0, 3, 4, 5, 6, 9, 12, 0x80, 0xFF))
     return struct.pack("<BQ", opcode, random.choice(CLAIMS)) + random.randbytes(40)
@@ -199,6 +217,9 @@ BOMBS: Mapping[str, Callable[[Random], bytes]] = {
     "claimed size": _claimed_size,
     "long definitions": _long_definitions,
     "metadata": _metadata,
+    "many metadata": _many_metadata,
+    "nested chunks": _nested_chunks,
+    "small chunks": _small_chunks,
     "claimed record": _claimed_record,
 }
 

@@ -119,6 +119,8 @@ def check_damaged(case: Case, data: bytes, true_rows: list[ReadRow]) -> list[Rea
     promise(not lost, f"repair keeps {len(kept)} rows, decode reads {len(rows)}")
     if case.random.random() < 0.3:
         case.run_limited("stats", path)
+        case.run_limited("report", path, "-o", case.path("x.html"), "--force")
+        case.run_limited("check", path, "--expect", "count(malformed) >= 0")
         case.check_limits(case.start_python("-c", SCAN, path).wait(), f"scan {path.name}")
     return rows
 

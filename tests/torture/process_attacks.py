@@ -23,7 +23,16 @@ from random import Random
 from time import monotonic, sleep
 
 from benchmarks.recording_kill import kill_one
-from tests.torture.case import BOUND_S, Case, PromiseError, Run, SkippedError, Started, promise
+from tests.torture.case import (
+    BOUND_S,
+    ROOT,
+    Case,
+    PromiseError,
+    Run,
+    SkippedError,
+    Started,
+    promise,
+)
 from tests.torture.damage import VARIANTS, noisy_frame, numbered_frame, recording
 from tests.torture.file_attacks import (
     ReadRow,
@@ -348,8 +357,20 @@ def foreign_code(case: Case) -> None:
     for name in case.random.sample(sorted(sys.stdlib_module_names), 100):
         case.path(f"{name.strip('_')}.py").write_text(MARKER)
     port = case.random.choice(("sim://?frames=20", "loop://"))
-    command = case.random.choice(("live", "live", "bridge"))
-    case.run(command, port, "--plain", "--no-reconnect", "--duration", "0.5", "-o", "x.mcap")
+    capture = ("--no-reconnect", "--duration", "0.5", "-o", "x.mcap")
+    sample = ROOT / "samples" / "clean.mcap"
+    words = case.random.choice(
+        (
+            ("live", port, "--plain", *capture),
+            ("live", port, "--headless", *capture),
+            ("bridge", port, "--plain", *capture),
+            ("stats", sample, "--jobs", "2"),
+            ("check", sample, "--expect", "count(malformed) >= 0", "--jobs", "2"),
+            ("report", sample, "-o", "x.html"),
+        )
+    )
+    command = words[0]
+    case.run(*words)
     promise(not case.path("foreign-code-ran").exists(), f"{command} runs code of its folder")
 
 
@@ -361,7 +382,7 @@ def in_use(case: Case) -> None:
     program = _live(case, line)
     line.send_until_shown(program)
     start = len(line.sent)
-    command = case.random.choice(("decode", "repair", "live"))
+    command = case.random.choice(("decode", "repair", "report", "live"))
     words = ("sim://?frames=20", "--plain", "--no-reconnect") if command == "live" else (source,)
     run = case.run(command, *words, "-o", case.path("x.mcap"), "--force")
     promise(run.code == 4, f"{command} --force: exit code {run.code}\n{run.errors}")
@@ -384,7 +405,10 @@ def few_files(case: Case) -> None:
         (
             ("decode", "source*.mcap", "--format", "csv", "-o", "x.csv"),
             ("decode", "source*.mcap", "-o", "x.mcap"),
-            ("stats", "source*.mcap"),
+            ("decode", "source*.mcap", "-o", "x.parquet"),
+            ("stats", "source*.mcap", "--jobs", "2"),
+            ("check", "source*.mcap", "--expect", "count(malformed) >= 0"),
+            ("report", "source*.mcap", "-o", "x.html"),
             ("repair", "source00.mcap", "-o", "x.mcap"),
             ("live", "sim://?frames=50", "--no-reconnect", "--plain", "-o", "x.mcap"),
         )
