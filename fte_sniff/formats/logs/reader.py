@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
-from fte_sniff.formats.logs.chance import frames_in
+from fte_sniff.formats.logs.chance import chance_level, frames_in
 from fte_sniff.formats.logs.own_rows import OwnLog
 from fte_sniff.formats.logs.plain_hex import PlainLog, bytes_of_line, is_plain
 from fte_sniff.formats.logs.streams import LogForm, LogStreams, Rows
@@ -198,12 +198,13 @@ class LogReader:
         return OwnLog.by_sample(lines) or PlainLog.by_sample(lines)
 
     def _is_chance(self, plain: PlainLog) -> bool:
-        """Whether plain hex has no frames, neither in the sample nor in the first block."""
+        """Whether plain hex has no frames in the sample, and few in the first block."""
         if not (self.options.whole and plain.is_chance):
             return False
         block = next(iter(self._file_blocks()), None) if self._is_file else None
         digits = re.sub(rb"[^0-9A-Fa-f]", b"", block.text if block else b"")
-        return not frames_in(bytes.fromhex(digits[: len(digits) & ~1].decode()))
+        data = bytes.fromhex(digits[: len(digits) & ~1].decode())
+        return len(frames_in(data)) <= 2 * chance_level(data) + 2
 
     def _decided(self, lines: Sequence[bytes], written_ns: int | None) -> LogForm:
         """What the log is, by a sample.
