@@ -95,7 +95,8 @@ class PlainLog(LogForm):
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
         """The log, if all lines of a sample are plain, but for typing errors."""
         data, names = b"", 0
-        if any(label_of("arrow", line.lstrip()[:3]) for line in lines):
+        heads = (re.findall(rb"\A[^0-9A-Fa-f]*.{0,2}", line) for line in lines)
+        if any(label_of("arrow", head) for found in heads for head in found):
             return None
         for line in lines:
             if is_plain(line):
