@@ -308,3 +308,13 @@ def test_two_channels_of_an_analyser_are_two_ports(name: str) -> None:
     times = [row.t_ns for row in rows if row.t_ns is not None]
     assert len(times) == len(rows)
     assert times == sorted(times)
+
+
+@pytest.mark.parametrize("foreign", ["0x3ffb4280", "port opened"])
+def test_an_arrow_behind_a_prefix_is_no_part_of_plain_hex(foreign: str) -> None:
+    log = a_log(0)
+    arrow = {"tx": "-->", "rx": "<--"}
+    lines = [f"[] {arrow[one.way]} {' '.join(f'${b:02X}' for b in one.data)}" for one in log]
+    rows, _ = rows_of("\n".join([*lines[:9], foreign, *lines[9:]]).encode())
+    assert found_in(rows) == frames_of(log)
+    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
