@@ -22,7 +22,7 @@ from time import monotonic, sleep
 
 ROOT = Path(__file__).parents[2]
 EXIT_CODES = frozenset({0, 2, 3, 4, 130})
-"""Done, wrong usage, port, file, interrupted."""
+"""Done, wrong usage, port, file, interrupted; `check` also ends with 1, its verdict."""
 
 MOST_RSS_MB = 300
 MOST_CPU_S = 5.0
@@ -121,10 +121,14 @@ class Started:
         """Wait for its end, and check what holds for every run."""
         run = self._end(monotonic() + BOUND_S)
         about = f"`{self._command}` (exit code {run.code})"
-        promise(run.code in EXIT_CODES, f"{about}: no exit code of the contract\n{run.errors}")
+        is_verdict = run.code == 1 and "check" in self._command.split()
+        promise(
+            run.code in EXIT_CODES or is_verdict,
+            f"{about}: no exit code of the contract\n{run.errors}",
+        )
         promise(not _TRACEBACK.search(run.errors), f"{about}: a traceback\n{run.errors}")
         promise(not _UNSAFE.search(run.errors), f"{about}: control characters\n{run.errors!r}")
-        named = run.code in (0, 130) or "fte-sniff: " in run.errors
+        named = run.code in (0, 130) or is_verdict or "fte-sniff: " in run.errors
         promise(named, f"{about}: no line that names the problem\n{run.errors}")
         return run
 
