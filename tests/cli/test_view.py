@@ -200,8 +200,8 @@ def test_it_can_be_left_while_it_loads(
 LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
 END_S = 60.0
 """How long the end may take; on a quiet machine two seconds."""
-ROWS_TERMINAL = "55 02 0"
-"""Feedback, as the table shows its bytes."""
+ROWS_TERMINAL = "pulses"
+"""Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"
 TELLING = pytest.mark.parametrize("manner", [ruling, silent])
 TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1"))))
