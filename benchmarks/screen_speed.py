@@ -36,8 +36,8 @@ FILTER = "motor = 1 AND rpm > -2000"
 ASKS_FOR_SYNC = b"\x1b[?2026$p"
 HAS_SYNC = b"\x1b[?2026;2$y"
 FRAME_END = b"\x1b[?2026l"
-PANE_KEYS = {"detail": b"i", "bytes": b"b", "motors": b"M", "statistics": b"S"}
-"""By name of a pane, the key that opens it."""
+PANE_KEYS = {"detail": b"i", "bytes": b"b", "motors": b"M", "statistics": b"S", "top": b"T"}
+"""By name of a pane or view, the key that opens it."""
 _CLOCK = re.compile(rb"([0-9]{2}):([0-9]{2}):([0-9]{2})\.([0-9]{3})")
 _DAY_MS = 86_400_000
 

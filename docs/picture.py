@@ -70,6 +70,7 @@ PICTURES: Mapping[str, Picture] = {
     "screen": Picture((118, 30), ("E", "enter"), "byte by byte"),
     "screen-zh": Picture((118, 30), ("E", "enter"), "逐字节", language="zh"),
     "motors": Picture((118, 40), ("M",), "motor 4", frames=2650),
+    "top": Picture((140, 24), ("T",), "unanswered", frames=2650),
     "small": Picture((80, 24), (), "LIVE"),
     "narrow": Picture((40, 16), (), "LIVE"),
     "statistics": Picture((200, 60), ("S",), "jitter"),

@@ -16,7 +16,7 @@ from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.motor_stats import FlagCounts
 from fte_sniff.analysis.motors import Motors, motor_rows
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import LineSetup, Statistics
+from fte_sniff.analysis.statistics import LineSetup, Statistics, Streams, StreamStats
 from fte_sniff.analysis.traces import Traces
 from fte_sniff.protocol import Gap, GapKind
 
@@ -153,3 +153,47 @@ class LiveModels:
 
 
 _index: Final = attrgetter("index")
+
+
+class ShownStreams:
+    """The streams of the rows that the store's filter shows; gaps are not considered."""
+
+    def __init__(self, store: RowStore) -> None:
+        self._store = store
+        self._begin()
+
+    def _begin(self) -> None:
+        self._filter = self._store.view.filter
+        self._streams = Streams()
+        self._ports: list[str] = []
+        self._observed = self._store.first
+        """Index after the last observed row."""
+
+    @property
+    def pending(self) -> int:
+        """Rows that were not observed yet."""
+        return self._store.next - max(self._observed, self._store.first)
+
+    def step(self, budget_rows: int) -> bool:
+        """Observe the next rows, once the filter was applied to all; True if none is left."""
+        view = self._store.view
+        if view.filter is not self._filter:
+            self._begin()
+        if view.pending:
+            return False
+        self._observed = max(self._observed, self._store.first)
+        end = min(self._observed + budget_rows, self._store.next)
+        while self._observed < end:
+            block = self._store.block_at(self._observed)
+            offsets, stop = view.offsets(block), min(end, block.end) - block.start
+            first, last = offsets.searchsorted((self._observed - block.start, stop))
+            if last > first:
+                rows = self._store.in_memory(block).rows.select(offsets[first:last])
+                self._ports = rows.codebook.ports
+                self._streams.update(rows)
+            self._observed = block.start + stop
+        return not self.pending
+
+    def stats(self, now_ns: int | None) -> list[StreamStats]:
+        """By port, kind and motor; `now_ns` is not before the last row."""
+        return self._streams.stats(self._ports, now_ns)

@@ -191,6 +191,11 @@ class Pairing:
         return self._waiting is not None
 
     @property
+    def waiting_cmd(self) -> int | None:
+        """The CMD of that command, if there is one."""
+        return None if self._waiting is None else self._waiting[0]
+
+    @property
     def waiting_since_ns(self) -> int | None:
         """The time of that command, if it has one."""
         if self._waiting is None or self._waiting[1] == NO_TIME:
@@ -287,6 +292,41 @@ class Flags:
 
 
 @dataclass(frozen=True, slots=True)
+class AnsweredCommands:
+    """The commands to one motor with one CMD, and their answers."""
+
+    answered: int
+    unanswered: int
+    delay_p50_ns: int | None
+    """Median of the latest answer times."""
+
+
+class _Answers:
+    def __init__(self) -> None:
+        self._answered = self._unanswered = 0
+        self._delays = RecentValues()
+
+    def update(self, answered: Bools, delays_ns: Ints) -> None:
+        self._answered += int(answered.sum())
+        self._unanswered += len(answered) - int(answered.sum())
+        self._delays.update(delays_ns[answered & (delays_ns != NO_TIME)])
+
+    def copy(self) -> _Answers:
+        other = copy(self)
+        other._delays = copy(self._delays)
+        return other
+
+    @property
+    def counts(self) -> AnsweredCommands | None:
+        """None before the first command."""
+        if not self._answered + self._unanswered:
+            return None
+        delays = np.sort(self._delays.values)
+        middle = int(delays[len(delays) // 2]) if len(delays) else None
+        return AnsweredCommands(self._answered, self._unanswered, middle)
+
+
+@dataclass(frozen=True, slots=True)
 class MotorState:
     """State of one motor at one row; an unknown value is None, never 0."""
 
@@ -316,6 +356,8 @@ class MotorState:
     """Answer times, over the latest commands."""
     commands_per_s: float | None
     feedback_per_s: float | None
+    answers: Mapping[int, AnsweredCommands]
+    """By CMD of the commands, without those that never came."""
 
 
 class _FlagByte:
@@ -356,6 +398,7 @@ class _Motor:
         self.number = number
         self.commands = self.feedback = 0
         self.pairing = Pairing()
+        self._answers = {cmd: _Answers() for cmd in ANSWERABLE.tolist()}
         self._target: MotorTarget | None = None
         self._present: dict[str, MotorReading] = {}
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
@@ -363,7 +406,7 @@ class _Motor:
 
     def update(self, rows: RowBatch, commands: Ints, feedback: Ints) -> None:
         """Apply the commands to this motor and its feedback, by their indices in the batch."""
-        self.pairing.update(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
+        self._pair(rows, commands, feedback)
         self.commands += len(commands)
         self.feedback += len(feedback)
         self._command_times.update(_known_times(rows.t_ns[commands]))
@@ -379,6 +422,20 @@ class _Motor:
                 self._present[name] = MotorReading(rows.value(name, last), _time(rows.t_ns[last]))
         for name, flag_byte in self._flags.items():
             flag_byte.update(rows.values(name, feedback), rows.t_ns[feedback])
+
+    def _pair(self, rows: RowBatch, commands: Ints, feedback: Ints) -> None:
+        open_cmd = self.pairing.waiting_cmd
+        frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
+        decided = self.pairing.decide(*frames)
+        if not len(decided.indices):
+            return
+        cmds = rows.cmds[decided.indices].astype(np.int64)
+        if open_cmd is not None:
+            cmds[decided.indices == _BEFORE_BATCH] = open_cmd
+        for cmd, answers in self._answers.items():
+            own = cmds == cmd
+            if own.any():
+                answers.update(decided.answered[own], decided.delays_ns[own])
 
     def interrupt(self) -> None:
         self.pairing.interrupt()
@@ -402,6 +459,7 @@ class _Motor:
     def copy(self) -> _Motor:
         other = copy(self)
         other.pairing = self.pairing.copy()
+        other._answers = {cmd: answers.copy() for cmd, answers in self._answers.items()}
         other._present = self._present.copy()
         other._flags = {name: byte.copy() for name, byte in self._flags.items()}
         other._command_times = copy(self._command_times)
@@ -427,6 +485,7 @@ class _Motor:
             delay_p99_ns=delays.percentile(99),
             commands_per_s=None if now_ns is None else self._command_times.per_second(now_ns),
             feedback_per_s=None if now_ns is None else self._feedback_times.per_second(now_ns),
+            answers={cmd: counts for cmd, one in self._answers.items() if (counts := one.counts)},
         )
 
 

@@ -8,7 +8,7 @@ fault    count, and count over time
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -38,7 +38,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     status_of,
 )
-from fte_sniff.row_batch import NO_TIME, FieldLayout, Ints, RowBatch, read_field
+from fte_sniff.row_batch import NO_TIME, Codes, FieldLayout, Ints, RowBatch, read_field
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,6 +279,12 @@ class StreamStats:
     """From the start of each frame to that of the next."""
     ranges: Mapping[str, tuple[int, int]]
     """Minimum and maximum of each quantity, by column name."""
+    recent_ns: Ints = field(compare=False)
+    """Times of the latest frames without a gap between them."""
+    latest: tuple[bytes, ...]
+    """The last frame, and the frame before it."""
+    last_ns: int | None
+    """Time of the last frame; None if it has none."""
 
     @property
     def jitter_ns(self) -> float | None:
@@ -302,10 +308,15 @@ class _Stream:
         self._last_ns: int | None = None
         """Time of the frame before, if there is no gap after it."""
         self._measured = self._measured_ns = 0
+        self.latest: tuple[bytes, ...] = ()
+        self.last_ns: int | None = None
 
-    def update(self, count: int, t_ns: Ints) -> None:
-        """Count frames; `t_ns` are the times of those that have one."""
-        self.count += count
+    def update(self, latest: Codes, t_ns: Ints) -> None:
+        """Count frames: the bytes of the last two, and the times of all, or `NO_TIME`."""
+        self.count += len(t_ns)
+        self.latest = (*(raw.tobytes() for raw in latest[::-1]), *self.latest)[:2]
+        self.last_ns = None if t_ns[-1] == NO_TIME else int(t_ns[-1])
+        t_ns = t_ns[t_ns != NO_TIME]
         if not len(t_ns):
             return
         if self._first_ns is None and not self._interrupted:
@@ -342,6 +353,7 @@ class _Stream:
         if later._last_ns is not None:
             self._last_ns = later._last_ns
         self.recent.merge(later.recent)
+        self.latest, self.last_ns = (*later.latest, *self.latest)[:2], later.last_ns
         self.count += later.count
         self.periods.merge(later.periods)
         self._measured += later._measured
@@ -366,8 +378,8 @@ def _ranges(
     return found
 
 
-class _Streams:
-    """Models of all streams, by port and number of the stream."""
+class Streams:
+    """The streams so far, by port and number of the stream."""
 
     def __init__(self) -> None:
         self._streams: dict[tuple[str, int], _Stream] = {}
@@ -386,6 +398,7 @@ class _Streams:
         return found
 
     def update(self, rows: RowBatch) -> None:
+        """Add the next rows."""
         keys = stream_keys(rows)
         order = by_stream(keys)
         ordered, t_ns = keys[order], rows.t_ns[order]
@@ -397,8 +410,7 @@ class _Streams:
             if code == NO_STREAM:
                 continue
             stream = self._stream(rows.codebook.ports[port], code)
-            times = t_ns[start:stop]
-            stream.update(stop - start, times[times != NO_TIME])
+            stream.update(rows.raw[order[max(start, stop - 2) : stop]], t_ns[start:stop])
             for name, layout in _QUANTITIES[STREAMS[code][0]].items():
                 lows, highs = ranges[layout]
                 stream.update_range(name, lows[group], highs[group])
@@ -410,7 +422,7 @@ class _Streams:
             if port in (None, name):
                 stream.interrupt()
 
-    def merge(self, later: _Streams) -> None:
+    def merge(self, later: Streams) -> None:
         """Add the frames that follow."""
         for (port, code), stream in later._streams.items():
             self._stream(port, code).merge(stream)
@@ -431,6 +443,9 @@ class _Streams:
                 lately_per_s=None if now_ns is None else stream.recent.per_second(now_ns),
                 periods=stream.periods,
                 ranges=stream.ranges,
+                recent_ns=stream.recent.values,
+                latest=stream.latest,
+                last_ns=stream.last_ns,
             )
             for (port, code), stream in sorted(
                 self._streams.items(), key=lambda one: (ports.index(one[0][0]), one[0][1])
@@ -457,7 +472,7 @@ class Statistics:
     def __init__(self, setup: LineSetup) -> None:
         """`setup` has the baud of ports for which no `BaudChange` comes."""
         self._baud = setup.baud
-        self._streams = _Streams()
+        self._streams = Streams()
         self._ports: dict[str, PortStats] = {}
         self.fault_counts = FaultCounts()
         self._faults_over_time = CountsOverTime()

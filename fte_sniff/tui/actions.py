@@ -30,6 +30,7 @@ from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import (
     FilterField,
     NameField,
@@ -53,6 +54,7 @@ class ScreenActions(App[None]):
     _options: StartOptions
     _model: ViewModel
     _table: RowTable
+    _header: TableHeader
     _panes: PaneSwitcher
     _body: Body
     _notice: NoticeLine
@@ -96,6 +98,16 @@ class ScreenActions(App[None]):
         self._table.selection_start = None
         self._table.sync()
         return True
+
+    def action_top(self) -> None:
+        """Show one line for each kind and motor in place of the table, or the table again."""
+        top = self._panes.top
+        top.display = not top.display
+        self._header.display = self._table.display = not top.display
+        (top if top.display else self._table).focus()
+        if top.display and self._panes.explains_row:
+            self._panes.close()
+        self.call_after_refresh(self._panes.redraw)
 
 
 class ViewActions(ScreenActions):
@@ -206,6 +218,11 @@ class ViewActions(ScreenActions):
         self._panes.toggle(name)
         if self._panes.explains_row:
             self._table.stop_following()
+
+    @on(TopView.AboutRow)
+    def _on_row_pane(self, event: TopView.AboutRow) -> None:
+        self.action_top()
+        self.action_pane(event.pane)
 
     def action_grow_pane(self, by: int) -> None:
         """Move the divider between the table and the pane."""
@@ -520,6 +537,11 @@ class FindActions(ScreenActions):
         self._filter_field.set_current(line)
         self._model.set_filter(parse_filter(line) if line else None, self._table.near)
         self._table.sync()
+
+    @on(TopView.Chosen)
+    def _on_line_chosen(self, event: TopView.Chosen) -> None:
+        self._add_condition(event.condition)
+        self.action_top()
 
     def _ask_filter_name(self, _line: str) -> None:
         self._name_field.open()

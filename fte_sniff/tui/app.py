@@ -37,7 +37,9 @@ from fte_sniff.tui.keys import (
     HANDLING,
     INTERRUPT,
     LEAVING,
+    NEED_TABLE,
     TABLE_ACTIONS,
+    TABLE_PANES,
     UNDERSTANDING,
     bindings,
     translate_keys,
@@ -107,7 +109,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._table.rules = rules if options.colors else None
         self._warnings = [*options.warnings, *rules.mistakes]
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
-        main = Vertical(self._header, self._table, id="main")
+        main = Vertical(self._header, self._table, self._panes.top, id="main")
         self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()
         filter_line = options.row_filter.text if options.row_filter else ""
@@ -151,6 +153,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key may act now: an open field and the help page have their own keys."""
+        if action == "pane" and self._panes.top.display and parameters[0] in TABLE_PANES:
+            return False
         if action not in TABLE_ACTIONS:
             return True
         return len(self.screen_stack) == 1 and not isinstance(self.focused, PromptLine)
@@ -163,6 +167,9 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     ) -> bool:
         """Run the action of a key, and remove the notice of the key before."""
         before = self._notice.temporary
+        name = action.partition("(")[0] if isinstance(action, str) else action[1]
+        if name in NEED_TABLE and self._panes.top.display and self.check_action(name, ()):
+            self.action_top()
         done = await super().run_action(action, default_namespace, namespaces)
         if done:
             self._notice.remove_info(before)
@@ -175,7 +182,10 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         if self._notice.display and not self._searching:
             self._notice.dismiss()
         elif not self._end_search() and not self._panes.close():
-            self._stop_playback()
+            if self._panes.top.display:
+                self.action_top()
+            else:
+                self._stop_playback()
 
     def action_leave(self) -> None:
         """Close the open pane, else quit; while it is recorded, only when pressed again."""

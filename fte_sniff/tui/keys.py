@@ -98,10 +98,13 @@ UNDERSTANDING: tuple[Binding, ...] = (
     _key("R", "related", "", "from a command to its answer, or back", "R"),
     _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
     _key("M", "pane('motors')", "Motors", "target and feedback of each motor", "M"),
+    _key("T", "top", "Top", "one line for each kind and motor, in place of the table", "T"),
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
     _key("z", "zoom(-1)", "", "less time in the plots of the motors", "z"),
     _key("Z", "zoom(1)", "", "more time in the plots of the motors", "Z"),
-    _key("r", "plot_range", "", "the plots' usual range, or all of it with outliers", "r"),
+    _key(
+        "r", "plot_range", "", "outliers of the motors: markers at the edge, or the full range", "r"
+    ),
     _key("plus", "grow_pane(1)", "", "a larger pane; the mouse drags its border", "+"),
     _key("minus", "grow_pane(-1)", "", "a smaller pane", "-"),
     _key("L", "pane_side", "", "the pane beside the table or below it, from 160 columns on", "L"),
@@ -109,6 +112,20 @@ UNDERSTANDING: tuple[Binding, ...] = (
     _key("K", "scroll_pane(-1)", "", "scroll the pane up", "K"),
 )
 """Panes; the key of the open pane closes it."""
+
+TOP: tuple[Binding, ...] = (
+    _key("enter", "choose", "Rows", "the rows of this kind and motor, as a filter", "enter"),
+    _key("greater_than_sign", "sort(1)", "Sort", "sort by the next column", ">"),
+    _key("less_than_sign", "sort(-1)", "", "sort by the previous column", "<"),
+    _key("I", "reverse", "Reverse", "sort the other way round", "I"),
+    _key("up,k", "move_line(-1)", "", "one line up", "up k"),
+    _key("down,j", "move_line(1)", "", "one line down", "down j"),
+    _key("pageup,ctrl+u", "page_lines(-1)", "", "one page up", "pgup ^u"),
+    _key("pagedown,ctrl+d", "page_lines(1)", "", "one page down", "pgdn ^d"),
+    Binding("i", "about_row('detail')", show=False, priority=True),
+    Binding("b", "about_row('bytes')", show=False, priority=True),
+)
+"""Keys of the top view."""
 
 LEAVING: tuple[Binding, ...] = (
     _key("question_mark", "help", "Help", "all keys and signs", "?"),
@@ -131,12 +148,24 @@ TABLE_ACTIONS = frozenset(
 )
 """Actions that are off while a field or the help page is open."""
 
+TABLE_PANES = ("detail", "bytes")
+"""Panes about the table's row."""
+
+NEED_TABLE = frozenset(
+    (
+        *("fault", "raised", "search", "again", "only", "without", "mark", "to_mark", "goto"),
+        *("select", "copy_text", "copy", "columns", "times", "field", "related"),
+    )
+)
+"""Actions that bring the table back in place of the top view."""
+
 SHOWN_FIRST: tuple[str, ...] = (
     "help",
     "leave",
     "filter",
     "fault(1)",
     "search",
+    "top",
     "pause",
     "follow",
     "pane('detail')",
@@ -192,6 +221,7 @@ SEARCH_WORDS: Mapping[str, str] = {
     "dismiss": "escape close back",
     "pane('detail')": "explain decode inspect row",
     "pane('bytes')": "hex dump",
+    "top": "htop sorted summary overview streams live",
     "pane('motors')": "plot curve chart graph rpm speed",
     "pane('statistics')": "stats rates counters",
     "zoom(-1)": "zoom in",
@@ -234,6 +264,7 @@ SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Move", MOVING),
     ("Find", FINDING),
     ("Understand", UNDERSTANDING),
+    ("Top view", TOP[:4]),
     ("Handle", (*HANDLING, *LEAVING)),
 )
 """Sections of the help."""

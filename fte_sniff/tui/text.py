@@ -17,6 +17,7 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     Field,
     Frame,
+    FrameKind,
     Gap,
     PortEvent,
     PortEventKind,
@@ -24,6 +25,7 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.protocol.row_schema import short_feedback, value_heads
+from fte_sniff.protocol.spec import NUM_OFFSET
 from fte_sniff.tui.i18n import _, later
 
 if TYPE_CHECKING:
@@ -76,6 +78,21 @@ def _flag_bytes(name: str) -> tuple[tuple[int, int | None], ...]:
     """Offset and default of each flag byte of the kind of that name."""
     fields = KIND_BY_NAME[name].fields
     return tuple((one.start, one.default) for one in fields if one.defined_bits is not None)
+
+
+def frame_values(kind: FrameKind, raw: bytes, width: int) -> str:
+    """The values of a frame in at most `width` cells, without the motor and the flags."""
+    shown = [field.start != NUM_OFFSET and field.defined_bits is None for field in kind.fields]
+    values = [field.read(raw) for field in kind.fields]
+    forms = (
+        " ".join(
+            f"{head}{value}"
+            for head, value, is_shown in zip(heads, values, shown, strict=True)
+            if is_shown
+        )
+        for heads in value_heads(kind)
+    )
+    return first_fitting(forms, width)
 
 
 def is_raised(row: Row) -> bool:

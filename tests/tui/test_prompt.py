@@ -735,7 +735,7 @@ def test_enter_without_a_name_saves_under_the_suggested_name(
 
 def test_nothing_is_there_to_take(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "y", "Y", "v", "m", "x", "X", "w", "t", "T")
+        await press(app, pilot, "y", "Y", "v", "m", "x", "X", "w", "t")
         await settle(app, pilot)
         assert app.clipboard == ""
         assert len(app.screen_stack) == 1

@@ -12,4 +12,5 @@ Modules:
     plot        Curves in braille characters.
     statistics  Rates, line use and faults of all rows.
     switcher    The list of panes; shows one at a time and updates the models that they draw.
+    top         Top view: one sorted line for each kind and motor, in place of the table.
 """

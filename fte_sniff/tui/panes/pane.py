@@ -100,6 +100,8 @@ class Pane(VerticalScroll, can_focus=False):
     """Whether it is about the cursor's row: it is then as tall as its text, up to half a screen."""
     REDRAW_S: ClassVar[float] = 0.0
     """Shortest time between two drawings, seconds."""
+    is_behind: ClassVar[bool] = False
+    """Whether it must be drawn again although nothing changed."""
     HINT: ClassVar[str] = HINT
     """Its keys; shown after the title where they fit."""
 

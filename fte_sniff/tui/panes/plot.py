@@ -280,6 +280,12 @@ def _scale(curves: Iterable[EnvelopeColumns], usual: Sequence[Floats]) -> _Scale
     return _Scale(float(inside.min()), float(inside.max()), least, most)
 
 
+def usual_range(values: Floats) -> tuple[float, float] | None:
+    """The least and the greatest value without outliers; None without values."""
+    scale = _scale((EnvelopeColumns(values, values, values),), (values,))
+    return None if scale is None else (scale.low, scale.high)
+
+
 def _medians(values: Floats) -> Floats:
     known = values[~np.isnan(values)]
     if len(known) < MEDIAN_COLUMNS:

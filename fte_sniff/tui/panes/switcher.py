@@ -14,6 +14,7 @@ from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.statistics import StatisticsPane
+from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.view_model import ViewUpdate
 
@@ -41,12 +42,14 @@ class PaneSwitcher:
     def __init__(self, store: RowStore, table: RowTable, line_setup: LineSetup) -> None:
         self._store, self._table, self._line_setup = store, table, line_setup
         self._models = LiveModels(store, line_setup)
+        self.top = TopView()
+        """Shown in place of the table."""
         self._panes = {pane.NAME: pane() for pane in PANES}
         self._open: Pane | None = None
         self._step_pending = self._postponed = False
-        self._drawn_at_ns = 0
-        self._drawn: tuple[object, ...] | None = None
-        """What the open pane shows."""
+        self._drawn_at_ns: dict[Pane | TopView, int] = {}
+        self._drawn: dict[Pane | TopView, tuple[object, ...]] = {}
+        """What each shows."""
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
         self._playhead_ns: int | None = None
@@ -109,7 +112,7 @@ class PaneSwitcher:
     def on_update(self, update: ViewUpdate) -> None:
         """Forward port events, and gaps and baud changes between rows, to the models."""
         if update.events:
-            self._drawn = None
+            self._drawn.clear()
         self._models.statistics.observe_events(update.events)
         self._models.add_changes(update.stream_changes)
 
@@ -128,17 +131,25 @@ class PaneSwitcher:
         self._postponed = False
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
-        if self._open or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
+        if self._views or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
             self._update_models()
-        if self._open and now_ns - self._drawn_at_ns >= self._open.REDRAW_S * 1e9:
-            self._redraw_changed()
+        for view in self._views:
+            if now_ns - self._drawn_at_ns.get(view, 0) >= view.REDRAW_S * 1e9:
+                self._redraw_changed(view)
+
+    @property
+    def _views(self) -> list[Pane | TopView]:
+        """What is shown of the panes and the top view."""
+        paused = self._table.viewport.paused and self.top in self._drawn
+        views: list[Pane | TopView] = [self.top] if self.top.display and not paused else []
+        return views if self._open is None else [*views, self._open]
 
     def postpone_models(self) -> None:
         """Update the models no more before the next tick."""
         self._postponed = True
 
     def _update_models(self) -> None:
-        until = perf_counter() + (OPEN_BUDGET_S if self._open else CLOSED_BUDGET_S)
+        until = perf_counter() + (OPEN_BUDGET_S if self._views else CLOSED_BUDGET_S)
         while not (done := self._models.step(STEP_ROWS)) and perf_counter() < until:
             pass
         if not (done or self._step_pending):
@@ -153,7 +164,7 @@ class PaneSwitcher:
     @property
     def models_pending(self) -> bool:
         """Whether the models will observe more rows although none comes."""
-        return bool(self._models.pending) and (self._open is not None or self.models_late)
+        return bool(self._models.pending) and (bool(self._views) or self.models_late)
 
     @property
     def models_late(self) -> bool:
@@ -165,20 +176,22 @@ class PaneSwitcher:
         return 4 * self._models.pending > self._store.most_in_memory
 
     def redraw(self) -> None:
-        """Draw the open pane, where it has a size."""
-        self._drawn = None
-        self._redraw_changed()
+        """Draw the open pane and the top view, where they have a size."""
+        self._drawn.clear()
+        for view in self._views:
+            self._redraw_changed(view)
 
-    def _redraw_changed(self) -> None:
-        """Draw the open pane, unless it shows the same already."""
-        if self._open is None or not self._open.scrollable_content_region:
+    def _redraw_changed(self, view: Pane | TopView) -> None:
+        """Draw it, unless it shows the same already."""
+        if not view.scrollable_content_region:
             return
-        context = self._context()
-        sizes = self._open.page_size, self._table.app.size
-        drawn = (self._open, sizes, context, self._models.observed, self._models.pending)
-        if drawn != self._drawn:
-            self._drawn, self._drawn_at_ns = drawn, self._clock_ns
-            self._open.draw(context)
+        context, shown = self._context(), self._store.view
+        sizes = view.scrollable_content_region.size, self._table.app.size
+        rows = self._models.observed, self._models.pending, shown.filter, shown.count
+        drawn = (sizes, context, rows, view.is_behind)
+        if drawn != self._drawn.get(view) or view.is_behind:
+            self._drawn[view], self._drawn_at_ns[view] = drawn, self._clock_ns
+            view.draw(context)
 
     def _context(self) -> PaneContext:
         table, row = self._table, self._table.cursor_row

@@ -1,0 +1,598 @@
+"""Top view: one sorted line for each kind and motor, in place of the table.
+
+kind        motor values      rate       Δt     count flags
+speed           1 rpm=1000   50/s    20 ms    12,345
+speed_feedba…   1 rpm=998    50/s    20 ms    12,340 online
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from rich.segment import Segment
+from rich.style import Style
+from textual.binding import BindingType
+from textual.events import Click
+from textual.geometry import Region, Size
+from textual.message import Message
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+
+from fte_sniff.analysis.live_models import ShownStreams
+from fte_sniff.analysis.motors import AnsweredCommands, MotorState
+from fte_sniff.analysis.statistics import StreamStats
+from fte_sniff.analysis.traces import QUANTITIES, Floats, Traces
+from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text, short_number
+from fte_sniff.protocol import KINDS, MOTORS, Direction
+from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.keys import TOP, bindings, translate_keys
+from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
+from fte_sniff.tui.panes.pane import PaneContext
+from fte_sniff.tui.panes.plot import usual_range
+from fte_sniff.tui.table.columns import RAISED_MARK
+from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
+
+CURVE_NS: Final = 10 * SECOND_NS
+"""Time span of the curves, nanoseconds."""
+
+STALE_NS: Final = 2 * SECOND_NS
+"""Age of the last frame from which on a line is muted, unless its period is long."""
+
+STALE_PERIODS: Final = 5
+"""Periods without a frame after which a line is muted."""
+
+RESORT_S: Final = 2.0
+"""Shortest time between two sortings, seconds: else lines with similar rates change places."""
+
+STEP_ROWS: Final = 32_768
+"""Rows that are counted at once with a filter."""
+
+OLD: Final = 4
+"""Drawings after which a changed byte is as muted as one that never changed."""
+
+JITTER_FRAMES: Final = 64
+"""Latest frames whose jitter is shown."""
+
+_LEVELS: Final = "▁▂▃▄▅▆▇█"
+
+
+@dataclass(frozen=True, slots=True)
+class TopLine:
+    """What a line shows."""
+
+    stats: StreamStats
+    state: MotorState | None
+    """The motor's, if the kind names one."""
+    now_ns: int | None
+    answers: Sequence[AnsweredCommands] = ()
+    """Of the commands of this kind, by motor; empty for feedback."""
+    curve: Floats = field(default_factory=lambda: np.empty(0), compare=False)
+    ages: tuple[int, ...] = ()
+    """For each byte the drawings since it changed, at most `OLD`."""
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """Identity of the line."""
+        return self.stats.port, self.stats.kind.name, self.stats.motor or 0
+
+    @property
+    def raw(self) -> bytes:
+        """The last frame."""
+        return self.stats.latest[0]
+
+    @property
+    def subject(self) -> str | None:
+        """The quantity that the motor is about, if any."""
+        name = self.stats.kind.subject
+        return name if name in QUANTITIES and self.state is not None else None
+
+    @property
+    def target(self) -> int | None:
+        """The motor's present target of that quantity."""
+        if self.state is None or self.state.target is None or self.subject is None:
+            return None
+        target = self.state.target
+        return target.values[self.subject] if target.kind.subject == self.subject else None
+
+    @property
+    def actual(self) -> int | None:
+        """The motor's latest feedback of that quantity."""
+        if self.state is None or self.subject is None:
+            return None
+        reading = self.state.present.get(self.subject)
+        return None if reading is None else reading.value
+
+    @property
+    def delta_ns(self) -> int | None:
+        """The last period, or the longer time since the last frame."""
+        recent = self.stats.recent_ns
+        period = int(recent[-1] - recent[-2]) if len(recent) > 1 else None
+        known = [ns for ns in (period, self.age_ns) if ns is not None]
+        return max(known, default=None)
+
+    @property
+    def age_ns(self) -> int | None:
+        """Time since the last frame."""
+        if self.now_ns is None or self.stats.last_ns is None:
+            return None
+        return max(0, self.now_ns - self.stats.last_ns)
+
+    @property
+    def jitter_ns(self) -> float | None:
+        """Range of the latest periods between their 5th and 95th percentile."""
+        periods = np.sort(np.diff(self.stats.recent_ns[-JITTER_FRAMES:]))
+        if len(periods) < 2:
+            return None
+        beyond = len(periods) // 20
+        return float(periods[-1 - beyond] - periods[beyond])
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether frames have stopped to come."""
+        recent, age = self.stats.recent_ns, self.age_ns
+        if age is None or age <= STALE_NS:
+            return False
+        mean = (recent[-1] - recent[0]) / (len(recent) - 1) if len(recent) > 1 else 0.0
+        return bool(age > STALE_PERIODS * mean)
+
+    @property
+    def delay_ns(self) -> int | None:
+        """The median of the latest answer times; of the slowest motor for a command to all."""
+        delays = (answers.delay_p50_ns for answers in self.answers)
+        return max((delay for delay in delays if delay is not None), default=None)
+
+    @property
+    def unanswered(self) -> int | None:
+        """Commands without an answer; of the worst motor for a command to all."""
+        return max((answers.unanswered for answers in self.answers), default=None)
+
+    @property
+    def flags(self) -> tuple[int, bool] | None:
+        """ERROR, and whether the motor is online, as its feedback says."""
+        if self.stats.kind.direction is not Direction.FEEDBACK or self.stats.motor is None:
+            return None
+        fields = {one.name: one.read(self.raw) for one in self.stats.kind.fields}
+        return fields["error"], bool(fields["online"] >> (self.stats.motor - MOTORS[0]) & 1)
+
+    @property
+    def is_raised(self) -> bool:
+        """Whether a flag byte of the last frame differs from its default."""
+        return any(one.raised(one.read(self.raw)) for one in self.stats.kind.fields)
+
+
+def _number(value: int | None, width: int) -> str:
+    return UNKNOWN if value is None else first_fitting((f"{value}", short_number(value)), width)
+
+
+def _flags(line: TopLine, width: int) -> str:
+    if line.flags is None:
+        return ""
+    error, online = line.flags
+    word = _(ONLINE if online else OFFLINE)
+    if not error:
+        return word
+    text = _(ERROR).format(byte=error)
+    return text if online else first_fitting((f"{text} {word}", f"E{error:02X} {word}"), width)
+
+
+def _curve(line: TopLine, width: int) -> str:
+    """The values as blocks; outliers are as high or low as the usual range."""
+    values, extent = line.curve, usual_range(line.curve)
+    if extent is None:
+        return ""
+    low, high = extent
+    share = (np.clip(values, low, high) - low) / (high - low) if high > low else values * 0 + 0.5
+    steps = np.nan_to_num(share * (len(_LEVELS) - 1)).round().astype(int).tolist()
+    known = (~np.isnan(values)).tolist()
+    return "".join(
+        _LEVELS[step] if is_known else " " for step, is_known in zip(steps, known, strict=True)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TopColumn:
+    """A column of the view."""
+
+    head: str
+    width: int
+    cell: Callable[[TopLine, int], str]
+    key: Callable[[TopLine], float | str | None]
+    """By which lines are sorted; None is last."""
+    number: bool = True
+    """Whether it is aligned to the right, and sorted from the greatest."""
+
+
+_KIND: Final = TopColumn(
+    later("kind"),
+    11,
+    lambda line, width: short_kind(line.stats.kind.name, width),
+    lambda line: line.stats.kind.name,
+    number=False,
+)
+_VALUES: Final = TopColumn(
+    later("values"),
+    16,
+    lambda line, width: frame_values(line.stats.kind, line.raw, width),
+    lambda line: line.raw[3:].hex(),
+    number=False,
+)
+_TARGET: Final = TopColumn(
+    later("target"), 6, lambda line, width: _number(line.target, width), lambda line: line.target
+)
+_ACTUAL: Final = TopColumn(
+    later("actual"), 6, lambda line, width: _number(line.actual, width), lambda line: line.actual
+)
+_RATE: Final = TopColumn(
+    later("rate"),
+    8,
+    lambda line, _width: rate_text(line.stats.lately_per_s),
+    lambda line: line.stats.lately_per_s,
+)
+_JITTER: Final = TopColumn(
+    later("jitter"),
+    8,
+    lambda line, _width: span_text(line.jitter_ns),
+    lambda line: line.jitter_ns,
+)
+_DELTA: Final = TopColumn(
+    "Δt", 8, lambda line, _width: span_text(line.delta_ns), lambda line: line.delta_ns
+)
+_DELAY: Final = TopColumn(
+    later("answer"),
+    8,
+    lambda line, _width: span_text(line.delay_ns) if line.answers else "",
+    lambda line: line.delay_ns,
+)
+_UNANSWERED: Final = TopColumn(
+    later("unanswered"),
+    10,
+    lambda line, width: _number(line.unanswered, width) if line.answers else "",
+    lambda line: line.unanswered,
+)
+_COUNT: Final = TopColumn(
+    later("count"), 9, lambda line, _width: f"{line.stats.count:,}", lambda line: line.stats.count
+)
+_FLAGS: Final = TopColumn(
+    later("flags"),
+    11,
+    _flags,
+    lambda line: None if line.flags is None else line.flags[0] + (not line.flags[1]),
+    number=False,
+)
+_CURVE: Final = TopColumn(later("last 10 s"), 12, _curve, lambda line: line.actual, number=False)
+_BYTES: Final = TopColumn(
+    later("bytes"),
+    29,
+    lambda line, _width: line.raw.hex(" ").upper(),
+    lambda line: line.raw.hex(),
+    number=False,
+)
+_MOTOR: Final = TopColumn(
+    later("motor"),
+    5,
+    lambda line, _width: f"{line.stats.motor or ''}",
+    lambda line: line.stats.motor,
+)
+_PORT: Final = TopColumn(
+    "port",
+    12,
+    lambda line, _width: printable(line.stats.port),
+    lambda line: line.stats.port,
+    number=False,
+)
+
+COLUMNS: Final = (
+    *(_KIND, _MOTOR, _PORT, _VALUES, _TARGET, _ACTUAL, _RATE, _JITTER, _DELTA, _DELAY),
+    *(_UNANSWERED, _COUNT, _FLAGS, _CURVE, _BYTES),
+)
+"""All columns from left to right."""
+
+ALWAYS: Final = (_KIND, _MOTOR, _VALUES, _RATE, _DELTA, _COUNT, _FLAGS)
+"""Columns of 80 cells."""
+
+WHERE_WIDE: Final = (_TARGET, _ACTUAL, _JITTER, _DELAY, _UNANSWERED, _CURVE, _BYTES)
+"""Further columns, the most useful first."""
+
+WIDEST: Final = ((_VALUES, 19), (_KIND, 17), (_FLAGS, 16), (_VALUES, 24), (_CURVE, 200))
+"""Columns that take the cells that are left, each up to a width."""
+
+
+def columns_for(width: int, ports: int) -> list[tuple[TopColumn, int]]:
+    """The columns that fit into `width` cells, with their widths."""
+    shown = list(ALWAYS) + [_PORT] * (ports > 1)
+    for column in WHERE_WIDE:
+        if _total(*shown, column) > width:
+            break
+        shown.append(column)
+    widths = {column: column.width for column in COLUMNS if column in shown}
+    left = width - _total(*shown)
+    for column, most in WIDEST:
+        if column in widths:
+            more = min(left, most - widths[column])
+            widths[column] += more
+            left -= more
+    return list(widths.items())
+
+
+def _total(*columns: TopColumn) -> int:
+    """Cells of the mark and of columns with one cell between them."""
+    return 1 + sum(column.width + 1 for column in columns) - 1
+
+
+class TopView(ScrollView, can_focus=True):
+    """The lines, which are drawn a few times a second.
+
+    In place of Textual's DataTable (8.2), which formats all cells again after any change: 18 lines
+    of 12 columns take 30 ms there and 9 ms here.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = bindings(TOP)
+    ALLOW_SELECT = False
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"top-view--cursor", "top-view--head"}
+    REDRAW_S: ClassVar[float] = 0.25
+    """Shortest time between two drawings, seconds."""
+
+    class Chosen(Message):
+        """Rows of a line are wanted."""
+
+        def __init__(self, condition: str) -> None:
+            super().__init__()
+            self.condition = condition
+            """Filter that keeps only the line's rows."""
+
+    class AboutRow(Message):
+        """A pane about a row is wanted, for which the table comes back."""
+
+        def __init__(self, pane: str) -> None:
+            super().__init__()
+            self.pane = pane
+
+    def __init__(self) -> None:
+        super().__init__()
+        translate_keys(self)
+        self.display = False
+        self._shown: ShownStreams | None = None
+        self._columns: list[tuple[TopColumn, int]] = []
+        self._lines: list[TopLine] = []
+        self._seen: dict[tuple[str, str, int], tuple[bytes, tuple[int, ...]]] = {}
+        """Bytes of the last drawing, and their ages."""
+        self._sort: TopColumn | None = None
+        """None for the order of the frame table."""
+        self._reverse = False
+        self._order: list[tuple[str, str, int]] = []
+        self._sorted_at_s = -RESORT_S
+        self._cursor: tuple[str, str, int] | None = None
+        self._palette: Palette | None = None
+        self._pending = 0
+        self._base = self._cursor_style = Style.null()
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether rows that the filter shows were not counted yet, or a changed byte fades."""
+        fading = any(0 <= age < OLD for _raw, ages in self._seen.values() for age in ages)
+        return fading or (self._shown is not None and bool(self._pending))
+
+    def draw(self, context: PaneContext) -> None:
+        """Draw the streams that the filter shows."""
+        width = self.scrollable_size.width
+        streams = self._streams(context)
+        self._columns = columns_for(width, len({one.port for one in streams}))
+        curve = next((cells for column, cells in self._columns if column is _CURVE), 0)
+        states = {one.motor: one for one in context.models.motors.states(context.newest_ns)}
+        lines = [self._line(one, states, context, curve) for one in streams]
+        self._seen = {line.key: (line.raw, line.ages) for line in lines}
+        self._lines = self._sorted(lines)
+        self._palette = context.palette
+        self.virtual_size = Size(width, len(lines) + 1)
+        self.refresh()
+
+    def _streams(self, context: PaneContext) -> list[StreamStats]:
+        if context.store.view.filter is None:
+            self._shown, self._pending = None, context.models.pending
+            return context.models.statistics.streams(context.newest_ns)
+        if self._shown is None:
+            self._shown = ShownStreams(context.store)
+        self._shown.step(STEP_ROWS)
+        self._pending = self._shown.pending
+        return self._shown.stats(context.newest_ns)
+
+    def _line(
+        self,
+        stats: StreamStats,
+        states: dict[int, MotorState],
+        context: PaneContext,
+        curve: int,
+    ) -> TopLine:
+        state = states.get(stats.motor or 0)
+        answers = list[AnsweredCommands]()
+        if stats.kind.direction is Direction.CONTROL:
+            asked = [state] if state is not None else states.values()
+            found = (one.answers.get(stats.kind.cmds[0]) for one in asked)
+            answers = [one for one in found if one is not None]
+        values = _values(stats, context.models.traces, context.newest_ns, curve)
+        key = stats.port, stats.kind.name, stats.motor or 0
+        return TopLine(stats, state, context.newest_ns, answers, values, self._ages(key, stats))
+
+    def _ages(self, key: tuple[str, str, int], stats: StreamStats) -> tuple[int, ...]:
+        raw, before = stats.latest[0], stats.latest[-1]
+        seen, ages = self._seen.get(key, (before, (OLD,) * len(raw)))
+        return tuple(
+            0 if now != then else min(OLD, age + 1)
+            for now, then, age in zip(raw, seen, ages, strict=True)
+        )
+
+    def _sorted(self, lines: list[TopLine]) -> list[TopLine]:
+        by_key = {line.key: line for line in lines}
+        is_due = monotonic() >= self._sorted_at_s + RESORT_S
+        if is_due or by_key.keys() != set(self._order):
+            self._sorted_at_s = monotonic()
+            self._order = [line.key for line in self._resorted(lines)]
+        return [by_key[key] for key in self._order]
+
+    def _resorted(self, lines: list[TopLine]) -> list[TopLine]:
+        column = self._sort
+        if column is None:
+            return lines[::-1] if self._reverse else lines
+        keys: dict[tuple[str, str, int], Any] = {line.key: column.key(line) for line in lines}
+        known = [line for line in lines if keys[line.key] is not None]
+        known.sort(key=lambda line: keys[line.key], reverse=column.number is not self._reverse)
+        return known + [line for line in lines if keys[line.key] is None]
+
+    # Drawing
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Lines of a part of the view."""
+        self._base = self.rich_style
+        self._cursor_style = self.get_component_rich_style("top-view--cursor")
+        if self.app.no_color:
+            self._cursor_style = Style(reverse=True, bold=True)
+        return super().render_lines(crop)
+
+    def render_line(self, y: int) -> Strip:
+        """The head, a line, or a blank."""
+        width, at = self.scrollable_size.width, y + round(self.scroll_y) - 1
+        if y == 0:
+            return self._head(width)
+        if at < len(self._lines) and self._palette is not None:
+            line = self._lines[at]
+            style = self._cursor_style if at == self._cursor_at else self._base
+            strip = Strip(self._segments(line, self._palette)).apply_style(style)
+            return strip.adjust_cell_length(width, style)
+        if at == len(self._lines) and self._pending:
+            text = _(BEHIND).format(rows=self._pending)
+            return Strip([Segment(fit(text, width), self._base)], width)
+        return Strip.blank(width, self._base)
+
+    def _head(self, width: int) -> Strip:
+        style = self.get_component_rich_style("top-view--head")
+        text = ""
+        for column, cells in self._columns:
+            head = _(column.head)
+            if column is self._sort:
+                down = column.number is not self._reverse
+                head = f"{fit(head, cells - 1).rstrip()}{'▼' if down else '▲'}"
+            text += " " + (fit_right if column.number else fit)(head, cells)
+        return Strip([Segment(fit(text, width), style)], width)
+
+    def _segments(self, line: TopLine, palette: Palette) -> list[Segment]:
+        stale, kind = line.is_stale, palette.kinds[line.stats.kind.name]
+        raised = line.is_raised
+        mark = Segment(RAISED_MARK, palette.raised_mark) if raised else Segment(" ", Style.null())
+        segments = [mark]
+        for number, (column, cells) in enumerate(self._columns):
+            gap = " " if number else ""
+            if column is _BYTES:
+                segments += [Segment(gap, Style.null()), *self._bytes(line, palette)]
+                continue
+            text = (fit_right if column.number else fit)(column.cell(line, cells), cells)
+            style = Style.null()
+            if (column is _FLAGS and raised) or (column is _UNANSWERED and line.unanswered):
+                style = palette.raised
+            elif stale:
+                style = palette.muted
+            elif column in (_KIND, _CURVE):
+                style = kind
+            segments.append(Segment(gap + text, style))
+        return segments
+
+    def _bytes(self, line: TopLine, palette: Palette) -> list[Segment]:
+        styles = [palette.aged(Style.null(), age) for age in line.ages]
+        cells = [
+            Segment(f"{byte:02X}", style) for byte, style in zip(line.raw, styles, strict=True)
+        ]
+        gaps = [Segment(" ", Style.null()) for _cell in cells]
+        return [one for pair in zip(cells, gaps, strict=True) for one in pair][:-1]
+
+    # Keys and mouse
+
+    @property
+    def _cursor_at(self) -> int:
+        """Position of the line under the cursor."""
+        keys = [line.key for line in self._lines]
+        return keys.index(self._cursor) if self._cursor in keys else 0
+
+    def action_move_line(self, by: int) -> None:
+        """Move the cursor by lines."""
+        if self._lines:
+            at = min(max(0, self._cursor_at + by), len(self._lines) - 1)
+            self._cursor = self._lines[at].key
+            height = max(1, self.scrollable_size.height - 1)
+            top = min(max(round(self.scroll_y), at - height + 1), at)
+            self.scroll_to(y=top, animate=False)
+            self.refresh()
+
+    def action_page_lines(self, by: int) -> None:
+        """Move the cursor by windows."""
+        self.action_move_line(by * max(1, self.scrollable_size.height - 2))
+
+    def action_sort(self, by: int) -> None:
+        """Sort by the next column or the previous one; before the first is the usual order."""
+        orders = [None, *(column for column, _cells in self._columns if column is not _CURVE)]
+        at = orders.index(self._sort) if self._sort in orders else 0
+        self._sort_by(orders[(at + by) % len(orders)], reverse=False)
+
+    def action_reverse(self) -> None:
+        """Sort the other way round."""
+        self._sort_by(self._sort, reverse=not self._reverse)
+
+    def _sort_by(self, column: TopColumn | None, *, reverse: bool) -> None:
+        self._sort, self._reverse, self._sorted_at_s = column, reverse, monotonic()
+        natural = sorted(self._lines, key=lambda line: self._natural(line))
+        self._lines = self._resorted(natural)
+        self._order = [line.key for line in self._lines]
+        self.refresh()
+
+    def action_choose(self) -> None:
+        """Filter to the line under the cursor."""
+        if not self._lines:
+            return
+        line = self._lines[self._cursor_at]
+        conditions = [f"kind = '{line.stats.kind.name}'"]
+        if line.stats.motor is not None:
+            conditions.append(f"motor = {line.stats.motor}")
+        self.post_message(self.Chosen(" AND ".join(conditions)))
+
+    def action_about_row(self, pane: str) -> None:
+        """Show a pane about the table's row."""
+        self.post_message(self.AboutRow(pane))
+
+    def on_click(self, event: Click) -> None:
+        """Sort by the clicked head; put the cursor on the clicked line, or choose it."""
+        if event.y == 0:
+            self._on_head_clicked(event.x)
+            return
+        at = event.y + round(self.scroll_y) - 1
+        if at < len(self._lines):
+            self.action_move_line(at - self._cursor_at)
+            if event.chain == 2:
+                self.action_choose()
+
+    def _on_head_clicked(self, x: int) -> None:
+        end = 1
+        for column, cells in self._columns:
+            end += cells + 1
+            if x < end:
+                self._sort_by(column, reverse=column is self._sort and not self._reverse)
+                return
+
+    @staticmethod
+    def _natural(line: TopLine) -> tuple[str, int, int]:
+        return line.stats.port, KINDS.index(line.stats.kind), line.stats.motor or 0
+
+
+BEHIND: Final = later("reading: {rows:,} rows to go")
+
+
+def _values(stats: StreamStats, traces: Traces, now_ns: int | None, columns: int) -> Floats:
+    """The quantity that the kind is about, over the last seconds."""
+    subject = stats.kind.subject
+    if not columns or now_ns is None or stats.motor is None or subject not in QUANTITIES:
+        return np.empty(0)
+    window = (now_ns + 1 - CURVE_NS, now_ns + 1)
+    return traces.resample(stats.motor, stats.kind.direction, subject, window, columns).last
