@@ -115,8 +115,8 @@ UNDERSTANDING: tuple[Binding, ...] = (
 
 TOP: tuple[Binding, ...] = (
     _key("enter", "choose", "Rows", "the rows of this kind and motor, as a filter", "enter"),
-    _key("greater_than_sign", "sort(1)", "Sort", "sort by the next column", ">"),
-    _key("less_than_sign", "sort(-1)", "", "sort by the previous column", "<"),
+    _key("full_stop", "sort(1)", "Sort", "sort by the next column", "."),
+    _key("comma", "sort(-1)", "", "sort by the previous column", ","),
     _key("I", "reverse", "Reverse", "sort the other way round", "I"),
     _key("up,k", "move_line(-1)", "", "one line up", "up k"),
     _key("down,j", "move_line(1)", "", "one line down", "down j"),

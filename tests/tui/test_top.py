@@ -133,7 +133,7 @@ def test_lines_are_sorted_by_any_column_and_stay_otherwise(feed: Any) -> None:
         assert usual[0] == "reset"
         seen = set()
         for _column in COLUMNS:
-            await press(app, pilot, "greater_than_sign")
+            await press(app, pilot, "full_stop")
             await settle(app, pilot)
             top = app.query_one(TopView)
             column = top._sort
@@ -150,7 +150,7 @@ def test_lines_are_sorted_by_any_column_and_stay_otherwise(feed: Any) -> None:
                 seen.add(column.head)
         assert len(seen) >= 12
         while app.query_one(TopView)._sort is not None:
-            await press(app, pilot, "less_than_sign")
+            await press(app, pilot, "comma")
         assert keys(app) == usual
 
     play(feed, scenario, (200, 30))
