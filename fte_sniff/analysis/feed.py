@@ -58,12 +58,17 @@ class GapDetector:
 
         Later changes of the baud are followed only of the ports in `bauds`, bits per second.
         """
-        edges = [(t_ns, gap) for gap in gaps for t_ns in _edges(gap)]
-        self._edges = deque(sorted(edges, key=itemgetter(0)))
+        self._edges.clear()
+        self.expect(gaps)
         # The next file of a capture names the baud of the beginning, not of the end.
         new = {port: baud for port, baud in bauds.items() if self._bauds.get(port) != baud}
         self._bauds.update(new)
         return [StreamChange(0, BaudChange(port, baud)) for port, baud in new.items()]
+
+    def expect(self, gaps: Iterable[Gap]) -> None:
+        """Add gaps that the input reports before their rows."""
+        edges = [(t_ns, gap) for gap in gaps for t_ns in _edges(gap)]
+        self._edges = deque(sorted([*self._edges, *edges], key=itemgetter(0)))
 
     def interrupt(self, kind: GapKind, reason: str = "") -> StreamChange:
         """Report that rows are missing before the next ones."""
@@ -162,6 +167,8 @@ class FeedState:
     """How much of a file is read, 0 to 1; None for a live source."""
     live: bool = True
     """Whether rows come as they happen, not from a file."""
+    follows: bool = False
+    """Whether another program records the rows, and they come from its file."""
     files: Sequence[str] = ()
     """Paths of the files that rows come from or are recorded to."""
     recorded_bytes: int = 0

@@ -9,19 +9,21 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes, summary
 from fte_sniff.cli.progress import ProgressLine, progress_line
-from fte_sniff.cli.streams import print_err
+from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
+from fte_sniff.session.following import Following
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_options
+@follow_options
 @format_option(None, tuple(OutputFormat))
 @click.option(
     "-o",
@@ -33,6 +35,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     query: InputQuery,
+    following: Following | None,
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
@@ -48,11 +51,16 @@ def command(
     fte-sniff decode samples/damaged.raw --filter "status = 'malformed'"
     fte-sniff decode samples/clean.mcap --from +10s --to +20s
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
+    fte-sniff decode --follow capture.mcap --filter "error = 1"
     """
     check_inputs(query.files, output)
     form = form or _format_for(output)
-    with progress_line(reads_stdin=STDIN in query.files) as line:
-        reading = query.read(query.row_filter(), limit, progress=line.progress)
+    if following is not None and form is OutputFormat.PARQUET:
+        raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
+    # Following ends by Ctrl-C, as a capture does.
+    ending = nullcontext() if following is None else ending_signals(following.stop)
+    with ending, progress_line(reads_stdin=STDIN in query.files) as line:
+        reading = query.read(query.row_filter(), limit, line.progress, following)
         _write(form, output, reading, line, force=force)
     print_notes(reading)
     print_err(summary(reading.tally, reading))

@@ -38,6 +38,7 @@ from fte_sniff.formats.input_kind import (
     raw_stream_chunks,
 )
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import (
     STDIN_NAME,
@@ -120,6 +121,37 @@ _OPTIONS = all_of(
     filter_option,
     span_options,
 )
+
+
+_FOLLOW_OPTIONS = all_of(
+    click.option(
+        "--follow",
+        is_flag=True,
+        help="Read a recording while another program writes it, and its next files, until the"
+        " writer ends.",
+    ),
+    click.option(
+        "--idle",
+        "idle_s",
+        type=click.FloatRange(min=0, min_open=True),
+        metavar="S",
+        help="With --follow, where the file system has no locks: end when nothing was written for"
+        f" S seconds.  [default: {DEFAULT_IDLE_S:g}]",
+    ),
+)
+
+
+def follow_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--follow` and `--idle`; the command receives them as `following`, None without."""
+
+    @wraps(command)
+    def with_following(*, follow: bool, idle_s: float | None, **options: Any) -> Any:
+        if idle_s is not None and not follow:
+            raise UsageError("--idle is for --follow; add it, or leave --idle out")
+        following = Following(idle_s or DEFAULT_IDLE_S) if follow else None
+        return command(following=following, **options)
+
+    return _FOLLOW_OPTIONS(with_following)
 
 
 def input_options(
@@ -227,8 +259,11 @@ class InputQuery:
         row_filter: RowFilter | None,
         limit: int | None = None,
         progress: Progress | None = None,
+        following: Following | None = None,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
+
+        With `following`, the one input is a recording that another program writes.
 
         Raises:
             FileError: no file can be read; one of several is reported, and the others are read.
@@ -242,14 +277,28 @@ class InputQuery:
         for path in self.paths():
             progress.step = f"opening {path}"
             try:
-                inputs.append(_opened(path, self))
+                followed = following and following.open(self._followed(path))
+                inputs.append(followed or _opened(path, self))
             except FileError as error:
                 unreadable.append(error)
         if not inputs:
             raise unreadable[0]
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        return InputReading(inputs, span, row_filter, limit, self.baud, unreadable, progress)
+        found = InputReading(inputs, span, row_filter, limit, self.baud, unreadable, progress)
+        if following is not None:
+            progress.step = f"following {inputs[0].name}"
+        return found
+
+    def _followed(self, path: Path) -> Path:
+        """The path; raises UsageError if it is one of several, or cannot grow."""
+        if len(self.paths()) > 1 or path == STDIN or self.topic is not None:
+            raise UsageError(
+                "--follow needs one recording; the next files of its capture follow by themselves"
+            )
+        if self.kind not in (None, InputKind.MCAP):
+            raise UsageError("--follow reads recordings only; leave --input out")
+        return path
 
     def jobs(
         self, make_model: Callable[[], Model], progress: Progress

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
 from fte_sniff.cli.options import (
     REREAD_ROWS,
     alert_of,
@@ -31,6 +31,7 @@ from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FilterError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.recording.retention import size_text
+from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 @click.command(name="view", short_help="Show files on the screen of live.")
 @input_options(required=False)
+@follow_options
 @alert_option
 @click.option(
     "--play",
@@ -56,6 +58,7 @@ def command(
     query: InputQuery,
     alert_text: str | None,
     play_speed: str | None,
+    following: Following | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -68,6 +71,7 @@ def command(
 
     \b
     fte-sniff view samples/damaged.mcap
+    fte-sniff view --follow capture.mcap
     """
     if STDIN in query.files:
         raise UsageError(
@@ -89,7 +93,7 @@ def command(
     wanted, paths = query.row_filter(), query.paths()
     place = read_place(paths)
     with progress_line() as line:
-        reading = query.read(None, progress=line.progress)
+        reading = query.read(None, progress=line.progress, following=following)
         batches = iter(reading)
         # The first batch is read now, so that its error comes before the screen.
         opening_rows = [*islice(batches, 1)]
@@ -103,6 +107,7 @@ def command(
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
         pages,
+        following,
     )
     notes = Notes(_spans(paths, reading.inputs))
     opening = StartOptions(

@@ -7,6 +7,7 @@ Modules:
     file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
+    growing_reader GrowingReader: read a recording while another program writes it.
     messages       Rows as protobuf messages and back.
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    Path choice, existing files, pipes, refusals.

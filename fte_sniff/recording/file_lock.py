@@ -49,3 +49,15 @@ def lock(descriptor: int, path: Path, kind: int = fcntl.LOCK_EX) -> None:
         raise _in_use(path) from error
     except OSError:
         pass  # a file system without locks
+
+
+def is_locked(descriptor: int) -> bool:
+    """Whether another program has a file locked; False where locks do not work."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a file system without locks
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return False

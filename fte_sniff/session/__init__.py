@@ -7,6 +7,7 @@ Modules:
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
     file_jobs        Measure many files: one job a file; the results merge.
+    following        Follow a recording that another program writes, across its files.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
     input_reading    InputReading: rows of inputs through a filter, merged by
                      time, with the gaps found.

@@ -170,9 +170,19 @@ class InputReading:
     def _successive(self, chain: Sequence[Input], open_inputs: int) -> Iterator[InputBatch]:
         """The rows of inputs that follow each other, beside those of other open inputs."""
         own = _Succession() if open_inputs else self._last
-        for one in chain:
-            yield from self._read(one, own, open_inputs)
-            self._last = own
+        for first in chain:
+            one: Input | None = first
+            while one is not None:
+                if one is not first:
+                    self._report(one.gaps(self.span))
+                yield from self._read(one, own, open_inputs)
+                self._last = own
+                one = one.successor
+
+    def _report(self, gaps: Sequence[Gap]) -> None:
+        """Add gaps that an input reports while it is read."""
+        self.reported_gaps += gaps
+        self._gaps += gaps
 
     def _read(
         self, one: Input, succession: _Succession, open_inputs: int = 0
@@ -191,6 +201,9 @@ class InputReading:
                 changes.append(detector.interrupt(*DAMAGED))
             if gap := detector.observe(batch.times):
                 self._gaps.append(gap)
+            if batch.gaps:
+                detector.expect(batch.gaps)
+                self._report(batch.gaps)
             self.tally.update(batch.rows)
             self.progress.advance(one.position - read, len(batch.rows))
             read = one.position
@@ -198,6 +211,8 @@ class InputReading:
             changes += detector.changes(found.rows, found.events)
             yield replace(found, changes=changes)
             changes = []
+        if one.failure is not None:
+            self.skip(one.failure)
         self.progress.files_done += 1
         self.progress.advance((one.size or read) - read)
         if one.losses:

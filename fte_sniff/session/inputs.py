@@ -29,7 +29,7 @@ from fte_sniff.session.progress import size_of
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.formats.logs.reader import LogReader
-    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.row_batch import RowBatch, Rows
@@ -59,6 +59,8 @@ class InputBatch:
     """Gaps and baud changes between the rows, by ascending index."""
     losses: Sequence[str] = ()
     """What could not be read, one line each; may contain text from the input."""
+    gaps: Sequence[Gap] = ()
+    """Gaps that the input did not report before."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -181,6 +183,10 @@ class Input(ABC):
         """Bytes of its file; None if unknown."""
         self.position = 0
         """Bytes of its file that were read so far; 0 if unknown."""
+        self.failure: FileError | None = None
+        """Why reading ended early; the rows before it are valid."""
+        self.successor: Input | None = None
+        """The input that continues it; known when it has been read."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -345,14 +351,25 @@ class RecordingInput(Input):
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
-        for passage, rows in self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1):
-            troubles.update(event.kind for event in rows.events)
-            some = some or bool(len(rows))
+        ranges = self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1)
+        for found in self._batches_of(ranges):
+            troubles.update(event.kind for event in found.events)
+            some = some or bool(len(found.rows))
+            yield found
+        self._note_end(span, note, troubles, some=some)
+
+    def _batches_of(self, ranges: Iterable[tuple[RowRange, RowBatch]]) -> Iterator[InputBatch]:
+        for passage, rows in ranges:
             self.ends.update(rows.end_offsets())
             self.position = max(self.position, passage.stop)
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)
                 yield InputBatch(rows, rows.events, passage.after_loss, reload)
+
+    def _note_end(
+        self, span: TimeRange | None, note: Note, troubles: Counter[PortEventKind], *, some: bool
+    ) -> None:
+        """Note what is wrong with it; `some` if it had rows in the span."""
         for kind in TROUBLES:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"

@@ -16,6 +16,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 
 MAX_READ_AHEAD = 6
@@ -41,6 +42,7 @@ class ReplaySession:
         total: int | None = None,
         files: Sequence[str] = (),
         pages: RecordingPages | None = None,
+        following: Following | None = None,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
 
@@ -52,7 +54,10 @@ class ReplaySession:
             total: approximate number of rows; None if unknown.
             files: paths of the files.
             pages: gets the batches, which all can be read again.
+            following: how the file is followed; None for a file that does not grow.
         """
+        self._following = following
+        self._is_live = False
         self._expected_rows, self._files, self._pages = total, files, pages
         self._source = batches
         self._title = title
@@ -80,6 +85,8 @@ class ReplaySession:
                 self._running = False
             else:
                 reads.append(batch)
+        if self._following is not None and self._following.is_up_to_date and self._queue.empty():
+            self._is_live = True
         changes: list[StreamChange] = []
         count = 0
         for read in reads:
@@ -103,6 +110,8 @@ class ReplaySession:
         """Stop reading; does not block."""
         self._stop.set()
         self._resumed.set()
+        if self._following is not None:
+            self._following.stop()
 
     def _state(self) -> FeedState:
         progress = None
@@ -111,13 +120,20 @@ class ReplaySession:
         return FeedState(
             title=self._title,
             running=self._running,
-            ended=self.error.message if self.error and not self._running else None,
+            ended=None if self._running else self._end(),
             trouble=_damaged(self._losses),
-            live=False,
+            live=self._is_live,
+            follows=self._following is not None,
             rows=self._rows,
             progress=progress,
             files=self._files,
         )
+
+    def _end(self) -> str | None:
+        """Why the rows ended; None at the end of a file that does not grow."""
+        if self.error is not None:
+            return self.error.message
+        return None if self._following is None else self._following.ended
 
     def _run(self) -> None:
         try:

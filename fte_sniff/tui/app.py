@@ -313,6 +313,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             return
         if not self._model.state.running:
             self._poll_interval.stop()
+        if self._model.state.live and not state.live:
+            self._table.action_follow()  # what was recorded so far is read
         self._panes.on_update(update)
         self._find_noted(update.rows, update.first)
         self._report(update)

@@ -40,6 +40,7 @@ class Mode(StrEnum):
 
     LOADING = "LOADING"
     LIVE = "LIVE"
+    FOLLOWING = "FOLLOWING"
     WAITING = "WAITING"
     SCROLLED = "SCROLLED"
     PAUSED = "PAUSED"
@@ -50,13 +51,17 @@ class Mode(StrEnum):
 
 
 def mode_of(state: FeedState, paused: bool, following: bool, play: Playback | None = None) -> Mode:
-    """The mode of a view: LIVE only while the newest rows are in view; WAITING for a lost port."""
+    """The mode of a view: LIVE only while the newest rows are in view; WAITING for a lost port.
+
+    FOLLOWING is LIVE for the recording of another program.
+    """
     if play is not None:
         return Mode.HELD if play.paused else Mode.PLAYING
     if paused:
         return Mode.PAUSED
     if state.live and state.running:
         newest = Mode.WAITING if state.waiting else Mode.LIVE
+        newest = Mode.FOLLOWING if state.follows else newest
         return newest if following else Mode.SCROLLED
     if state.live:
         return Mode.ENDED
@@ -90,7 +95,7 @@ class RecordingSign(StrEnum):
 
 def recording_sign(state: FeedState) -> RecordingSign | None:
     """What happens to the rows; None for files."""
-    if not state.live:
+    if not state.live or state.follows:
         return None
     if state.recording is None:
         stopped = bool(state.files) and state.running

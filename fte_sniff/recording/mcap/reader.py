@@ -171,6 +171,8 @@ class RecordStream:
         found: dict[int, int] | None = None,
         *,
         chunks: bool = True,
+        first: int = 0,
+        stop: int | None = None,
     ) -> None:
         """Take the file, at its start; only a seekable one is read further after damage.
 
@@ -180,22 +182,27 @@ class RecordStream:
             wanted: whether to read a chunk with this first and last log time; by default all.
             found: receives position and body length of chunks whose head is damaged.
             chunks: whether to read chunks at all.
+            first: offset of the first record that is read; 0 for the start of the file.
+            stop: offset of the first record that is not read; None for the end of the file.
         """
         self._stream = stream
         self._size = stream.seek(0, os.SEEK_END) if stream.seekable() else None
+        self._stop = stop
+        if self._size is not None and stop is not None:
+            self._size = min(self._size, stop)
         self._summary = summary if summary is not None and summary.guarded else None
         self._starts = sorted(self._summary.heads) if self._summary else []
         self._wanted, self._chunks = wanted, chunks
         self._found = {} if found is None else found
         self._budget = _SEARCH_FACTOR * (self._size or 0)
         self._agreed: set[int] = set()
-        self._position = 0
-        self._last = -1
+        self._position = first
+        self._last = first - 1
         """Offset of the last record."""
         self._in_data = True
         self._inner: int | None = None
         """The chunk over which the last record reached."""
-        self._checksum: RunningChecksum | None = RunningChecksum()
+        self._checksum: RunningChecksum | None = None if first else RunningChecksum()
         self._before: int | None = None
         """The checksum before the last record with a checksum; None if something was skipped."""
         self.ending: LostBytes | None = None
@@ -204,9 +211,10 @@ class RecordStream:
 
     def __iter__(self) -> Iterator[RawRecord]:
         if self._size is not None:
-            self._stream.seek(0)
-        readable = self._read(len(MAGIC)) == MAGIC or self._resume(0, no_record())
-        while readable:
+            self._stream.seek(self._position)
+        at_record = self._position > 0 or self._read(len(MAGIC)) == MAGIC
+        readable = at_record or self._resume(0, no_record())
+        while readable and (self._stop is None or self._position < self._stop):
             position = self._position
             try:
                 record = self._record()

@@ -1,0 +1,164 @@
+"""Follow a recording that another program writes, from file to file of its capture.
+
+The file is polled, which also works on network file systems. Following ends when the writer
+releases its lock; if no lock was ever seen, when the file has not grown for some time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
+
+if TYPE_CHECKING:
+    from fte_sniff.protocol import PortEventKind
+    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.growing_reader import GrowingReader
+
+POLL_S: Final = 0.1
+"""Interval of polling."""
+
+_RELEASE_S: Final = 5.0
+"""How long the lock of a file that names its next file is waited for."""
+
+DEFAULT_IDLE_S: Final = 10.0
+"""How long a file without a lock may stay as it is."""
+
+
+class Following:
+    """The state of following the files of one capture."""
+
+    def __init__(self, idle_s: float = DEFAULT_IDLE_S) -> None:
+        """Follow nothing yet; `idle_s` is for files without a lock, in seconds."""
+        self.idle_s = idle_s
+        self.has_lock = False
+        """Whether locks work: one was seen."""
+        self.is_up_to_date = False
+        """Whether the file was read up to its end once."""
+        self.stopped = False
+        """Whether `stop` was called."""
+        self.ended: TranslatableText | None = None
+        """Why following ended, one line; None while it goes on."""
+
+    def open(self, path: Path) -> FollowedInput:
+        """The recording as an input, whose successors are the next files.
+
+        Raises FileError if it cannot be read, or is no recording.
+        """
+        from fte_sniff.recording.growing_reader import GrowingReader
+
+        return FollowedInput(GrowingReader(path), self)
+
+    def stop(self) -> None:
+        """Request the end of following; may be called in a signal handler."""
+        self.stopped = True
+
+
+class FollowedInput(RecordingInput):
+    """A recording that another program writes; its batches come as they are flushed."""
+
+    def __init__(self, reader: GrowingReader, following: Following) -> None:
+        super().__init__(reader)
+        self._growing, self._following = reader, following
+        self._gaps_known = 0
+        self._troubles: Counter[PortEventKind] = Counter()
+        self._has_rows = False
+
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
+        """Read its rows, and wait for more; see `Input`.
+
+        The first batch may be empty, so that a reader knows that the file could be opened.
+        """
+        self._gaps_known = len(self.gaps(span))
+        try:
+            yield from self._until_end(span)
+        except FileError as error:
+            self.failure = error
+            return
+        following = self._following
+        if not following.stopped and following.ended is None:
+            self._find_successor()
+        self._note_end(span, note, self._troubles, some=self._has_rows)
+        if self.successor is None and self.failure is None and following.ended is not None:
+            note(str(following.ended))
+
+    def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
+        """The rows up to the end of following this file."""
+        from fte_sniff.recording.batch_reader import EVERYTHING
+        from fte_sniff.row_batch import Codebook
+
+        codebook, following, reader = Codebook(), self._following, self._growing
+        wanted = span or EVERYTHING
+        changed_s, named_s = time.monotonic(), None
+        yield InputBatch([])
+        while True:
+            # Before the poll: what was flushed before the lock was released is then complete.
+            has_writer = reader.has_writer
+            following.has_lock |= has_writer
+            now_s = time.monotonic()
+            if reader.poll():
+                changed_s = now_s
+                yield from self._new(self._batches_of(reader.new_ranges(codebook, wanted)), span)
+            if reader.times and reader.times[1] >= wanted.end_ns:
+                following.ended = TranslatableText("{path}: --to is reached", path=self.name)
+                return
+            if following.stopped:
+                return
+            if reader.next_path is not None and named_s is None:
+                named_s = now_s
+            if self._is_finished(has_writer, now_s, changed_s, named_s):
+                break
+            following.is_up_to_date = True
+            time.sleep(POLL_S)
+        if not has_writer:
+            yield from self._new(self._batches_of(reader.last_ranges(codebook, wanted)), span)
+
+    def _is_finished(
+        self, has_writer: bool, now_s: float, changed_s: float, named_s: float | None
+    ) -> bool:
+        following = self._following
+        if has_writer:
+            return named_s is not None and now_s >= named_s + _RELEASE_S
+        if named_s is not None or following.has_lock:
+            return True
+        return now_s >= changed_s + following.idle_s
+
+    def _new(self, batches: Iterator[InputBatch], span: TimeRange | None) -> Iterator[InputBatch]:
+        """The batches, with the gaps that the file reports since the last ones."""
+        from dataclasses import replace
+
+        for batch in batches:
+            gaps = self.gaps(span)[self._gaps_known :]
+            self._gaps_known += len(gaps)
+            self._troubles.update(event.kind for event in batch.events)
+            self._has_rows |= bool(len(batch.rows))
+            yield replace(batch, gaps=gaps)
+            if self._following.stopped:
+                return
+
+    def _find_successor(self) -> None:
+        """Open the next file of the capture, or state how the last one ended."""
+        following = self._following
+        path = self._growing.find_next()
+        if path is None:
+            following.ended = (
+                TranslatableText("{path}: the program that recorded it has ended", path=self.name)
+                if following.has_lock
+                else TranslatableText(
+                    "{path}: nothing was written to it for {seconds:g} s",
+                    path=self.name,
+                    seconds=following.idle_s,
+                )
+            )
+            return
+        try:
+            self.successor = following.open(path)
+        except FileError as error:
+            self.failure = error

@@ -1,0 +1,291 @@
+"""`decode --follow` and `view --follow`: recordings that other processes write."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
+from tests.cli.conftest import SAMPLES
+from tests.cli.processes import (
+    FRAME,
+    Process,
+    ended,
+    hears,
+    rows_in,
+    started,
+    until,
+    wait_until,
+    wire,
+)
+from tests.cli.terminals import terminal
+
+WRITER = """
+import sys
+from pathlib import Path
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
+from tests.cli.test_follow import made_rows
+rows = iter(made_rows())
+with RecordingWriter(Path(sys.argv[1]), [PortFacts("p", 115200)]) as writer:
+    print("open", flush=True)
+    for line in sys.stdin:
+        writer.write([next(rows) for _ in range(int(line))])
+        writer.flush()
+        print("flushed", flush=True)
+"""
+"""Records and flushes as many rows as each line of its standard input names."""
+
+
+def made_rows(count: int = 20) -> list[Row]:
+    """Rows of one frame each, a second apart."""
+    framer = Framer("p")
+    chunks = [Chunk("p", (1 + number) * 10**9, FRAME) for number in range(count)]
+    return [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
+
+
+@contextmanager
+def writing(environment, folder: Path, name: str) -> Iterator[Process]:
+    """A process that records to a file and holds its lock."""
+    from subprocess import PIPE, Popen
+
+    with Popen(
+        [sys.executable, "-c", WRITER, name],
+        stdin=PIPE,
+        stdout=PIPE,
+        env=dict(environment),
+        cwd=folder,
+    ) as process:
+        try:
+            until(process, b"open\n")
+            yield process
+        finally:
+            process.kill()
+
+
+def flush(writer: Process, frames: int = 1) -> None:
+    """Let the writer flush some frames."""
+    assert writer.stdin is not None
+    writer.stdin.write(b"%d\n" % frames)
+    writer.stdin.flush()
+    until(writer, b"flushed\n")
+
+
+def test_each_flush_is_printed_while_the_writer_goes_on(environment, tmp_path: Path) -> None:
+    follow = ("decode", "--follow", "x.mcap", "--format", "csv", "--filter", "offset >= 0")
+    with (
+        writing(environment, tmp_path, "x.mcap") as writer,
+        started(environment, tmp_path, *follow) as reader,
+    ):
+        for number in range(4):
+            flush(writer)
+            until(reader, b",%d,10," % (10 * number))
+        assert writer.stdin is not None
+        writer.stdin.close()
+        code, _, errors = ended(reader)
+    assert code == 0
+    assert "x.mcap: the program that recorded it has ended" in errors
+    assert "4 rows, nothing malformed" in errors
+
+
+def test_the_rows_before_a_kill_of_the_writer_are_kept(run, environment, tmp_path: Path) -> None:
+    follow = ("decode", "--follow", "x.mcap", "-o", "rows.csv")
+    with (
+        writing(environment, tmp_path, "x.mcap") as writer,
+        started(environment, tmp_path, *follow) as reader,
+    ):
+        flush(writer, 3)
+        wait_until(lambda: (tmp_path / "rows.csv.part").exists())
+        flush(writer, 2)
+        writer.kill()
+        code, _, errors = ended(reader)
+    assert code == 0
+    assert "the program that recorded it has ended" in errors
+    assert (tmp_path / "rows.csv").read_text() == run("decode", "x.mcap", "--format", "csv").stdout
+    assert len((tmp_path / "rows.csv").read_text().splitlines()) == 6
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap"])
+def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
+    environment, tmp_path: Path, form: str
+) -> None:
+    follow = ("decode", "--follow", "x.mcap", "-o", f"rows.{form}")
+    with (
+        writing(environment, tmp_path, "x.mcap") as writer,
+        started(environment, tmp_path, *follow) as reader,
+    ):
+        flush(writer, 3)
+        part = tmp_path / f"rows.{form}.part"
+        wait_until(lambda: part.exists() and (form == "mcap" or part.stat().st_size > 100))
+        reader.send_signal(signal.SIGINT)
+        code, _, errors = ended(reader)
+    assert code == 0
+    assert errors.endswith("Z\n")
+    assert (tmp_path / f"rows.{form}").exists()
+
+
+def test_all_files_of_a_capture_that_rotates_are_read(run, environment, tmp_path: Path) -> None:
+    live = ("live", "sim://?rate=200", "--plain", "--rotate", "1s", "-o", "c.mcap")
+    part = tmp_path / "rows.csv.part"
+    with started(environment, tmp_path, *live) as writer:
+        wait_until((tmp_path / "c_00001.mcap").exists)
+        follow = ("decode", "--follow", "c_00001.mcap", "-o", "rows.csv")
+        with started(environment, tmp_path, *follow) as reader:
+            wait_until((tmp_path / "c_00004.mcap").exists)
+            before = sum(map(rows_in, tmp_path.glob("c_0000[123].mcap")))
+            wait_until(lambda: part.read_bytes().count(b"\n") > before + 1)
+            writer.send_signal(signal.SIGINT)
+            assert ended(writer)[0] == 0
+            code, _, errors = ended(reader)
+    assert code == 0
+    files = sorted(tmp_path.glob("c_*.mcap"))
+    assert len(files) > 2
+    assert f"{files[-1].name}: the program that recorded it has ended" in errors
+    found = (tmp_path / "rows.csv").read_text()
+    assert found == run("decode", tmp_path, "--format", "csv").stdout
+    assert found.count("\n") == 1 + sum(map(rows_in, files))
+
+
+def recorded(path: Path, frames: int) -> bytes:
+    """The bytes of a recording with one frame for each flush."""
+    path.unlink(missing_ok=True)
+    with RecordingWriter(path, [PortFacts("p", 115200)]) as writer:
+        for row in made_rows(frames):
+            writer.write([row])
+            writer.flush()
+    return path.read_bytes()
+
+
+def test_without_a_lock_it_ends_when_nothing_grows(environment, tmp_path: Path) -> None:
+    copies = [recorded(tmp_path / "made.mcap", frames) for frames in range(1, 6)]
+    file = tmp_path / "copy.mcap"
+    file.write_bytes(copies[0])
+    follow = ("decode", "--follow", "copy.mcap", "--format", "csv", "--idle", "3")
+    with started(environment, tmp_path, *follow) as reader:
+        until(reader, b",0,10,")
+        for number, content in enumerate(copies[1:], 1):
+            with file.open("r+b") as stream:
+                stream.write(content)
+            until(reader, b",%d,10," % (10 * number))
+        code, _, errors = ended(reader)
+    assert code == 0
+    assert "copy.mcap: nothing was written to it for 3 s" in errors
+
+
+def test_bytes_that_arrive_one_part_after_the_other_are_no_damage(
+    environment, tmp_path: Path
+) -> None:
+    whole = recorded(tmp_path / "made.mcap", 8)
+    file = tmp_path / "copy.mcap"
+    file.write_bytes(whole[:600])
+    follow = ("decode", "--follow", "copy.mcap", "--format", "csv", "--idle", "3")
+    with started(environment, tmp_path, *follow) as reader:
+        until(reader, b"time")
+        with file.open("ab", buffering=0) as stream:
+            for start in range(600, len(whole), 97):
+                stream.write(whole[start : start + 97])
+                os.sync()
+        code, rows, errors = ended(reader)
+    assert code == 0
+    assert rows.count("\n") == 8
+    assert "damaged" not in errors
+    assert "8 rows, nothing malformed" in errors
+
+
+def _truncate(file: Path) -> None:
+    os.truncate(file, 100)
+
+
+def _replace(file: Path) -> None:
+    (file.parent / "other.mcap").write_bytes(file.read_bytes())
+    (file.parent / "other.mcap").replace(file)
+
+
+def _overwrite(file: Path) -> None:
+    with file.open("r+b") as stream:
+        stream.write(bytes(file.stat().st_size + 10))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_truncate, "x.mcap was cut off to 100 bytes"),
+        (_replace, "x.mcap was replaced by another file"),
+        (_overwrite, "x.mcap was overwritten"),
+        (Path.unlink, "x.mcap was deleted or moved"),
+    ],
+)
+def test_a_file_that_is_no_longer_the_same_is_reported(
+    environment, tmp_path: Path, change, words: str
+) -> None:
+    follow = ("decode", "--follow", "x.mcap", "--format", "csv")
+    with (
+        writing(environment, tmp_path, "x.mcap") as writer,
+        started(environment, tmp_path, *follow) as reader,
+    ):
+        flush(writer)
+        until(reader, b",0,10,")
+        change(tmp_path / "x.mcap")
+        code, _, errors = ended(reader)
+    assert code == 4
+    assert f"fte-sniff: {words} while it was followed" in errors
+    assert "1 row, nothing malformed" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        ([SAMPLES / "clean.hex"], 4, "is no recording; --follow reads only recordings"),
+        ([SAMPLES / "clean.raw"], 4, "is no recording; --follow reads only recordings"),
+        (["/dev/null"], 4, "is no recording; --follow reads only recordings"),
+        (["missing.mcap"], 4, "there is no such file"),
+        ([SAMPLES / "clean.mcap", SAMPLES / "damaged.mcap"], 2, "--follow needs one recording"),
+        (["-"], 2, "--follow needs one recording"),
+        ([SAMPLES / "clean.hex", "--input", "hex"], 2, "--follow reads recordings only"),
+        ([SAMPLES / "clean.mcap", "-o", "x.parquet"], 2, "parquet is written as a whole"),
+        ([SAMPLES / "clean.mcap", "--idle", "0"], 2, "--idle"),
+    ],
+)
+def test_what_cannot_be_followed_is_one_line(run, arguments, code: int, words: str) -> None:
+    done = run("decode", "--follow", *arguments)
+    assert done.returncode == code
+    assert done.stdout == ""
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_idle_needs_follow(run) -> None:
+    done = run("decode", SAMPLES / "clean.mcap", "--idle", "3")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_a_limit_and_the_end_of_a_range_end_it(run) -> None:
+    file = SAMPLES / "clean.mcap"
+    for option in (["--limit", "3"], ["--to", "+1s"]):
+        done = run("decode", "--follow", "--idle", "100", file, *option, "--format", "csv")
+        assert done.returncode == 0
+        assert done.stdout == run("decode", file, *option, "--format", "csv").stdout
+
+
+def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
+    with wire() as (far, device):
+        live = ("live", device, "--plain", "-o", "x.mcap")
+        with started(environment, tmp_path, *live) as writer:
+            hears(writer, far)
+            follow = ("view", "--follow", "x.mcap")
+            with terminal(environment, tmp_path, *follow, size=(120, 30)) as screen:
+                screen.until("FOLLOWING")
+                os.write(far, 3 * bytes.fromhex("55010306930000000FEE"))
+                screen.until("1683")
+                writer.send_signal(signal.SIGINT)
+                screen.until("ENDED")
+                screen.type("Q")
+                assert screen.ended() == 0
