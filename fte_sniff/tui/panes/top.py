@@ -48,7 +48,7 @@ STALE_PERIODS: Final = 5
 """Periods without a frame after which a line is muted."""
 
 RESORT_S: Final = 2.0
-"""Shortest time between two sortings, seconds: else lines with similar rates change places."""
+"""Shortest time between two orders, seconds: else lines with similar rates change places."""
 
 STEP_ROWS: Final = 32_768
 """Rows that are counted at once with a filter."""
