@@ -130,7 +130,6 @@ class GrowingReader(RecordingReader):
         Raises FileError if it was deleted, replaced or cut off.
         """
         with self._open() as stream:
-            self._check(stream)
             found, self._state = self._state, self._state_of(stream)
             self._advance(stream)
         return found != self._state or self._complete > self._position
@@ -172,7 +171,12 @@ class GrowingReader(RecordingReader):
         return os.pread(stream.fileno(), self._complete - start, start)
 
     def _advance(self, stream: BinaryIO) -> None:
-        """Move `_complete` over the records that are whole; a chunk by its checksum."""
+        """Move `_complete` over the records that are whole; a chunk by its checksum.
+
+        Raises FileError if what was read before is not in the file any more.
+        """
+        if self._is_followed:
+            self._check(stream)
         descriptor, size = stream.fileno(), os.fstat(stream.fileno()).st_size
         position = self._complete
         limit = position + _STEP
