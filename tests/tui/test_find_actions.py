@@ -17,6 +17,7 @@ from fte_sniff.tui import actions
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
@@ -205,12 +206,12 @@ def test_the_filter_s_line_says_how_words_are_completed_and_come_back(feed: Any)
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f")
         await settle(app, pilot)
-        assert "tab completes, up: earlier ones; esc: back" in page(app)
+        assert "enter Apply" in page(app)
         await type_line(app, pilot, "mot")
         await until(app, pilot, lambda: "motor" in page(app))
         await press(app, pilot, "tab")
         await settle(app, pilot)
-        assert app.focused.value == "motor"
+        assert app.focused.value == "motor "
 
     play(feed, scenario, size=(80, 24))
 
@@ -243,7 +244,7 @@ def test_what_is_found_is_set_off(feed: Any, speed_rows: Rows) -> None:
             segment.text
             for y in range(10)
             for segment in here.render_line(y)
-            if segment.style and segment.style.underline
+            if segment.style and segment.style.bgcolor == DARK.found.bgcolor
         ]
         assert found == ["rpm=7"]
         await press(app, pilot, "escape", "escape")

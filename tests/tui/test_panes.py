@@ -184,7 +184,7 @@ def test_a_pane_about_rows_that_stay_is_drawn_once(feed: Any, key: str) -> None:
         pane = app.query_one(PANES[key])
         pane.refresh = lambda *_args, **_options: refreshed.append(pane)  # type: ignore[method-assign]
         for _ in range(20):
-            app._panes._drawn_at_ns = 0
+            app._panes._drawn_at_ns.clear()
             await settle(app, pilot)
         assert not refreshed
 
