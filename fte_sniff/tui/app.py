@@ -372,7 +372,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             text = _("{count:,} rows match the alert, the last at {time}")
         zone = self._table.view.shown_zone
         time = clock_text(alert.last.t_ns or 0, 3, zone)
-        self._notice.pin("alert", text.format(count=alert.count, time=time))
+        self._notice.pin("alert", text.format(count=alert.count, time=time), counts=True)
 
     def _show_state(self) -> None:
         model, viewport = self._model, self._table.viewport

@@ -108,7 +108,8 @@ class NoticeLine(WrappedText):
     temporary  about a key: until the next key acts, or for a while; a warning stays longer
     pinned     about a state, one per topic: until it is unpinned or dismissed
 
-    A new pinned notice replaces the temporary one, except an information a warning.
+    A new pinned notice replaces the temporary one, except an information a warning. A pinned
+    notice that only counts on leaves the temporary one.
     """
 
     def __init__(self) -> None:
@@ -126,11 +127,14 @@ class NoticeLine(WrappedText):
         """Show a warning for a while."""
         self._set_temporary(Notice(text, warning=True), WARNING_S)
 
-    def pin(self, topic: str, text: str, warning: bool = True) -> None:
-        """Show until `unpin`, in place of the pinned notice of the same topic."""
+    def pin(self, topic: str, text: str, warning: bool = True, counts: bool = False) -> None:
+        """Show until `unpin`, in place of the pinned notice of the same topic.
+
+        counts: a warning that differs from the one before in its numbers only.
+        """
         before = self._pinned.pop(topic, None)
         notice = self._pinned[topic] = Notice(text, warning)
-        is_new = notice != before if warning else before is None
+        is_new = notice != before if warning and not counts else before is None
         if is_new and self.temporary is not None and warning >= self.temporary.warning:
             self._set_temporary(None)
         self._update()

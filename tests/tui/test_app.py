@@ -561,7 +561,11 @@ def test_rows_that_match_the_alert_ring_and_are_counted(feed: Any, speed_rows: R
         await settle(app, pilot)
         assert len(rings) == 1
         assert "4 rows match the alert" in page(app)
-        await press(app, pilot, "escape")
+        await press(app, pilot, "u")
+        feed.give(speed_rows(9, start=16))
+        await settle(app, pilot)
+        assert "no row is marked" in page(app), "an alert that counts on hides the answer to a key"
+        await press(app, pilot, "escape", "escape")
         assert "alert" not in page(app)
 
     alert = Alert(RowFilter.parse("motor = 1"))
