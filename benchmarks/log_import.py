@@ -87,6 +87,8 @@ def main() -> None:
     here = Path(__file__).parent.parent
     with TemporaryDirectory() as name:
         folder = Path(name)
+        # First: a new process begins with the peak memory of the one that starts it.
+        print(f"a line of 250 MB: {memory_mb(folder):.0f} MB")
         whole = write_inputs(folder / "whole", chosen.lines)
         part = write_inputs(folder / "part", chosen.lines // PART)
         speeds = {
@@ -96,7 +98,6 @@ def main() -> None:
         for work, rows in speeds.items():
             print(f"{work:6}{rows:14,.0f} rows/s  {rows / speeds['raw']:5.2f}x raw")
         print(f"evidence {evidence_seconds(whole / 'rows.log'):.2f} s")
-        print(f"a line of 250 MB: {memory_mb(folder):.0f} MB")
         if chosen.against:
             few = chosen.lines // 100
             old = [write_inputs(folder / f"old{n}", few // n) for n in (1, PART)]
