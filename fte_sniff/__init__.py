@@ -55,7 +55,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
-    from fte_sniff.session.file_jobs import check
+    from fte_sniff.session.file_jobs import check, stats
     from fte_sniff.session.scan import read, scan
 
 __all__ = [
@@ -81,6 +81,7 @@ __all__ = [
     "read",
     "record",
     "scan",
+    "stats",
 ]
 
 

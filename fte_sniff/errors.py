@@ -114,7 +114,7 @@ class FileError(FteSniffError):
 
 
 class RecordingWarning(UserWarning):
-    """A recording is damaged; all readable rows were read, and the text says what is lost.
+    """A recording is damaged or lacks rows; the text says what is lost. All others were read.
 
     `warnings.simplefilter("error", RecordingWarning)` turns it into an error.
     """

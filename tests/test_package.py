@@ -35,6 +35,7 @@ def test_public_names_are_pinned() -> None:
         "read",
         "record",
         "scan",
+        "stats",
     ]
     assert all(hasattr(fte_sniff, name) for name in fte_sniff.__all__)
 

@@ -27,7 +27,6 @@ Modules:
     settings           Settings file and environment.
     simulate           `fte-sniff simulate`: a controller on a pseudo-terminal, for development.
     stats              `fte-sniff stats`: statistics over files, as text or JSON.
-    stats_json         Statistics as JSON.
     stats_report       Statistics as text.
     streams            Signals, stdout, stderr messages.
     view               `fte-sniff view`: the screen of `live` on files.

@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, Model
     from fte_sniff.session.input_reading import InputReading
 
-MANY_BYTES: Final = 64_000_000
-"""Size of files for which more processes are started by default; they take a second to start."""
+LEAST_BYTES: Final = 20_000_000
+"""Size of files for which one more process starts by default: reading them takes as long as that
+start."""
 
 _WAITING_PER_WORKER: Final = 2
 
@@ -35,8 +36,8 @@ jobs_options = all_of(
         "--jobs",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Processes that read the files.  [default: one; for more than 64 MB in several files,"
-        " the usable cores]",
+        help="Processes that read the files.  [default: the usable cores, but 20 MB of files or"
+        " more for each; 1 for a single file]",
     ),
     click.option(
         "--cluster",
@@ -148,7 +149,7 @@ def measure(
     with progress_line(reads_stdin=STDIN in query.files) as line:
         todo, reading = query.jobs(make_model, line.progress)
         merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
-        with _executor(jobs or _default_jobs(todo), cluster) as (executor, waiting):
+        with _executor(jobs or default_jobs(todo), cluster) as (executor, waiting):
             try:
                 with _delayed_interrupt() as interrupts:
                     results = finished_jobs(todo, executor, waiting, interrupts, line.progress)
@@ -171,15 +172,12 @@ def _absolute(path: Path) -> Path:
     return path.absolute()
 
 
-def _default_jobs(todo: list[FileJob[Model]]) -> int:
+def default_jobs(todo: list[FileJob[Model]]) -> int:
+    """The number of processes without `--jobs`."""
     from fte_sniff.recording.mcap.records import cores
 
-    paths = [job.source for job in todo if isinstance(job.source, Path)]
-    size = 0
-    for path in paths:
-        with suppress(OSError):
-            size += path.stat().st_size
-    return min(cores(), len(paths)) if size > MANY_BYTES else 1
+    sizes = [job.size or 0 for job in todo if isinstance(job.source, Path)]
+    return max(1, min(cores(), len(sizes), sum(sizes) // LEAST_BYTES))
 
 
 @contextmanager

@@ -53,7 +53,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             " `pip install 'fte-sniff[report]'`"
         ) from error
     from fte_sniff.analysis.timeline import Timeline
-    from fte_sniff.cli.stats_json import statistics_json
+    from fte_sniff.session.stats_json import statistics_json
     from fte_sniff.tui.i18n import set_language
 
     language = load_settings(None).language(lang)

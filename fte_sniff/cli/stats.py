@@ -11,9 +11,9 @@ import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.stats_json import statistics_json
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary

@@ -11,7 +11,6 @@ from rich.text import Text
 
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
 from fte_sniff.cli.output import gap_text
-from fte_sniff.cli.stats_json import COUNTED, line_use
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
@@ -26,6 +25,7 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
+from fte_sniff.session.stats_json import COUNTED, line_use
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerStats

@@ -6,7 +6,7 @@ Modules:
     capture_state    Messages of the capture process and the state folded from
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
-    file_jobs        Measure many files: one job a file; the results merge.
+    file_jobs        Measure many files, one job a file: public check() and stats().
     following        Follow a recording that another program writes, across its files.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
     input_reading    InputReading: rows of inputs through a filter, merged by
@@ -19,6 +19,7 @@ Modules:
     replay           ReplaySession over files with paging; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
+    stats_json       Statistics as a JSON object.
     time_merge       Merge the batches of several inputs by time.
     worker_pool      Worker processes as an executor.
     worker_process   Start another process of this program, with a pipe to it.

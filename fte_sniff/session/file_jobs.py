@@ -8,6 +8,7 @@ the executor works on, so memory does not grow with the number of files.
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
 
 from fte_sniff.analysis.feed import BaudChange, StreamChange
-from fte_sniff.errors import FileError, FteSniffError
+from fte_sniff.errors import FileError, FteSniffError, RecordingWarning, printable
 from fte_sniff.protocol import Gap, PortEvent, Row
 from fte_sniff.session.input_reading import ANOTHER, InputReading, ReadingCounts
 from fte_sniff.session.inputs import Input, RecordingInput
@@ -49,6 +50,7 @@ class MergeableModel(Protocol):
 
 
 Model = TypeVar("Model", bound=MergeableModel)
+Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
 class Interrupts(Protocol):
@@ -281,12 +283,7 @@ def _finished(
         return job, FileError(f"{job.name}: no worker could read it: {reason}")
 
 
-def check(
-    paths: str | PathLike[str] | Sequence[str | PathLike[str]],
-    rules: Sequence[str],
-    *,
-    executor: Executor | None = None,
-) -> list[Verdict]:
+def check(paths: Paths, rules: Sequence[str], *, executor: Executor | None = None) -> list[Verdict]:
     """The verdicts of rules about recordings, all together, in the order of the rules.
 
     Args:
@@ -298,22 +295,46 @@ def check(
     Raises:
         FileError: a file cannot be read or is no recording, or there is none.
         InputTextError: a rule is invalid.
+
+    Warns:
+        RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
     from fte_sniff.analysis.rules import Rule
     from fte_sniff.analysis.verdicts import RuleCheck
-    from fte_sniff.recording.reader import recordings_in
 
     make = partial(RuleCheck, [Rule.parse(text) for text in rules])
+    return _measured(paths, make, executor)[0].verdicts()
+
+
+def stats(paths: Paths, *, executor: Executor | None = None) -> dict[str, Any]:
+    """The numbers of recordings, all together: the object of `stats --format json` (docs/stats.md).
+
+    Takes the paths and the executor of `check`, and raises FileError and warns as it does.
+    """
+    from fte_sniff.analysis.statistics import LineSetup
+    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.session.stats_json import statistics_json
+
+    return statistics_json(*_measured(paths, partial(StatisticsSummary, LineSetup()), executor))
+
+
+def _measured(
+    paths: Paths, make: Callable[[], Model], executor: Executor | None
+) -> tuple[Model, InputReading]:
+    from fte_sniff.recording.reader import recordings_in
+
     listed = [paths] if isinstance(paths, str | PathLike) else paths
-    found = [Path(path) for path in recordings_in(map(Path, listed))]
-    found.sort(key=_start_of)
+    found = sorted(recordings_in(map(Path, listed)), key=_start_of)
     jobs = [FileJob(path.absolute(), _opened, make) for path in found]
-    merger = FileMerger(make(), InputReading([]))
+    reading = InputReading([])
+    merger = FileMerger(make(), reading)
     for job, result in finished_jobs(jobs, executor, _MOST_WAITING):
         if isinstance(result, FileError):
             raise result
         merger.add(job, result)
-    return merger.model.verdicts()
+    for note in reading.notes:
+        warnings.warn(printable(note), RecordingWarning, stacklevel=3)
+    return merger.model, reading
 
 
 _MOST_WAITING: Final = 32

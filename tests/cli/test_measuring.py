@@ -7,12 +7,18 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from distributed import Client
 
+import fte_sniff
 from benchmarks.many_files import cluster, make_recordings
+from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.cli.measuring import LEAST_BYTES, default_jobs
+from fte_sniff.session.file_jobs import FileJob
+from fte_sniff.session.inputs import RecordingInput
 from tests.cli.processes import BOUND_S, PROGRAM, started, wait_until
 
 FILES = 12
@@ -47,6 +53,28 @@ def test_several_processes_give_the_numbers_of_one(run, recordings: Path, name: 
     )
     assert json.loads(one.stdout)["rows"] == FILES * 4000
     assert (two.returncode, two.stdout, two.stderr) == (one.returncode, one.stdout, one.stderr)
+
+
+def test_stats_in_python_are_those_of_the_command_with_any_executor(run, recordings: Path) -> None:
+    with ThreadPoolExecutor(2) as executor:
+        found = [fte_sniff.stats(recordings, executor=one) for one in (None, executor)]
+    printed = json.loads(run("stats", recordings, "--format", "json").stdout)
+    assert found == [printed, printed]
+
+
+@pytest.mark.parametrize(
+    ("sizes", "processes"),
+    [([], 1), ([9], 1), ([0.1] * 5, 1), ([1, 1], 2), ([4, 1], 2), ([0.5] * 6, 3), ([1] * 9, 4)],
+)
+def test_by_default_each_core_has_a_process_unless_the_files_are_few_or_small(
+    monkeypatch: pytest.MonkeyPatch, sizes: list[float], processes: int
+) -> None:
+    monkeypatch.setattr("fte_sniff.recording.mcap.records.cores", lambda: 4)
+    jobs = [
+        FileJob(Path("x"), RecordingInput, StatisticsSummary, size=round(LEAST_BYTES * size))
+        for size in sizes
+    ]
+    assert default_jobs(jobs) == processes
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -126,6 +126,14 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
     assert not isinstance(found, FileError)
 
 
+def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
+    (good,) = write_parts(tmp_path / "good", [[_frame(number) for number in range(9)]])
+    good.write_bytes(good.read_bytes()[:-20])
+    with pytest.warns(fte_sniff.RecordingWarning, match="mcap: it is cut in") as caught:
+        assert fte_sniff.stats(good)["rows"] == 9
+    assert [one.filename for one in caught] == [__file__]
+
+
 def test_check_in_python_gives_the_same_with_any_executor(tmp_path: Path) -> None:
     rows = [_frame(number) for number in range(9)]
     write_parts(tmp_path / "parts", [rows[:3], rows[3:5], rows[5:]])
