@@ -198,9 +198,15 @@ class CaptureLoop:
         self._is_ending = True
         for port, framer in self._framers.items():
             self._put_rows(port, framer.flush())
+            if self._remaining == 0:
+                self._order.put(port, [self._closed(port)])
         self._emit(self._order.drain())
         self._record(Recorder.close)
         return self._result()
+
+    def _closed(self, port: str) -> PortEvent:
+        detail = TranslatableText("all requested rows were captured")
+        return PortEvent(self._clock.now_ns(), port, PortEventKind.CLOSED, detail)
 
     def _result(self) -> Ended:
         failure: FteSniffError | None = self._recorder.failure if self._recorder else None

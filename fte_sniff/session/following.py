@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
-    from fte_sniff.protocol import PortEventKind
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.growing_reader import GrowingReader
 
@@ -24,7 +24,7 @@ POLL_S: Final = 0.1
 """Interval of polling."""
 
 _RELEASE_S: Final = 5.0
-"""How long the lock of a file that names its next file is waited for."""
+"""How long the lock of a file that names its next file is waited for, or the next file."""
 
 DEFAULT_IDLE_S: Final = 10.0
 """How long a file without a lock may stay as it is."""
@@ -38,6 +38,8 @@ class Following:
         self.idle_s = idle_s
         self.has_lock = False
         """Whether locks work: one was seen."""
+        self.open_ports: set[str] = set()
+        """The ports that were opened, and neither closed nor lost."""
         self.is_up_to_date = False
         """Whether the file was read up to its end once."""
         self.stopped = False
@@ -53,6 +55,31 @@ class Following:
         from fte_sniff.recording.growing_reader import GrowingReader
 
         return FollowedInput(GrowingReader(path), self)
+
+    def observe(self, events: Iterable[PortEvent]) -> None:
+        """Update the open ports."""
+        for event in events:
+            if event.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
+                self.open_ports.add(event.port)
+            elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
+                self.open_ports.discard(event.port)
+
+    def end(self, name: str) -> TranslatableText:
+        """Why following ended with a file that has no next one."""
+        if not self.has_lock:
+            return TranslatableText(
+                "{path}: nothing was written to it for {seconds:g} s",
+                path=name,
+                seconds=self.idle_s,
+            )
+        if self.open_ports:
+            return TranslatableText(
+                "{path}: the program that recorded it ended without closing {ports}; it was killed"
+                " or could not write, and its last rows may be missing",
+                path=name,
+                ports=" and ".join(sorted(self.open_ports)),
+            )
+        return TranslatableText("{path}: the program that recorded it has ended", path=name)
 
     def stop(self) -> None:
         """Request the end of following; may be called in a signal handler."""
@@ -138,6 +165,7 @@ class FollowedInput(RecordingInput):
             gaps = self.gaps(span)[self._gaps_known :]
             self._gaps_known += len(gaps)
             self._troubles.update(event.kind for event in batch.events)
+            self._following.observe(batch.events)
             self._has_rows |= bool(len(batch.rows))
             yield replace(batch, gaps=gaps)
             if self._following.stopped:
@@ -146,18 +174,14 @@ class FollowedInput(RecordingInput):
     def _find_successor(self) -> None:
         """Open the next file of the capture, or state how the last one ended."""
         following = self._following
-        path = self._growing.find_next()
-        if path is None:
-            following.ended = (
-                TranslatableText("{path}: the program that recorded it has ended", path=self.name)
-                if following.has_lock
-                else TranslatableText(
-                    "{path}: nothing was written to it for {seconds:g} s",
-                    path=self.name,
-                    seconds=following.idle_s,
-                )
-            )
-            return
+        until_s = time.monotonic() + _RELEASE_S
+        while (path := self._growing.find_next()) is None:
+            # A writer with open ports may begin the next file soon, for example after a disk error.
+            waits = following.open_ports and self.part and time.monotonic() < until_s
+            if not waits or following.stopped:
+                following.ended = following.end(self.name)
+                return
+            time.sleep(POLL_S)
         try:
             self.successor = following.open(path)
         except FileError as error:

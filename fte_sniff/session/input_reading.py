@@ -177,7 +177,9 @@ class InputReading:
                     self._report(one.gaps(self.span))
                 yield from self._read(one, own, open_inputs)
                 self._last = own
-                one = one.successor
+                # Not kept, so that a long follow of many files needs no more memory.
+                successor, one.successor = one.successor, None
+                one = successor
 
     def _report(self, gaps: Sequence[Gap]) -> None:
         """Add gaps that an input reports while it is read."""

@@ -55,6 +55,15 @@ def started(
                 process.kill()
 
 
+def children_of(pid: int) -> list[int]:
+    """The processes that any thread of a process started; none if it has ended."""
+    found: list[int] = []
+    with suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            found += map(int, (task / "children").read_text().split())
+    return found
+
+
 def hears(process: Process, far: int) -> bytes:
     """Send frames until the program prints something; what it printed first."""
     assert process.stdout is not None

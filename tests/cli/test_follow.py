@@ -18,6 +18,7 @@ from tests.cli.conftest import SAMPLES
 from tests.cli.processes import (
     FRAME,
     Process,
+    children_of,
     ended,
     hears,
     rows_in,
@@ -113,6 +114,29 @@ def test_the_rows_before_a_kill_of_the_writer_are_kept(run, environment, tmp_pat
     assert len((tmp_path / "rows.csv").read_text().splitlines()) == 6
 
 
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        (signal.SIGKILL, "ended without closing sim://?rate=200; it was killed"),
+        (signal.SIGTERM, "has ended\n"),
+    ],
+)
+def test_a_capture_that_was_killed_is_not_taken_for_one_that_ended(
+    environment, tmp_path: Path, end: signal.Signals, words: str
+) -> None:
+    live = ("live", "sim://?rate=200", "--headless", "-o", "x.mcap")
+    with started(environment, tmp_path, *live) as writer:
+        wait_until((tmp_path / "x.mcap").exists)
+        follow = ("decode", "--follow", "x.mcap", "--format", "csv")
+        with started(environment, tmp_path, *follow) as reader:
+            until(reader, b",feedback,")
+            (capture,) = children_of(writer.pid)
+            os.kill(capture, end)
+            code, _, errors = ended(reader)
+    assert code == 0
+    assert f"x.mcap: the program that recorded it {words}" in errors
+
+
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
     environment, tmp_path: Path, form: str
@@ -141,7 +165,7 @@ def test_all_files_of_a_capture_that_rotates_are_read(run, environment, tmp_path
         with started(environment, tmp_path, *follow) as reader:
             wait_until((tmp_path / "c_00004.mcap").exists)
             before = sum(map(rows_in, tmp_path.glob("c_0000[123].mcap")))
-            wait_until(lambda: part.read_bytes().count(b"\n") > before + 1)
+            wait_until(lambda: part.exists() and part.read_bytes().count(b"\n") > before + 1)
             writer.send_signal(signal.SIGINT)
             assert ended(writer)[0] == 0
             code, _, errors = ended(reader)
@@ -246,6 +270,8 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
         ([SAMPLES / "clean.hex"], 4, "is no recording; --follow reads only recordings"),
         ([SAMPLES / "clean.raw"], 4, "is no recording; --follow reads only recordings"),
         (["/dev/null"], 4, "is no recording; --follow reads only recordings"),
+        (["pipe"], 4, "is no recording; --follow reads only recordings"),
+        (["."], 4, "is a directory, and there is no recording"),
         (["missing.mcap"], 4, "there is no such file"),
         ([SAMPLES / "clean.mcap", SAMPLES / "damaged.mcap"], 2, "--follow needs one recording"),
         (["-"], 2, "--follow needs one recording"),
@@ -254,7 +280,10 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
         ([SAMPLES / "clean.mcap", "--idle", "0"], 2, "--idle"),
     ],
 )
-def test_what_cannot_be_followed_is_one_line(run, arguments, code: int, words: str) -> None:
+def test_what_cannot_be_followed_is_one_line(
+    run, tmp_path: Path, arguments, code: int, words: str
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
     done = run("decode", "--follow", *arguments)
     assert done.returncode == code
     assert done.stdout == ""
@@ -289,3 +318,20 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 screen.until("ENDED")
                 screen.type("Q")
                 assert screen.ended() == 0
+
+
+def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:
+    live = ("live", "sim://?rate=200", "--headless", "--rotate", "1s", "-o", "c.mcap")
+    with started(environment, tmp_path, *live) as writer:
+        wait_until((tmp_path / "c_00001.mcap").exists)
+        follow = ("view", "--follow", "c_00001.mcap")
+        with terminal(environment, tmp_path, *follow, size=(120, 30)) as screen:
+            screen.until("FOLLOWING")
+            wait_until((tmp_path / "c_00003.mcap").exists)
+            writer.send_signal(signal.SIGINT)
+            assert ended(writer)[0] == 0
+            screen.until("frames/s mean")  # of all rows, at the end
+            rows = sum(map(rows_in, tmp_path.glob("c_*.mcap")))
+            assert f"{rows:,} rows ".encode() in screen.drawn
+            screen.type("Q")
+            assert screen.ended() == 0

@@ -19,7 +19,7 @@ from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.cli.measuring import LEAST_BYTES, default_jobs
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
-from tests.cli.processes import BOUND_S, PROGRAM, started, wait_until
+from tests.cli.processes import BOUND_S, PROGRAM, children_of, started, wait_until
 
 FILES = 12
 
@@ -140,17 +140,6 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(run, recordings
     assert run("stats", "-", "--cluster", "x").returncode == 2
 
 
-def _workers(pid: int) -> list[int]:
-    threads = Path(f"/proc/{pid}/task")
-    found = []
-    for task in threads.iterdir() if threads.exists() else ():
-        try:
-            found += [int(one) for one in (task / "children").read_text().split()]
-        except OSError:
-            continue
-    return found
-
-
 def test_a_killed_worker_is_one_line_and_the_others_are_counted(
     environment: dict[str, str], tmp_path: Path, recordings: Path
 ) -> None:
@@ -158,8 +147,8 @@ def test_a_killed_worker_is_one_line_and_the_others_are_counted(
     with started(environment, tmp_path, *arguments) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        wait_until(lambda: bool(_workers(process.pid)))
-        os.kill(_workers(process.pid)[0], signal.SIGKILL)
+        wait_until(lambda: bool(children_of(process.pid)))
+        os.kill(children_of(process.pid)[0], signal.SIGKILL)
         told = json.loads(process.stdout.read())
         (line,) = process.stderr.read().decode().splitlines()
         assert process.wait(BOUND_S) == 4
@@ -175,8 +164,8 @@ def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
     with started(environment, tmp_path, *arguments) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        wait_until(lambda: len(_workers(process.pid)) == 2)
-        workers = _workers(process.pid)
+        wait_until(lambda: len(children_of(process.pid)) == 2)
+        workers = children_of(process.pid)
         process.send_signal(signal.SIGINT)
         assert process.wait(BOUND_S) == 130
         line = process.stderr.read().decode()

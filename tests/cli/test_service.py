@@ -15,7 +15,15 @@ import pytest
 
 from fte_sniff.recording.reader import RecordingReader
 from tests.cli.conftest import ROOT
-from tests.cli.processes import BOUND_S, ended, rows_in, started, stderr_until, wait_until
+from tests.cli.processes import (
+    BOUND_S,
+    children_of,
+    ended,
+    rows_in,
+    started,
+    stderr_until,
+    wait_until,
+)
 
 LINE = "sim://?rate=500"
 SILENT = "sim://?host=off&wire=control"
@@ -39,6 +47,14 @@ def test_it_prints_no_rows_and_records_all(environment, tmp_path: Path) -> None:
     assert (code, output) == (0, "")
     assert "recorded to x.mcap" in errors
     assert rows_in(tmp_path / "x.mcap") > 20
+
+
+def test_a_capture_of_some_rows_records_that_its_port_was_closed(run, tmp_path: Path) -> None:
+    done = run("live", LINE, "--headless", "--count", "20", "-o", "x.mcap")
+    assert done.returncode == 0
+    assert rows_in(tmp_path / "x.mcap") == 20
+    events = RecordingReader(tmp_path / "x.mcap").events()
+    assert [str(event.kind) for event in events] == ["opened", "closed"]
 
 
 def test_usr1_begins_the_next_file_and_no_byte_is_lost(environment, tmp_path: Path) -> None:
@@ -90,8 +106,7 @@ def test_a_hung_capture_does_not_feed_the_watchdog(environment, tmp_path, manage
     with started(service, tmp_path, "live", LINE, "--headless", "-o", "x.mcap") as process:
         assert manager.recv(100) == b"READY=1"
         assert manager.recv(100) == b"WATCHDOG=1"
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        (capture,) = map(int, children)
+        (capture,) = children_of(process.pid)
         subprocess.run(["kill", "-STOP", str(capture)], check=True)
         manager.settimeout(3)
         with suppress(TimeoutError):

@@ -86,7 +86,7 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
 
 
 def test_a_baud_that_changed_in_one_file_holds_in_the_next(tmp_path: Path) -> None:
-    rows = [_frame(number) for number in range(6)]
+    rows = [reset_at(number) for number in range(6)]
     change = PortEvent(rows[1].t_ns + 1, "a", PortEventKind.BAUD_CHANGED, "", 9600)
     whole = measured(write_parts(tmp_path / "whole", [[*rows, change]]), None)
     parts = [[*rows[:3], change], rows[3:4], rows[4:]]
@@ -95,13 +95,13 @@ def test_a_baud_that_changed_in_one_file_holds_in_the_next(tmp_path: Path) -> No
     assert numbers(split) == numbers(whole)
 
 
-def _frame(number: int) -> Row:
+def reset_at(number: int) -> Row:
     row = frame("reset", 10**18 + number * SECOND, port="a")
     return type(row)(row.port, 10 * number, row.raw, row.t_ns)
 
 
 def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
-    rows = [_frame(number) for number in range(4)]
+    rows = [reset_at(number) for number in range(4)]
     whole = measured(write_parts(tmp_path / "one", [rows]), None)
     other = [type(row)(row.port, row.offset + 7, row.raw, row.t_ns) for row in rows[2:]]
     paths = [
@@ -116,7 +116,7 @@ def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
 
 def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
     make = partial(StatisticsSummary, LineSetup())
-    good = write_parts(tmp_path / "good", [[_frame(0)]])[0]
+    good = write_parts(tmp_path / "good", [[reset_at(0)]])[0]
     jobs = [FileJob(path, opened, make) for path in (tmp_path / "absent.mcap", good)]
     with ThreadPoolExecutor(1) as executor:
         (_, lost), (_, found) = finished_jobs(jobs, executor, 2)
@@ -127,7 +127,7 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
 
 
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
-    (good,) = write_parts(tmp_path / "good", [[_frame(number) for number in range(9)]])
+    (good,) = write_parts(tmp_path / "good", [[reset_at(number) for number in range(9)]])
     good.write_bytes(good.read_bytes()[:-20])
     with pytest.warns(fte_sniff.RecordingWarning, match="mcap: it is cut in") as caught:
         assert fte_sniff.stats(good)["rows"] == 9
@@ -135,7 +135,7 @@ def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
 
 
 def test_check_in_python_gives_the_same_with_any_executor(tmp_path: Path) -> None:
-    rows = [_frame(number) for number in range(9)]
+    rows = [reset_at(number) for number in range(9)]
     write_parts(tmp_path / "parts", [rows[:3], rows[3:5], rows[5:]])
     rules = ["count(kind = 'reset') == 9", "max_gap(kind = 'reset') == 1", "duration() == 8"]
     with ThreadPoolExecutor(2) as executor:
