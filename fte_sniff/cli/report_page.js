@@ -1,5 +1,5 @@
-// Unpacks the data of the page and draws the plots: for every pixel of the visible range the first,
-// lowest, highest and last point, so that no spike of a single row is lost.
+// Unpacks the data of the page and draws the plots: for every pixel of the visible range the lowest,
+// highest and last point, so that no spike of a single row is lost.
 "use strict";
 
 (async () => {
@@ -109,6 +109,7 @@
     const end = Math.min(x.length, firstAfter(x, high) + 1);
     if (end - start <= 4 * pixels) return { x: x.slice(start, end), y: y.slice(start, end) };
     const xs = [], ys = [], width = (high - low) / pixels;
+    let n = 0;
     for (let i = start; i < end;) {
       const bin = Math.floor((x[i] - low) / width);
       const until = low + (bin + 1) * width;
@@ -120,8 +121,12 @@
         if (most < 0 || value > y[most]) most = j;
       }
       let before = -1;
-      for (const k of [i, least, most, nan, j - 1].sort((a, b) => a - b)) {
-        if (k >= 0 && k !== before) { xs.push(x[k]); ys.push(y[k]); before = k; }
+      for (const k of [least, most, nan, j - 1].sort((a, b) => a - b)) {
+        if (k < 0 || k === before) continue;
+        before = k;
+        // A value that holds needs its first and last point.
+        if (n > 1 && ys[n - 1] === y[k] && ys[n - 2] === y[k]) n--;
+        xs[n] = x[k]; ys[n++] = y[k];
       }
       i = j;
     }
@@ -216,34 +221,55 @@
     source("faults-rows").data = drawn;
   }
 
-  function draw() {
+  function draw(figure) {
     const low = range.start, high = range.end;
     const width = Math.max(200, document.getElementById("plots").clientWidth - 90);
     const pixel = (high - low) / width;
-    for (const figure of figures) {
-      const gaps = source(`${figure.name}-gap`);
-      if (gaps) gaps.data = bands(meta.gaps, low, high, pixel);
+    const gaps = source(`${figure.name}-gap`);
+    if (gaps) gaps.data = bands(meta.gaps, low, high, pixel);
+    if (figure.name === "faults") return drawFaults(low, high, pixel);
+    const plot = plots.find((one) => one.name === figure.name);
+    drawLines(plot, low, high, width);
+    if (!plot.times) return;
+    for (const flag of ["error", "offline"]) {
+      const drawn = source(`${plot.name}-${flag}`);
+      if (drawn) drawn.data = bands(plot[flag], low, high, pixel);
     }
-    if (damage) drawFaults(low, high, pixel);
-    for (const plot of plots) {
-      drawLines(plot, low, high, width);
-      if (!plot.times) continue;
-      for (const flag of ["error", "offline"]) {
-        const drawn = source(`${plot.name}-${flag}`);
-        if (drawn) drawn.data = bands(plot[flag], low, high, pixel);
-      }
-      source(`${plot.name}-commands`).data = { x: sparse(plot.times, low, high, 8 * pixel) };
+    source(`${plot.name}-commands`).data = { x: sparse(plot.times, low, high, 8 * pixel) };
+  }
+
+  // ---- Plots in sight ---------------------------------------------------------------------------
+
+  // Other plots are drawn when they are about to come into sight; until then they are hidden if they
+  // show another range.
+  const NEAR = "300px 0px";
+  const views = new Map(figures.map((figure) => [figure, Bokeh.index.find_one(figure)]));
+  const near = new Set(), old = new Set(figures);
+
+  function drawNear() {
+    for (const [figure, view] of views) {
+      figure.hold_render = !near.has(view.el);
+      if (near.has(view.el) && old.delete(figure)) draw(figure);
+      view.el.style.visibility = old.has(figure) ? "hidden" : "";
     }
   }
 
+  const observer = new IntersectionObserver((entries) => {
+    for (const one of entries) near[one.isIntersecting ? "add" : "delete"](one.target);
+    drawNear();
+    if (!page.dataset.drawn) page.dataset.drawn = 1;
+  }, { rootMargin: NEAR });
+
+  // In a microtask: after all changes, and before Bokeh paints.
   let waiting = false;
-  function schedule() {
+  function redraw() {
     if (waiting) return;
     waiting = true;
-    requestAnimationFrame(() => {
+    queueMicrotask(() => {
       waiting = false;
-      draw();
-      page.dataset.drawn = Number(page.dataset.drawn || 0) + 1;
+      figures.forEach((figure) => old.add(figure));
+      drawNear();
+      if (page.dataset.drawn) page.dataset.drawn++;
     });
   }
 
@@ -273,6 +299,28 @@
     document.getElementById("rows").hidden = !body.children.length;
   }
 
+  // ---- Legends ------------------------------------------------------------------------------------
+
+  // Bokeh's own would be made anew at every change of the data.
+  function addLegend(figure) {
+    const legend = document.createElement("div");
+    legend.className = "legend";
+    for (const renderer of figure.renderers.filter((one) => one.name)) {
+      const entry = document.createElement("label"), box = document.createElement("input");
+      const mark = document.createElement("i"), name = document.createElement("span");
+      const { line_color, fill_color } = renderer.glyph;
+      box.type = "checkbox";
+      box.checked = true;
+      box.addEventListener("change", () => { renderer.visible = box.checked; });
+      mark.style.background = line_color.value || fill_color.value;
+      name.textContent = renderer.name;
+      entry.append(box, mark, name);
+      legend.append(entry);
+    }
+    Bokeh.index.find_one(figure).el.before(legend);
+  }
+  models.roots().forEach(addLegend);
+
   // ---- Colours ----------------------------------------------------------------------------------
 
   function paint(dark) {
@@ -282,14 +330,11 @@
       figure.setv({
         background_fill_color: ground, border_fill_color: ground, outline_line_color: faint,
       });
-      figure.title.text_color = ink;
-      for (const place of ["left", "below", "center", "above"]) {
+      for (const place of ["left", "below", "center"]) {
         for (const part of figure[place]) {
           const wanted = {
             axis_label_text_color: ink, major_label_text_color: ink, axis_line_color: faint,
             major_tick_line_color: faint, minor_tick_line_color: faint, grid_line_color: faint,
-            label_text_color: ink, background_fill_color: ground, border_line_color: null,
-            inactive_fill_color: ground,
           };
           for (const [name, value] of Object.entries(wanted)) {
             if (name in part.properties) part[name] = value;
@@ -301,7 +346,12 @@
 
   const preference = matchMedia("(prefers-color-scheme: dark)");
   preference.addEventListener("change", () => paint(preference.matches));
-  addEventListener("beforeprint", () => paint(false));
+  addEventListener("beforeprint", () => {
+    paint(false);
+    for (const view of views.values()) near.add(view.el);
+    drawNear();
+    for (const figure of models.roots()) Bokeh.index.find_one(figure).repaint();
+  });
   addEventListener("afterprint", () => paint(preference.matches));
   paint(preference.matches);
 
@@ -309,7 +359,7 @@
   document.getElementById("whole").addEventListener("click", showAll);
   document.getElementById("plots").addEventListener("dblclick", showAll);
   if (damage) source("faults-rows").selected.change.connect(() => showRows(source("faults-rows").selected.indices));
-  range.change.connect(schedule);
-  addEventListener("resize", schedule);
-  schedule();
+  range.change.connect(redraw);
+  addEventListener("resize", redraw);
+  for (const view of views.values()) observer.observe(view.el);
 })();

@@ -161,7 +161,6 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
     delays = _delay_plot(facts.delays_ns)
     parts = [*plots.figures.values(), *([delays] if delays else [])]
     script, divs = components(tuple(parts)) if parts else ("", ())
-    names = [*plots.figures, *(["delays"] if delays else [])]
     resources = Resources(mode="inline", components=["bokeh"])
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(
@@ -180,7 +179,7 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         gaps=[(_moment(gap.start_ns), _moment(gap.end_ns), gap) for gap in facts.gaps],
         notes=[*facts.notes, *_notes(timeline)],
         damage=_first_of_each(timeline),
-        plots=dict(zip(names, divs, strict=True)),
+        plots={one.name: (one.tags[0], div) for one, div in zip(parts, divs, strict=True)},
         library=resources.render_js() if parts else "",
         style=(own / "report_page.css").read_text("utf-8"),
         script=(own / "report_page.js").read_text("utf-8"),
@@ -255,7 +254,7 @@ class _Plots:
             height=height,
             sizing_mode="stretch_width",
             name=name,
-            title=title,
+            tags=[title],
             tools=[BoxZoomTool(dimensions="width")],
             toolbar_location=None,
             min_border_left=115,
@@ -279,7 +278,7 @@ class _Plots:
         made.quad(
             left="left", right="right", bottom=0, top=1, y_range_name="share", source=_empty(name,
             "left", "right"), fill_color=colour, fill_alpha=0.2, line_color=colour, line_alpha=0.4,
-            legend_label=label, **options,
+            name=label, **options,
         )  # fmt: skip
 
     def _add_faults(self) -> None:
@@ -319,16 +318,16 @@ class _Plots:
             self._bands(made, f"{plot}-offline", _OFF, _("not ONLINE"), hatch_pattern="/")
         made.step(
             "x", "y", mode="after", source=_empty(f"{plot}-target", "x", "y"), line_width=1.5,
-            line_color=_TARGET, legend_label=_("target"),
+            line_color=_TARGET, name=_("target"),
         )  # fmt: skip
         actual = made.line(
             "x", "y", source=_empty(f"{plot}-actual", "x", "y"), line_width=1.5,
-            line_color=_ACTUAL, legend_label=_("actual"),
+            line_color=_ACTUAL, name=_("actual"),
         )  # fmt: skip
         made.scatter(
             "x", 0.02, size=6, marker="triangle", source=_empty(f"{plot}-commands", "x"),
             fill_color=_TARGET, line_color=None, y_range_name="share",
-            legend_label=_("commands"),
+            name=_("commands"),
         )  # fmt: skip
         self._finish(made, [actual])
         self.meta.append({
@@ -351,7 +350,7 @@ class _Plots:
             made.step(
                 "x", "y", mode="after", source=_empty(f"chassis-{trace.field}", "x", "y"),
                 line_width=1.5, line_color=colour,
-                legend_label=f"{trace.field.rpartition('_')[0]} [{units[trace.field]}]",
+                name=f"{trace.field.rpartition('_')[0]} [{units[trace.field]}]",
             )  # fmt: skip
         self._finish(made, [])
         self.meta.append(
@@ -360,11 +359,6 @@ class _Plots:
 
     def _finish(self, made: Any, hovered: Sequence[Any]) -> None:
         made.yaxis.formatter = NumeralTickFormatter(format="0,0")
-        made.legend.click_policy = "hide"
-        made.legend.orientation = "horizontal"
-        made.legend.label_text_font_size = "11px"
-        made.legend.spacing = made.legend.padding = made.legend.margin = 4
-        made.add_layout(made.legend[0], "above")
         if hovered:
             made.add_tools(
                 HoverTool(
@@ -388,7 +382,7 @@ def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any
         return None
     made = figure(
         height=230, sizing_mode="stretch_width", toolbar_location=None, tools="",
-        title=_("Answer delays [ms]"), x_axis_type="log", y_axis_label=_("answers"),
+        name="delays", tags=[_("Answer delays [ms]")], x_axis_type="log", y_axis_label=_("answers"),
         min_border_left=115, y_range=DataRange1d(start=0),
     )  # fmt: skip
     for number, (motor, bins) in enumerate(delays.items()):
@@ -401,11 +395,8 @@ def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any
                 fill_color=(*_CHASSIS, _BAD)[number % 4],
                 fill_alpha=0.35,
                 line_color=(*_CHASSIS, _BAD)[number % 4],
-                legend_label=_("motor {motor}").format(motor=motor),
+                name=_("motor {motor}").format(motor=motor),
             )
-    made.legend.click_policy = "hide"
-    made.legend.orientation = "horizontal"
-    made.add_layout(made.legend[0], "above")
     return made
 
 

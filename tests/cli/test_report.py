@@ -14,12 +14,15 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.expected_conditions import visibility_of
+from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import RowBatch
-from tests.browser import CHROMIUM, DRIVER, drawn, open_browser
+from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 
 MS = 1_000_000
 HOSTILE = "<script>window.hit=1</script>\"'><img src=x onerror=window.hit=1>"
@@ -53,11 +56,28 @@ def made(run, tmp_path: Path, *arguments: str | Path) -> Path:
 
 
 def source(browser: webdriver.Chrome, name: str) -> dict[str, list]:
+    """The data of a plot, which is scrolled into sight."""
+    element = scrolled_to(browser, name)
+    WebDriverWait(browser, WAIT_S, 0.02).until(visibility_of(element))
     script = """
         const data = Bokeh.documents[0].get_model_by_name(arguments[0]).data;
         return Object.fromEntries(Object.entries(data).map(([k, v]) => [k, Array.from(v)]));
     """
     return browser.execute_script(script, name)
+
+
+def scrolled_to(browser: webdriver.Chrome, name: str) -> WebElement:
+    """The plot of this data, after it was scrolled to."""
+    script = """
+        const named = (name) => Bokeh.documents[0].get_model_by_name(name);
+        const figure = Bokeh.documents[0].roots().find(
+            (one) => one.renderers.some((each) => each.data_source === named(arguments[0])));
+        const {el} = Bokeh.index.find_one(figure);
+        el.scrollIntoView({block: "center"});
+        return el;
+    """
+    found: WebElement = browser.execute_script(script, name)
+    return found
 
 
 def rows_of(run, path: Path, asked: str) -> list[dict]:
@@ -176,19 +196,39 @@ def test_a_click_on_a_fault_shows_its_bytes(run, tmp_path, browser, samples) -> 
 
 
 @needs_browser
+def test_plots_out_of_sight_are_hidden_until_they_are_drawn(run, tmp_path, samples) -> None:
+    page = made(run, tmp_path, samples / "damaged.mcap")
+    with open_browser(1200, 700) as browser:
+        shown(browser, page)
+        whole = source(browser, "rpm-4-actual")["x"]
+        scrolled_to(browser, "faults-rows")
+        held = 'return Bokeh.documents[0].get_model_by_name("rpm-4").hold_render'
+        WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(held))
+        middle = whole[len(whole) // 2]
+        zoomed(browser, middle, middle + 1000)
+        visible = """
+            return Bokeh.documents[0].roots()
+                .filter((one) => Bokeh.index.find_one(one).el.style.visibility !== "hidden")
+                .map((one) => one.name);
+        """
+        shown_now = browser.execute_script(visible)
+        assert "faults" in shown_now
+        assert "rpm-4" not in shown_now
+        assert 2 < len(source(browser, "rpm-4-actual")["x"]) < len(whole)
+
+
+@needs_browser
 def test_the_legend_toggles_a_series(run, tmp_path, browser, samples) -> None:
     shown(browser, made(run, tmp_path, samples / "clean.mcap"))
-    place = """
-        const legend = named("rpm-1").above.find((one) => one.type === "Legend");
-        const {bbox} = Bokeh.index.find_one(legend);
-        return ["rpm-1", bbox.right - 25, (bbox.top + bbox.bottom) / 2];
-    """
-    pointer(browser, at(browser, place), "click")
     hidden = """
-        return Bokeh.documents[0].get_model_by_name("rpm-1").renderers
+        return Bokeh.documents[0].roots().flatMap((one) => one.renderers)
             .filter((one) => !one.visible).map((one) => one.data_source.name);
     """
+    entry = browser.find_element(By.XPATH, "//label[. = 'commands']")
+    entry.click()
     assert browser.execute_script(hidden) == ["rpm-1-commands"]
+    entry.click()
+    assert browser.execute_script(hidden) == []
 
 
 @needs_browser
