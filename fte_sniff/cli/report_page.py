@@ -76,7 +76,7 @@ TEXTS: Final = {
     "damage": later("First rows of each fault"),
     "delays": later("Answer delays"),
     "file": later("File"),
-    "rows": later("Rows"),
+    "rows": later("rows"),
     "bytes": later("Bytes"),
     "first": later("First row"),
     "last": later("Last row"),
@@ -173,7 +173,7 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
     )
     own = files("fte_sniff.cli")
     return environment.from_string((own / "report_page.html").read_text("utf-8")).render(
-        t={name: _(text) for name, text in TEXTS.items()},
+        t={name: (shown := _(text))[:1].upper() + shown[1:] for name, text in TEXTS.items()},
         numbers=numbers,
         facts=facts,
         gaps=[(_moment(gap.start_ns), _moment(gap.end_ns), gap) for gap in facts.gaps],
