@@ -12,7 +12,6 @@ Modules:
     layout        What a sample decides: extractor, lanes, times and labels.
     times         The table of time forms, where lines have their times, and their clock.
     labels        Directions and ports that the text around bytes names.
-    evidence_log  A log with a layout, line by line.
-    columns       Many lines of one shape at once, with numpy.
+    evidence_log  A log with a layout: groups of lines that are read at once.
     streams       Each direction or port as a stream with its own framer; their rows merged.
 """

@@ -1,26 +1,33 @@
-"""A log whose layout frames decide: its lines read one by one, or many at once with numpy."""
+"""A log whose layout frames decide: groups of lines, each of which is read at once.
+
+Lines of a group have the same length and differ only in digits: of the bytes, of the time, and of
+numbers before the bytes. One of them is parsed; numpy reads the others at the same positions. Where
+lines are few or irregular, each is a group of its own.
+"""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache, partial
 from time import time_ns
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.evidence import Hypothesis, Sample
+from fte_sniff.formats.logs.evidence import NUMBER_TOKEN, Hypothesis, Sample
 from fte_sniff.formats.logs.forms import EXTRACTORS
-from fte_sniff.formats.logs.layout import Layout, left_out
-from fte_sniff.formats.logs.streams import LogForm, LogStream, LogStreams
+from fte_sniff.formats.logs.layout import Layout, left_out, unread_words
+from fte_sniff.formats.logs.streams import NO_TIME, LogForm, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
-from fte_sniff.formats.logs.times import LogClock, TimeRule
+from fte_sniff.formats.logs.times import Fields, LogClock, Stamp, TimeRule
 from fte_sniff.protocol import FRAME_LENGTH
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.reader import LogOptions
+    from fte_sniff.formats.logs.streams import Array
 
 _AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
@@ -28,9 +35,25 @@ _CERTAIN: Final = 0.95
 """Share of the bytes in frames from which on nothing else is plausible."""
 _COLUMNAR: Final = 256
 """Lines of a block from which on numpy reads them."""
+_MOST_SHAPES: Final = 24
+_LONGEST_SHAPE: Final = 4096
 _MARK: Final = b"\x01"
 """Around the data of a line that a regular expression matches."""
-_LIKE: Final = "look like bytes but are not read"
+_LIKE: Final = "hold what looks like bytes but is not read"
+
+
+class _Group(NamedTuple):
+    """Lines that are read at once."""
+
+    lines: Sequence[int] | Array
+    """Their numbers, rising."""
+    data: bytes
+    """Of each line, the same number of bytes."""
+    label: str | None
+    stamp: Stamp = Stamp(NO_TIME)
+    """Of each line, or of all."""
+    gap: bool = False
+    """Whether the log leaves out bytes after it."""
 
 
 class EvidenceLog(LogForm):
@@ -45,15 +68,15 @@ class EvidenceLog(LogForm):
         self.layout = Layout(found[0], lines, given=given)
         self.clock = LogClock(self.layout.times, options)
         self.frames = len(found[0].frames)
+        self.single = self._paste or not self.layout.streams
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
         self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
         if not self.frames:
             form = found[0].extractor.name
             self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
-        self._t_ns: int | None = None
+        self._stamp: Stamp | None = None
         self._label: str | None = None
-        self._stream: LogStream | None = None
         self._seen: dict[str, tuple[int, int, str]] = {}
         """By what they do, how many lines, and number and text of the first."""
 
@@ -78,36 +101,25 @@ class EvidenceLog(LogForm):
         if not found:
             return None
         log = cls(lines, found, options)
-        log.settle_times(lines, options, name, written_ns, blocks)
-        return log
-
-    def settle_times(
-        self,
-        lines: Sequence[bytes],
-        options: LogOptions,
-        name: str,
-        written_ns: int | None,
-        blocks: Callable[[], Iterable[TextBlock]],
-    ) -> None:
-        """Decide what the times of a log count from."""
-        times = self.layout.times
+        times = log.layout.times
         for block in blocks() if times.is_open else ():
             times.learn(block.text)
             if not times.is_open:
                 break
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
         note = times.settle_order(near, given=options.day is not None)
-        self._notes += [note] if note else []
-        found = (
-            self.layout.stamp_of(line, next(iter(self.layout.runs(line)), None)) for line in lines
+        log._notes += [note] if note else []
+        places = (
+            log.layout.stamp_of(line, next(iter(log.layout.runs(line)[0]), None)) for line in lines
         )
-        stamps = [stamp for _, stamp in filter(None, found)]
-        if stamps and self._paste and times.kind not in ("date", "epoch"):
-            self.layout.times = TimeRule()  # nobody asks when a pasted line was
+        stamps = [stamp for _, stamp in filter(None, places)]
+        if stamps and log._paste and times.kind not in ("date", "epoch"):
+            log.layout.times = TimeRule()  # nobody asks when a pasted line was
         elif stamps:
-            self.clock.settle(stamps, name, written_ns)
-        timed = self.layout.times.where != "none"
-        self.resolution_ns = times.resolution_ns if timed else None
+            log.clock.settle(stamps, name, written_ns)
+        timed = log.layout.times.where != "none"
+        log.resolution_ns = times.resolution_ns if timed else None
+        return log
 
     def better_than(self, frames: int, size: int) -> bool:
         """Whether it explains more than plain hex with these frames and bytes."""
@@ -123,70 +135,105 @@ class EvidenceLog(LogForm):
     def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
         """See `LogForm`."""
         if block.column or block.unfinished:
-            self._skip(block.first, block.text[:80])
+            self._skip(block.first, block.text[:80], like=False)
             return
-        many = block.text.count(b"\n") >= _COLUMNAR and self._pattern is None
-        timed = self.layout.times.where in ("before", "none")
-        if many and timed and self.layout.hypothesis.extractor.columnar:
-            from fte_sniff.formats.logs.columns import read_columns
+        layout, rest, groups = self.layout, [*range(len(block.lines))], list[_Group]()
+        before = {layout.times.where, layout.labelled} <= {"before", "none"}
+        many = len(rest) >= _COLUMNAR and self._pattern is None
+        if many and before and layout.hypothesis.extractor.columnar:
+            groups, rest = self._shapes(block)
+        for at in rest:
+            below = block.lines[at + 1 : at + 2] if layout.hypothesis.extractor.size > 1 else ()
+            groups += self._groups(block.lines[at], block.first + at, *below)
+        for one in groups if streams.direct else ():
+            stream = streams.stream(name, one.label)
+            stream.append(one.data, (), (), gaps=(len(one.data),) * one.gap)
+        if groups and not streams.direct:
+            self._append(groups, streams, name)
 
-            if read_columns(self, block, streams, name):
-                return
-        words = self.layout.hypothesis.extractor.size > 1
-        for at, line in enumerate(block.lines):
-            below = block.lines[at + 1 : at + 2] if words else ()
-            self.read_line(line, block.first + at, streams, name, *below)
+    def _append(self, groups: list[_Group], streams: LogStreams, name: str) -> None:
+        """Append the bytes of groups in the order of lines, each to the stream of its label."""
+        import numpy as np
 
-    def read_line(
-        self, line: bytes, number: int, streams: LogStreams, name: str, below: bytes = b""
-    ) -> None:
-        """Append the bytes of a line to the streams; the offset `below` it may show padding."""
+        counts = [len(one.lines) for one in groups]
+        lines: Any = np.concatenate([one.lines for one in groups])
+        order: Any = slice(None) if (lines[1:] > lines[:-1]).all() else lines.argsort(kind="stable")
+
+        def column(values: Iterable[Any]) -> Any:
+            parts = zip(values, counts, strict=True)
+            full = [np.broadcast_to(np.int64(own), count) for own, count in parts]
+            return np.concatenate(full)[order]
+
+        widths, lines = [len(one.data) // len(one.lines) for one in groups], lines[order]
+        sizes, ends = column(widths), np.cumsum(np.repeat(widths, counts))[order]
+        text = np.frombuffer(b"".join(one.data for one in groups), np.uint8)
+        times = None
+        if self.resolution_ns is not None:
+            ns, zones = (column(one.stamp[at] for one in groups) for at in (0, 1))
+            times = self.clock.times(ns, zones, lines)
+        elif streams.start_ns is not None:
+            times = streams.start_ns + (streams.size + np.cumsum(sizes)) * streams.byte_ns
+        labels = [self._label, *dict.fromkeys(one.label for one in groups)]
+        last = column(labels.index(one.label, 1) * (one.label is not None) for one in groups)
+        last = last[np.maximum.accumulate(np.arange(len(last)) * (last > 0))]
+        self._label, gaps = labels[last[-1]], column(one.gap for one in groups)
+        for number in np.flatnonzero(np.bincount(last)).tolist():
+            mine = np.flatnonzero(last == number)
+            own, stops = sizes[mine], np.cumsum(sizes[mine])
+            if len(set(widths)) == 1 and widths[0]:
+                data = text.reshape(-1, widths[0])[order][mine]
+            else:
+                data = text[np.repeat(ends[mine] - stops, own) + np.arange(stops[-1])]
+            stream = streams.stream(self._port(name, labels[number]), labels[number])
+            stream.append(
+                data.tobytes(), own, lines[mine], None if times is None else times[mine],
+                gaps=stops[gaps[mine] > 0].tolist(), first=self.layout.times.first_byte,
+            )  # fmt: skip
+
+    def _port(self, name: str, label: str | None) -> str:
+        known = self.layout.streams
+        several = len(known) > 1 or (known and label not in known)
+        return f"{name}:{label}" if several and label and not self._paste else name
+
+    def _groups(self, line: bytes, number: int, below: bytes = b"") -> Iterator[_Group]:
+        """The bytes of a line; the offset `below` it may show padding."""
         line = line if self._pattern is None else _rearranged(line, self._pattern)
-        found = self.layout.runs(line)
-        if self._paste and found and (words := self.layout.unread_words(line, found)):
+        found, others = self.layout.runs(line)
+        if self._paste and found and (words := unread_words(line, found)):
             self._count("hold words that are not read as bytes", number, words)
-        where = self.layout.times.where
+        if found and others:
+            self._count(_LIKE, number, line)
         for run in (*found,) or (None,):
             place, label = self.layout.stamp_of(line, run), self.layout.label_of(line, run)
-            if place is not None or (run is not None and where in ("before", "after")):
-                self._t_ns = self.clock.t_ns(place and place[1], number)
-            if run is None:
+            above = self.layout.labelled == "above"
+            if run is None or self.layout.times.where == "above":
+                self._stamp = place[1] if place else self._stamp
+            stamp = self._stamp if self.layout.times.where == "above" else place and place[1]
+            if run is None or above:
                 self._label = label or self._label
-                if place is None and label is None and line.strip():
-                    self._skip(number, line)
-                continue
-            data = run.data[:-1] if below and _is_padded(run.data, line, below) else run.data
-            stream = self.stream_of(streams, name, label)
-            stream.append(data, number, self._t_ns, first=self.layout.times.first_byte)
-            if run.gap:
-                self._leave_gap(number, line[run.stop :])
+            if run is not None:
+                data = run.data[:-1] if _is_padded(run.data, line, below) else run.data
+                own = self._label if above else label
+                yield _Group([number], data, own, stamp or Stamp(NO_TIME), run.gap)
+                if run.gap:
+                    self._count("leave out bytes", number, line[run.stop :])
+            elif line.strip() == b"*" and self.layout.times.where == "none":
+                yield _Group(
+                    [number], b"", None, gap=True
+                )  # a dump leaves out lines like that before
+                self._count("leave out bytes", number, line)
+            elif place is None and label is None and line.strip():
+                self._skip(number, line, like=others)
 
-    def stream_of(self, streams: LogStreams, name: str, label: str | None) -> LogStream:
-        """The stream of a label; without one, that of the lines before."""
-        self._label = label or self._label
-        labels = self.layout.streams
-        several = len(labels) > 1 or (labels and self._label not in labels)
-        port = f"{name}:{self._label}" if several and self._label and not self._paste else name
-        self._stream = streams.labelled(port, self._label)
-        return self._stream
+    def _skip(self, number: int, line: bytes, *, like: bool) -> None:
+        self._count("hold no bytes", number, line[:120])
+        if like:
+            self._count(_LIKE, number, line[:120])
 
-    def _leave_gap(self, number: int, text: bytes) -> None:
-        if self._stream is not None:
-            self._stream.cut()
-        self._count("leave out bytes", number, text.decode("utf-8", "replace"))
-
-    def _skip(self, number: int, line: bytes) -> None:
-        if line.strip() == b"*":  # a dump leaves out lines like the one before
-            self._leave_gap(number, line)
-            return
-        text = line[:120].decode("utf-8", "replace")
-        self._count("hold no bytes", number, text)
-        if self.layout.looks_like_bytes(line):
-            self._count(_LIKE, number, text)
-
-    def _count(self, what: str, number: int, text: str) -> None:
+    def _count(self, what: str, number: int, text: bytes | str, lines: int = 1) -> None:
+        text = text if isinstance(text, str) else text.decode("utf-8", "replace")
         count, first, example = self._seen.get(what, (0, number, text))
-        self._seen[what] = count + 1, first, example
+        self._seen[what] = count + lines, first, example
 
     def notes(self) -> list[str]:
         """How the log was read, one line each."""
@@ -205,13 +252,96 @@ class EvidenceLog(LogForm):
         """The form, lanes, times and directions, one line each; the best three scores."""
         return [*self.layout.explain(), *self._scores]
 
+    def _shapes(self, block: TextBlock) -> tuple[list[_Group], list[int]]:
+        """Groups of lines of the same shape, and the indices of the other lines."""
+        import numpy as np
+
+        text = np.frombuffer(block.text, np.uint8)
+        ends = np.flatnonzero(text == ord("\n"))
+        starts = np.append(0, ends[:-1] + 1)
+        lengths, left = ends - starts, np.ones(len(ends), np.bool_)
+        groups = list[_Group]()
+        for length in np.flatnonzero(np.bincount(lengths))[:_LONGEST_SHAPE].tolist():
+            rows = np.flatnonzero(lengths == length)
+            items = np.ndarray((max(len(text) - length + 1, 0),), f"V{length}", text, 0, (1,))
+            for _ in range(_MOST_SHAPES if 0 < length <= _LONGEST_SHAPE else 0):
+                if len(rows) < 2:
+                    break
+                table = np.ascontiguousarray(
+                    items[starts[rows]].view(np.uint8).reshape(len(rows), -1).T
+                )
+                line = table[:, 0].tobytes()
+                same = np.arange(len(rows)) == 0
+                if shape := self._shape(line):
+                    fixed, digits, pairs, fields = shape
+                    same = (table[fixed] == table[fixed, :1]).all(0)
+                    same &= (table[digits] - np.uint8(ord("0")) < 10).all(0)
+                    nibbles = _values().take(table[pairs])
+                    same &= (nibbles < 16).all(0)
+                    if not same.all():
+                        table, nibbles = table[:, same], nibbles[:, same]
+                    stamp: Stamp | None = Stamp(NO_TIME)
+                    if fields:
+                        stamp = self.layout.times.stamp(line, fields, partial(_number, table))
+                    if stamp is not None:
+                        data = (nibbles[::2] << np.uint8(4) | nibbles[1::2]).T.tobytes()
+                        run = self.layout.runs(line)[0][0]
+                        label = self.layout.label_of(line, run)
+                        groups.append(_Group(rows[same] + block.first, data, label, stamp))
+                        left[rows[same]] = False
+                rows = rows[~same]
+        return groups, np.flatnonzero(left).tolist()
+
+    def _shape(self, line: bytes) -> tuple[list[int], list[int], list[int], Fields] | None:
+        """Where a line has fixed text, digits of numbers and of bytes, and the fields of a time."""
+        found, others = self.layout.runs(line)
+        labels = {self.layout.label_of(line, one) for one in found}
+        if len(labels) != 1 or others or any(run.gap for run in found):
+            return None
+        pairs = list[int]()
+        for one in found:
+            text = line[one.start : one.stop]
+            of_run = [one.start + pair.start() for pair in re.finditer(b"[0-9A-Fa-f]{2}", text)]
+            pairs += [at + digit for at in of_run[one.cut] for digit in (0, 1)]
+        place = self.layout.stamp_of(line, found[0])
+        if len(pairs) != 2 * sum(len(one.data) for one in found) or (place is None) != (
+            self.layout.times.where != "before"
+        ):
+            return None
+        fields = {} if place is None else place[0]
+        free, digits = set(pairs), set[int]()
+        for number in re.finditer(NUMBER_TOKEN, line[: found[0].start]):
+            digits |= {at for at in range(*number.span()) if line[at] in b"0123456789"}
+        digits -= {*range(*fields.get("zone", (0, 0))), *free}
+        fixed = [at for at in range(len(line)) if at not in free | digits]
+        return fixed, sorted(digits), pairs, fields
+
+
+@cache
+def _values() -> Any:
+    """By character, the value of a hexadecimal digit; 255 of others."""
+    import numpy as np
+
+    values = np.full(256, 0xFF, np.uint8)
+    for digit in "0123456789ABCDEFabcdef":
+        values[ord(digit)] = int(digit, 16)
+    return values
+
+
+def _number(table: Any, start: int, stop: int) -> Any:
+    """The number in some columns of a table of lines; one for all while their digits are equal."""
+    number: Any = 0
+    for digits in table[start:stop]:
+        equal = (digits == digits[0]).all()
+        number = number * 10 + (int(digits[0]) if equal else digits.astype("int64")) - ord("0")
+    return number
+
 
 def _is_padded(data: bytes, line: bytes, below: bytes) -> bool:
     """Whether the offsets of two lines of a dump show that the last word is half empty."""
-    for base in (8, 16):
+    for base in (8, 16) if below else ():
         with suppress(ValueError, IndexError):
-            length = int(below.split()[0], base) - int(line.split()[0], base)
-            if length == len(data) - 1:
+            if int(below.split()[0], base) - int(line.split()[0], base) == len(data) - 1:
                 return True
     return False
 

@@ -57,16 +57,18 @@ class Layout:
             if self._separates(kind, where, texts, runs):
                 break
 
-    def runs(self, line: bytes) -> list[Found]:
-        """The bytes of a line, by its lanes."""
-        found, hidden = list[Found](), self._hidden(line)
+    def runs(self, line: bytes) -> tuple[list[Found], bool]:
+        """The bytes of a line, by its lanes; whether other runs look like bytes too."""
+        hidden = masked(line) if self.hypothesis.extractor.masks_times else line
+        found, others = list[Found](), False
         for run in self.hypothesis.extractor.runs(hidden):
             key = folded(hidden[: run.start])
             cut = self.hypothesis.cuts.get(without_labels(key))
             if cut is not None:
                 gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
                 found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
-        return found
+            others |= cut is None and len(run.data) >= _LIKE_BYTES
+        return found, others
 
     def stamp_of(self, line: bytes, found: Found | None) -> tuple[Fields, Stamp] | None:
         """The fields of the time of a run, or of a heading without runs, and the time."""
@@ -87,18 +89,6 @@ class Layout:
         around = {"before": line[: found.start], "after": line[found.stop :]}.get(self.labelled)
         return None if around is None else label_of(self.labels, around)
 
-    def looks_like_bytes(self, line: bytes) -> bool:
-        """Whether a line that is skipped has a run of several bytes in this form."""
-        runs = self.hypothesis.extractor.runs(self._hidden(line))
-        return any(len(run.data) >= _LIKE_BYTES for run in runs)
-
-    def unread_words(self, line: bytes, found: Sequence[Found]) -> str:
-        """The words of a line that are neither bytes nor a time nor a direction."""
-        hidden = masked(line).replace(b"~", b" ")
-        gaps = b" ".join(hidden[one.stop : two.start] for one, two in pairwise(found))
-        text = without_labels(hidden[: found[0].start]) + " " + gaps.decode("utf-8", "replace")
-        return " ".join(re.findall(r"\w+", text))
-
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
         extractor, where = self.hypothesis.extractor, self.times.where
@@ -110,18 +100,14 @@ class Layout:
             f"streams: {streams if self.streams else 'one'}",
         ]
 
-    def _hidden(self, line: bytes) -> bytes:
-        return masked(line) if self.hypothesis.extractor.masks_times else line
-
     def _sampled(self, lines: Sequence[bytes]) -> tuple[list[Text], list[Found]]:
         texts, runs, above, headings, below = list[Text](), list[Found](), b"", list[bytes](), True
         for line in lines:
-            found = self.runs(line)
+            found, _ = self.runs(line)
             if not found and line.strip():
                 above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
                 headings = [*headings, line][:_MOST_HEADINGS]
-                below = False
-            below = below or bool(found)
+            below = bool(found) or (below and not line.strip())
             runs += found
             texts += [Text(line, run.start, run.stop, above, tuple(headings)) for run in found]
         return texts, runs
@@ -131,7 +117,7 @@ class Layout:
     ) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
         labels: list[str | None] = [
-            str(run.key) if kind == "lane" else label_of(kind, _around(text, where))
+            str(run.key) if kind == "lane" else label_of(kind, text.part(where))
             for text, run in zip(texts, runs, strict=True)
         ]
         if where == "above":  # of the last heading that has one
@@ -163,16 +149,18 @@ class Layout:
         return True
 
 
+def unread_words(line: bytes, found: Sequence[Found]) -> str:
+    """The words of a line before and between its bytes that are no time and no direction."""
+    hidden = masked(line).replace(b"~", b" ")
+    gaps = b" ".join(hidden[one.stop : two.start] for one, two in pairwise(found))
+    text = without_labels(hidden[: found[0].start]) + " " + gaps.decode("utf-8", "replace")
+    return " ".join(re.findall(r"\w+", text))
+
+
 def left_out(cut: slice) -> str:
     """Which numbers of a run are no data."""
     first, last = cut.start or 0, -(cut.stop or 0)
     return f" without the first {first} and the last {last} numbers" if first or last else ""
-
-
-def _around(text: Text, where: str) -> bytes:
-    if where == "above":
-        return text.above
-    return text.line[: text.start] if where == "before" else text.line[text.stop :]
 
 
 def _lane_names(keys: set[bytes], headings: Sequence[bytes]) -> dict[bytes, str]:

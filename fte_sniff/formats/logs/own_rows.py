@@ -16,7 +16,7 @@ from contextlib import suppress
 from typing import Final, NamedTuple
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.streams import LATEST_NS, LogForm, LogStreams
+from fte_sniff.formats.logs.streams import LATEST_NS, NO_TIME, LogForm, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import DAY_NS, SECOND, days_of
 from fte_sniff.protocol import KINDS
@@ -77,7 +77,9 @@ class OwnLog(LogForm):
         for number, line in enumerate(block.lines, block.first):
             row = self.row(line, number)
             if row is not None and row.data:
-                streams[row.port or name].append(row.data, number, row.begin_ns, first=True)
+                t_ns = NO_TIME if row.begin_ns is None else row.begin_ns
+                stream = streams.stream(row.port or name)
+                stream.append(row.data, [len(row.data)], [number], [t_ns], first=True)
 
     def explain(self) -> list[str]:
         """What it is."""

@@ -86,6 +86,8 @@ def is_mistyped(line: bytes) -> bool:
 class PlainLog(LogForm):
     """A log that has hex and nothing else."""
 
+    single = True
+
     def __init__(self, data: bytes) -> None:
         self.frames, self.size = len(frames_in(data)), len(data)
         self.is_chance = not self.frames and self.size >= _MANY_BYTES
@@ -118,7 +120,7 @@ class PlainLog(LogForm):
                 data += bytes_of_line(line, number, block.column * (number == block.first))
         finally:
             if data:
-                streams[name].append(bytes(data), block.first, None)
+                streams.stream(name).append(bytes(data), [len(data)], [block.first])
 
     def notes(self) -> list[str]:
         """That there are no frames, in a log of more than a few bytes."""

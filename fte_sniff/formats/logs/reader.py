@@ -126,8 +126,9 @@ class LogReader:
         """
         form, options, failed = self._prepared(), self.options, None
         ports = form.ports(self.name) if self._is_file else ()
+        start_ns, baud = options.start_ns, options.baud
         streams = LogStreams(
-            form.resolution_ns, start_ns=options.start_ns, baud=options.baud, ports=ports
+            form.resolution_ns, start_ns=start_ns, baud=baud, ports=ports, single=form.single
         )
         try:
             for block in self._blocks():

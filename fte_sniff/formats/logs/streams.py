@@ -8,19 +8,16 @@ waits while another stream has undecided bytes of an earlier line.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from array import array
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
-from operator import itemgetter
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias, Union
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, Union
 
-from fte_sniff.formats.logs.labels import RECEIVED, SENT
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Frame, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
-from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES, ArrivalTime
+from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
@@ -36,18 +33,16 @@ Rows: TypeAlias = Union[list[Row], "RowBatch"]
 
 LATEST_NS: Final = 2**63 - 1
 """In 2262: a table's times are 64 bits, nanoseconds since 1970."""
+NO_TIME: Final = -(2**63)
 FEW: Final = 20_000
-"""Rows of a log that come as lists, before numpy is loaded for the others."""
+"""Rows of a log that come as lists, so that few are written without polars."""
 _FEW_AT_ONCE: Final = 100
 _MOST_HELD: Final = 1_000_000
 """Rows that wait for another stream, about 50 MB."""
-_NO_TIME: Final = -(2**63)
 _FAR_NS: Final = 10**9
-"""Silence where the log leaves out bytes; a fall of times where the clock was set back."""
-_HEADER_OF_LABEL: Final = {
-    SENT: HEADERS[Direction.CONTROL], RECEIVED: HEADERS[Direction.FEEDBACK]
-}  # fmt: skip
-"""The header of the frames that the host, which writes the log, sends or receives."""
+"""A fall of times where the clock was set back."""
+_WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.FEEDBACK)}
+"""By label, what the host, which writes the log, does with the frames, and their direction."""
 
 
 class LogForm(ABC):
@@ -55,6 +50,8 @@ class LogForm(ABC):
 
     resolution_ns: int | None = None
     """Of its times; None if it has none."""
+    single: bool = False
+    """Whether its rows have one port, whatever it says of directions."""
     is_certain: bool = False
     """Whether its sample shows that no other kind of log is better."""
 
@@ -78,10 +75,10 @@ class LogForm(ABC):
 class _Piece(NamedTuple):
     """Rows of one stream, with their order in the log."""
 
-    keys: Sequence[int] | Array
+    keys: Array
     """Rising: times, or the numbers of lines."""
-    lines: Sequence[int] | Array
-    rows: Rows
+    lines: Array
+    rows: RowBatch
 
 
 class LogStream:
@@ -92,148 +89,127 @@ class LogStream:
     """
 
     def __init__(self, port: str, log: LogStreams) -> None:
-        self.port, self._log, self._framer = port, log, Framer(port)
-        self._clock_ns = self._size = 0
-        self._last_ns: int | None = None
-        self._stops, self._lines, self._times, self._floors = (array("q") for _ in range(4))
+        self.port, self._log, self._framer = port, log, Framer(port, log.baud)
+        self._clock_ns, self._size, self._last_ns = 0, 0, NO_TIME
+        self._columns: Any = None
         """Of each line: the offset after its bytes, its number, its time, and the earliest time
-        at which one of its bytes can have begun."""
+        at which one of its bytes can have begun; int64, shape (4, lines)."""
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
         self.frames = Counter[int]()
         """By header."""
-        self.first_line: dict[int, int] = {}
-        """By header, the line of its first frame."""
         self.cut_frame: str | None = None
         """The note that it ends in a frame."""
         self.key = -1
         """Of its last row."""
 
-    def append(self, data: bytes, line: int, t_ns: int | None, *, first: bool = False) -> None:
-        """Append the bytes of a line.
+    def append(
+        self,
+        data: bytes,
+        sizes: Sequence[int] | Array,
+        lines: Sequence[int] | Array,
+        times: Sequence[int] | Array | None = None,
+        *,
+        gaps: Sequence[int] = (),
+        first: bool = False,
+    ) -> None:
+        """Append the bytes of lines.
 
         Args:
-            data: the bytes.
-            line: the number of the line.
-            t_ns: its time.
-            first: whether the first byte began then; else the last one had arrived.
+            data: the bytes of all of them.
+            sizes: how many are of each line, at least one.
+            lines: the numbers of the lines.
+            times: their times, or `NO_TIME`; None if none has one.
+            gaps: offsets in `data` where the log leaves out bytes, so that no frame goes on.
+            first: whether the first byte of a line began then; else the last one had arrived.
         """
-        log, before, floor, silence = self._log, self._last_ns, 0, 0
+        log = self._log
         log.size += len(data)
-        if t_ns is None and log.start_ns is not None:
-            t_ns = log.start_ns + log.size * log.byte_ns
-        if t_ns is not None:
-            duration = len(data) * log.byte_ns
-            t_ns = min(t_ns + duration, LATEST_NS) if first else t_ns
-            if before is not None:
-                silence = t_ns - duration - before - log.resolution_ns
-                floor = before if before <= t_ns and not first else 0
-                log.set_back |= before - t_ns > _FAR_NS
-            self._last_ns = t_ns
-        self._push(data, silence)
-        row = self._size, line, _NO_TIME if t_ns is None else t_ns, floor
-        for column, value in zip(self._columns, row, strict=True):
-            column.append(value)
-
-    def append_columns(self, data: bytes, sizes: Array, lines: Array, times: Array | None) -> None:
-        """Append the bytes of many lines."""
+        if log.direct or not data:
+            self._push(data, {}, gaps)
+            return
         import numpy as np
 
-        stops = np.cumsum(sizes)
-        cuts, silent = np.zeros(0, np.int64), [0]
-        floors = np.zeros(len(stops), np.int64)
+        sizes, t_ns = np.asarray(sizes, np.int64), np.full(len(sizes), NO_TIME)
+        took, stops = sizes * log.byte_ns, np.cumsum(sizes)
+        silences, floors = np.zeros((2, len(sizes)), np.int64)
         if times is not None:
-            before = np.append(times[0] if self._last_ns is None else self._last_ns, times[:-1])
-            silences = times - sizes * self._log.byte_ns - before - self._log.resolution_ns
+            t_ns = np.array(times, np.int64)
+            if first:
+                t_ns[t_ns != NO_TIME] += np.minimum(took, LATEST_NS - t_ns)[t_ns != NO_TIME]
+            at_ns = np.maximum(t_ns, 0)
+            before = np.append(max(self._last_ns, -_FAR_NS), at_ns[:-1])
+            passed = at_ns - before
+            log.set_back |= bool(passed.min() < -_FAR_NS)
+            silences = passed - (took + log.resolution_ns)
+            floors = floors if first else np.maximum(before, 0) * (passed >= 0)
+            self._last_ns = int(at_ns[-1])
             text = np.frombuffer(data, np.uint8)
             whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
-            whole &= np.isin(text[stops - sizes], list(HEADERS.values()))
-            whole[1:] &= whole[:-1]  # silence between two frames is no news
-            whole[0] = False
-            at = np.flatnonzero((silences >= self._log.pause_ns) & ~whole)
-            cuts, silent = (stops - sizes)[at], [0, *silences[at].tolist()]
-            floors = np.where(before <= times, before, 0)
-            floors[0] *= self._last_ns is not None
-            self._log.set_back |= bool((before - times > _FAR_NS).any())
-            self._last_ns = int(times[-1])
-        self._log.size += len(data)
-        stops += self._size
-        bounds = [0, *cuts.tolist(), len(data)]
-        for (start, stop), silence in zip(pairwise(bounds), silent, strict=True):
-            if stop > start:
-                self._push(data[start:stop], silence)
-        times = np.full(len(stops), _NO_TIME) if times is None else times
-        for own, column in zip(self._columns, (stops, lines, times, floors), strict=True):
-            own.frombytes(column.astype(np.int64).tobytes())
-
-    @property
-    def _columns(self) -> tuple[array[int], ...]:
-        return self._stops, self._lines, self._times, self._floors
-
-    def cut(self) -> None:
-        """The log leaves out bytes here: no frame goes on."""
-        self._push(b"", _FAR_NS)
-
-    def _push(self, data: bytes, silence: int) -> None:
-        self._clock_ns += len(data) * self._log.byte_ns
-        self._clock_ns += silence if silence >= self._log.pause_ns else 0
+            head = text[np.minimum(stops - sizes, len(text) - 1)]
+            whole &= np.logical_or.reduce([head == header for header in HEADERS.values()])
+            silences[1:][whole[1:] & whole[:-1]] = 0  # silence between two frames is no news
+        at = np.flatnonzero(silences >= log.pause_ns)
+        cuts = zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True)
+        columns = np.stack([stops + self._size, lines, t_ns, floors])
+        self._columns = columns if self._columns is None else np.hstack([self._columns, columns])
         self._size += len(data)
-        self._framer.push(Chunk(self.port, self._clock_ns, data))
+        self._push(data, dict(cuts), gaps)
 
-    def drain(self, *, final: bool, few: int) -> _Piece | None:
-        """The rows that are decided since the last time; as a list if there are at most `few`."""
+    def _push(self, data: bytes, silences: Mapping[int, int], gaps: Sequence[int]) -> None:
+        for start, stop in pairwise([*sorted({0, *silences, *gaps}), len(data)]):
+            if start in gaps:
+                self._framer.finish()
+            self._clock_ns += silences.get(start, 0) + (stop - start) * self._log.byte_ns
+            began = self._log.start_ns if self._log.direct else 0
+            t_ns = None if began is None else began + self._clock_ns
+            self._framer.push(Chunk(self.port, t_ns, data[start:stop]))
+
+    def drain(self, *, final: bool, few: int) -> Rows:
+        """The rows that are decided since the last time."""
         if final:
             self._framer.finish()
         span = self._framer.drain()
         self.cut_frame = cut_frame_note(span) if final else None
-        if not len(span):
-            return None
-        piece = self._few_rows(span) if len(span) <= few else self._batch(span)
-        done = bisect_right(self._stops, span.segments.end)
-        for column in self._columns:
-            del column[:done]
-        self.key = int(piece.keys[-1])
-        return piece
-
-    def pending_line(self) -> int:
-        """The line of the first undecided byte; a large number without one."""
-        return self._lines[0] if self._lines else LATEST_NS
-
-    def _few_rows(self, span: DecidedSpan) -> _Piece:
-        marks, start = list[ArrivalTime](), 0
-        for stop, _, t_ns, floor in zip(*self._columns, strict=True):
-            known = None if t_ns == _NO_TIME else t_ns
-            marks.append(ArrivalTime(start, stop, known, floor, self._log.byte_ns))
-            start = stop
-        rows = DecidedSpan(span.port, span.data, span.start, span.segments, marks).rows()
-        lines = [self._lines[bisect_right(self._stops, row.offset)] for row in rows]
-        for row, line in zip(rows, lines, strict=True):
-            if isinstance(row, Frame):
-                self.frames[row.raw[0]] += 1
-                self.first_line.setdefault(row.raw[0], line)
-        keys = [row.t_ns or 0 for row in rows] if self._log.by_time else lines
-        return _Piece(list(accumulate(keys, max, initial=self.key))[1:], lines, rows)
-
-    def _batch(self, span: DecidedSpan) -> _Piece:
+        if self._log.direct and len(span) <= few:
+            self.frames.update(header for _, header in span.headers())
+            return span.rows()
         import numpy as np
 
         from fte_sniff.row_batch import RowBatch
 
-        span = DecidedSpan(span.port, span.data, span.start, span.segments, [])
-        batch = RowBatch.from_span(span)
-        columns = [np.frombuffer(column, np.int64) for column in self._columns]
-        own = np.searchsorted(columns[0], batch.offset, "right")
-        stops, lines, times, floors = (column[own] for column in columns)
+        times = span.times if self._log.direct else []
+        batch = RowBatch.from_span(
+            DecidedSpan(span.port, span.data, span.start, span.segments, times)
+        )
+        found = np.bincount(batch.raw[batch.framed, 0])
+        self.frames.update({header: int(count) for header, count in enumerate(found) if count})
+        return batch
+
+    def placed(self, batch: Any) -> _Piece:
+        """Rows with their times and their order; the lines of earlier rows are forgotten."""
+        import numpy as np
+
+        own = np.searchsorted(self._columns[0], batch.offset, "right")
+        stops, lines, times, floors = self._columns[:, own]
         t_ns = np.maximum(times - (stops - batch.offset) * self._log.byte_ns, floors)
         delay_ns = np.maximum(times - t_ns, 0)
-        t_ns[times == _NO_TIME] = delay_ns[times == _NO_TIME] = _NO_TIME
-        for header in HEADERS.values():
-            at = np.flatnonzero(batch.framed & (batch.raw[:, 0] == header))
-            self.frames[header] += len(at)
-            if len(at):
-                self.first_line.setdefault(header, int(lines[at[0]]))
-        keys = np.maximum.accumulate(np.append(self.key, t_ns))[1:] if self._log.by_time else lines
+        t_ns[times == NO_TIME] = delay_ns[times == NO_TIME] = NO_TIME
+        end = batch.offset[-1] + batch.length[-1]
+        self._columns = self._columns[:, np.searchsorted(self._columns[0], end, "right") :]
+        keys = lines
+        if self._log.by_time:
+            keys = np.maximum.accumulate(np.append(self.key, t_ns))[1:]
+        self.key = int(keys[-1])
         return _Piece(keys, lines, replace(batch, t_ns=t_ns, delay_ns=delay_ns))
+
+    def pending_line(self) -> int:
+        """The line of the first undecided byte; a large number without one."""
+        return (
+            LATEST_NS
+            if self._columns is None or not self._columns.size
+            else int(self._columns[1, 0])
+        )
 
 
 class LogStreams:
@@ -246,6 +222,7 @@ class LogStreams:
         start_ns: int | None = None,
         baud: int = DEFAULT_BAUD,
         ports: Iterable[str] = (),
+        single: bool = False,
     ) -> None:
         """No stream has bytes yet.
 
@@ -254,71 +231,63 @@ class LogStreams:
             start_ns: when the bytes of a log without times began; None to have no times.
             baud: bits per second, for the time that bytes take.
             ports: the streams that are expected, to merge by time; none to merge by line.
+            single: there is one stream at most.
         """
         self.resolution_ns = resolution_ns or 1
         self.start_ns = start_ns if resolution_ns is None else None
-        self.byte_ns = byte_time_ns(baud)
+        self.baud, self.byte_ns = baud, byte_time_ns(baud)
         self.pause_ns = round(PAUSE_BYTES * self.byte_ns)
-        self.size = 0
-        """Bytes of all streams."""
+        self.size = self._count = 0
+        """Bytes of all streams, and rows so far."""
         self.set_back = False
         """Whether times fell far within a stream."""
+        self.direct = single and resolution_ns is None
+        """Whether rows come as the framer makes them: bytes follow each other, in one stream."""
         self._streams = {port: LogStream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and resolution_ns is not None
-        self._count = 0
         self._held: list[_Piece] = []
 
-    def __getitem__(self, port: str) -> LogStream:
-        """The stream of a port, which may be new."""
-        if port not in self._streams:
-            self._streams[port] = LogStream(port, self)
-        return self._streams[port]
-
-    def labelled(self, port: str, label: str | None) -> LogStream:
+    def stream(self, port: str, label: str | None = None) -> LogStream:
         """The stream of a port; its label may be a direction, which its frames can contradict."""
-        stream = self[port]
+        stream = self._streams.setdefault(port, LogStream(port, self))
         stream.label = label if not stream.frames or stream.label == label else None
         return stream
 
-    def notes(self, *, ends: bool) -> list[str]:
+    def notes(self, *, ends: bool) -> Iterator[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
-        notes, against, count, frames = list[str](), list[tuple[int, str, int]](), 0, 0
         for stream in self._streams.values():
-            expected = _HEADER_OF_LABEL.get(stream.label or "")
-            for header, line in stream.first_line.items() if expected else ():
-                frames += stream.frames[header]
-                if header != expected:
-                    count += stream.frames[header]
-                    against.append((line, stream.label or "", header))
-        if against:
-            line, label, header = min(against)
-            notes.append(
-                f"{count:,} of {frames:,} frames go the other way than the log says"
-                f" (line {line} says {'sent' if label == SENT else 'received'}, header"
-                f" {header:02X} says {DIRECTION_OF_HEADER[header]}): a tap logs so, or the wires"
-                " are swapped"
-            )
+            word, way = _WAYS.get(stream.label or "", ("", None))
+            for header, count in stream.frames.items() if way else ():
+                if DIRECTION_OF_HEADER.get(header, way) is not way:
+                    yield (
+                        f"{count:,} of {stream.frames.total():,} frames go the other way than the"
+                        f" log says ({word}, header {header:02X} says"
+                        f" {DIRECTION_OF_HEADER[header]}): a tap logs so, or the wires are swapped"
+                    )
         for stream in self._streams.values() if ends else ():
             where = "" if len(self._streams) == 1 else f"{stream.port.rpartition(':')[2]} "
-            notes += [where + stream.cut_frame] if stream.cut_frame else []
-        return notes
+            if stream.cut_frame:
+                yield where + stream.cut_frame
 
     def drain(self, *, final: bool = False) -> list[Rows]:
         """The rows that are decided and in order."""
-        ready: list[_Piece] = []
+        few, streams, ready = max(FEW - self._count, _FEW_AT_ONCE), [*self._streams.values()], []
         if self.set_back and self.by_time:
             self.by_time, ready, self._held = False, self._held, []
-            for stream in self._streams.values():
+            for stream in streams:
                 stream.key = -1
-        few, streams = max(FEW - self._count, _FEW_AT_ONCE), self._streams.values()
-        pieces = [stream.drain(final=final, few=few) for stream in streams]
-        self._held += [piece for piece in pieces if piece is not None]
-        self._count += sum(len(piece.rows) for piece in pieces if piece is not None)
-        limit = LATEST_NS + 1
-        waiting = sum(len(piece.rows) for piece in self._held)
-        if len(streams) > 1 and not final and waiting <= _MOST_HELD:
-            limit = min(one.key if self.by_time else one.pending_line() for one in streams)
-        return [*_merged(ready), *_merged(self._take(limit))]
+        rows = [stream.drain(final=final, few=few) for stream in streams]
+        if not self.direct:
+            found = zip(streams, rows, strict=True)
+            self._held += [stream.placed(own) for stream, own in found if len(own)]
+            limit = LATEST_NS + 1
+            waiting = sum(len(piece.rows) for piece in self._held)
+            if len(streams) > 1 and not final and waiting <= _MOST_HELD:
+                limit = min(one.key if self.by_time else one.pending_line() for one in streams)
+            merged = [*_merged(ready), *_merged(self._take(limit))]
+            rows = [list(one) if len(one) <= few else one for one in merged]
+        self._count += sum(map(len, rows))
+        return [own for own in rows if len(own)]
 
     def _take(self, limit: int) -> list[_Piece]:
         ready, held = list[_Piece](), list[_Piece]()
@@ -331,19 +300,16 @@ class LogStreams:
         return ready
 
 
-def _merged(pieces: Sequence[_Piece]) -> list[Rows]:
+def _merged(pieces: Sequence[_Piece]) -> list[RowBatch]:
     if len(pieces) < 2:
         return [piece.rows for piece in pieces]
-    if all(isinstance(piece.rows, list) for piece in pieces):
-        entries = (entry for piece in pieces for entry in zip(*piece, strict=True))
-        return [[row for _, _, row in sorted(entries, key=itemgetter(0, 1))]]
     import numpy as np
 
     from fte_sniff.row_batch import RowBatch
 
     keys, lines, rows = zip(*pieces, strict=True)
     order = np.lexsort((np.concatenate(lines), np.concatenate(keys)))
-    return [RowBatch.concat([RowBatch.from_rows(some) for some in rows]).select(order)]
+    return [RowBatch.concat(rows).select(order)]
 
 
 def cut_frame_note(last: DecidedSpan) -> str | None:

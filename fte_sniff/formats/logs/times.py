@@ -18,7 +18,7 @@ from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from fte_sniff.formats.logs.streams import LATEST_NS
+from fte_sniff.formats.logs.streams import LATEST_NS, NO_TIME
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.reader import LogOptions
@@ -62,7 +62,7 @@ _EPOCHS: Final = {10: SECOND, 13: 10**6, 16: 1000, 19: 1}
 _SCALES: Final = {"": SECOND, "m": 10**6, "u": 1000, "µ": 1000, "n": 1}
 _TIME_WORD: Final = r"(?i)time|stamp|start|\bts\b|时间"
 _UNIT_IN_HEADING: Final = r"(?i)[\[(_ ]([nuµm])s(?:ec(?:onds)?)?(?:[\])]|\b)"
-_LIMITS: Final = {"h": 24, "mi": 59, "s": 60, "mo": 12, "d": 31}
+_LIMITS: Final = {"y": 2261, "h": 24, "mi": 59, "s": 60, "mo": 12, "d": 31, "n": 0}
 _NAMED_DAY: Final = (
     r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[-_ T.]+([01]\d|2[0-3])[-_.h]?([0-5]\d)[-_.m]?([0-5]\d))?(?!\d)"
@@ -78,9 +78,9 @@ class Stamp(NamedTuple):
     """A time as it is written; the number may be a column of many lines."""
 
     ns: Any
-    """Nanoseconds since 1970, midnight or a start, as the rule's `kind` says."""
-    zone_s: int | None = None
-    """Seconds east of UTC, if written."""
+    """Nanoseconds since 1970, midnight or a start, as the rule's `kind` says; or `NO_TIME`."""
+    zone_s: int = NO_TIME
+    """Seconds east of UTC; `NO_TIME` if none is written."""
 
 
 class Text(NamedTuple):
@@ -179,7 +179,7 @@ class TimeRule:
             number["d"], number["mo"] = (number[name] for name in order)
         for name in number.keys() & _LIMITS.keys():
             most = number[name] if isinstance(number[name], int) else number[name].max()
-            if most > _LIMITS[name]:
+            if most > (LATEST_NS // self.scale if name == "n" else _LIMITS[name]):
                 return None
         ns: Any = 0
         if "f" in fields:
@@ -198,7 +198,7 @@ class TimeRule:
             ns += days_of(year, number["mo"], number["d"]) * DAY_NS
         zone = part.get("zone", b"").decode().strip().replace(":", "")
         east = int(zone[1:3]) * 3600 + int(zone[3:]) * 60 if zone[:1] in ("+", "-") else 0
-        return Stamp(ns, (-east if zone[0] == "-" else east) if zone else None)
+        return Stamp(ns, (-east if zone[0] == "-" else east) if zone else NO_TIME)
 
     def learn(self, text: bytes) -> None:
         """Decide the resolution, and the order of day and month, by all times in a text."""
@@ -313,7 +313,7 @@ class LogClock:
 
     def __init__(self, rule: TimeRule, options: LogOptions) -> None:
         self._rule, self._options = rule, options
-        self._base_ns = self._last_of_day = self._last_ns = 0
+        self._base_ns, self._last, self._last_ns = 0, Stamp(NO_TIME), 0
         self._first: dict[str, str] = {}
         self._count = Counter[str]()
 
@@ -325,25 +325,22 @@ class LogClock:
             name: the file's; it may hold a date.
             written_ns: when the file was modified; None for a pipe, which is read now.
         """
-        options, kind = self._options, self._rule.kind
-        named, has_clock = time_in_name(name)
-        source = (
-            "the time of the first read" if written_ns is None else "the file's modification time"
-        )
-        base_ns = time_ns() if written_ns is None else written_ns
-        if kind == "since" and options.start_ns is not None:
-            self._base_ns = options.start_ns
-        elif kind == "since":
-            if has_clock:
-                base_ns, source = self._utc(named), "the file's name"
+        options, kind, (named, has_clock) = self._options, self._rule.kind, time_in_name(name)
+        self._last = stamps[0]
+        base_ns, source = written_ns or time_ns(), "the file's modification time"
+        if written_ns is None:
+            source = "the time of the first read"
+        if kind == "since":
+            if options.start_ns is not None:
+                base_ns, source = options.start_ns, ""
+            elif has_clock:
+                base_ns, source = named - self._east_s(named) * SECOND, "the file's name"
             elif written_ns is not None:
                 base_ns -= max(stamp.ns for stamp in stamps)
                 source += " minus the last time"
             self._base_ns = base_ns
-            self._first[source] = (
-                f"its times count seconds from a start, which is {_iso(base_ns)} by {source};"
-                " --start 2026-01-31T12:00:00Z sets another"
-            )
+            what = f"count seconds from a start, which is {_iso(base_ns)} by {source}; --start"
+            what += " 2026-01-31T12:00:00Z"
         elif kind in ("clock", "year-less"):
             midnights = sum(b.ns < a.ns - DAY_NS // 2 for a, b in pairwise(stamps))
             base_ns -= midnights * DAY_NS if kind == "clock" else 0
@@ -354,73 +351,62 @@ class LogClock:
             day = _iso(base_ns)[:10]
             self._rule.year = int(day[:4])
             self._base_ns = base_ns // DAY_NS * DAY_NS if kind == "clock" else 0
-            if source:
-                what = f"date is {day}" if kind == "clock" else f"year is {day[:4]}"
-                self._first[source] = (
-                    f"its times have no date: the {what} by {source};"
-                    " --date 2026-01-31 sets another"
-                )
+            what = f"date is {day}" if kind == "clock" else f"year is {day[:4]}"
+            what = f"have no date: the {what} by {source}; --date 2026-01-31"
+        if kind not in ("date", "epoch") and source:
+            self._first[source] = f"its times {what} sets another"
 
-    def t_ns(self, stamp: Stamp | None, line: int) -> int | None:
-        """The time of a stamp; None if it is outside 1970 to 2262; without one, that before."""
-        if stamp is None:
-            self._note("none", f"line {line}: has no time like the others, and gets that before")
-            return self._last_ns or None
+    def times(self, ns: Array, zones: Array, lines: Array) -> Array:
+        """The times of consecutive lines, by their stamps; without one, that before."""
+        import numpy as np
+
+        if (missing := ns == NO_TIME).any():
+            self._note("none", missing, lines, "has no time like the others, and gets that before")
+            last = np.maximum.accumulate(np.arange(1, len(ns) + 1) * ~missing)
+            ns, zones = (np.append(self._last[at], own)[last] for at, own in enumerate((ns, zones)))
+        wrong = ns % self._rule.resolution_ns != 0
+        self._note("finer", wrong, lines, "its time is finer than those of the first lines")
+        t_ns = ns + self._base_ns
         if self._rule.kind == "clock":
-            self._base_ns += DAY_NS * (stamp.ns < self._last_of_day - DAY_NS // 2)
-            self._last_of_day = stamp.ns
-        t_ns = self._utc(stamp.ns + self._base_ns, stamp.zone_s)
-        if not 0 <= t_ns <= LATEST_NS:
-            text = f"line {line}: its time is not from 1970 to 2262; rows there have no time"
-            self._note("range", text)
-            return None
-        if stamp.ns % self._rule.resolution_ns:
-            self._note("finer", f"line {line}: its time is finer than those of the first lines")
-        if t_ns < self._last_ns:
-            back = (self._last_ns - t_ns) / SECOND
-            self._note("back", f"line {line}: the time goes back by {back:,.9g} s")
-        self._last_ns = t_ns
-        return t_ns
+            t_ns += DAY_NS * np.cumsum(np.append(self._last.ns, ns[:-1]) - DAY_NS // 2 > ns)
+        self._last, self._base_ns = Stamp(int(ns[-1]), int(zones[-1])), int(t_ns[-1] - ns[-1])
+        if self._rule.kind not in ("since", "epoch"):
+            local = t_ns // (900 * SECOND)  # zones change at quarters of an hour
+            quarters = local[:1] if self._options.zone is None else np.unique(local)
+            for quarter in quarters.tolist() if (zones == NO_TIME).any() else ():
+                here = (zones == NO_TIME) & ((local == quarter) | (self._options.zone is None))
+                zones = np.where(here, self._east_s(quarter * 900 * SECOND), zones)
+            t_ns -= zones * SECOND
+        before = np.append(self._last_ns, t_ns[:-1])
+        text = f"the time goes back by {(before - t_ns)[(t_ns < before).argmax()] / SECOND:,.9g} s"
+        self._note("back", t_ns < before, lines, text)
+        self._last_ns = int(t_ns[-1])
+        return np.maximum(t_ns, 0)
 
-    def column(self, stamp: Stamp, lines: Array) -> Array | None:
-        """The times of many lines, whose stamps are a column; None if they are not regular."""
-        ns, zone = stamp.ns, stamp.zone_s
-        first = self.t_ns(Stamp(int(ns[0]), zone), int(lines[0]))
-        ends = (int(ns.min()), int(ns.max()))
-        shifts = {self._utc(end + self._base_ns, zone) - end for end in ends}
-        shift = shifts.pop()
-        falls = (ns[1:] < ns[:-1]).any() or (ns % self._rule.resolution_ns).any()
-        if first is None or shifts or falls or ends[1] + shift > LATEST_NS:
-            return None
-        self._last_of_day, self._last_ns = ends[1], ends[1] + shift
-        column: Array = ns + shift
-        return column
-
-    def _utc(self, ns: int, zone_s: int | None = None) -> int:
-        if self._rule.kind in ("since", "epoch"):
-            return ns
-        if zone_s is not None:
-            return ns - zone_s * SECOND
+    def _east_s(self, local_ns: int) -> int:
+        """Seconds east of UTC of the zone that is given, at a local time."""
         if self._options.zone is None:
             note = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
             self._first["zone"] = note
-            return ns
+            return 0
+        there = datetime(1970, 1, 1, tzinfo=self._options.zone)
         with suppress(OverflowError, ValueError):
-            there = datetime(1970, 1, 1, tzinfo=self._options.zone)
-            return int((there + timedelta(seconds=ns // SECOND)).timestamp()) * SECOND + ns % SECOND
-        return -1
+            there += timedelta(seconds=local_ns // SECOND)
+        return int((there.utcoffset() or timedelta()).total_seconds())
 
-    def _note(self, problem: str, text: str) -> None:
-        self._first.setdefault(problem, text)
-        self._count[problem] += 1
+    def _note(self, problem: str, wrong: Any, lines: Array, text: str) -> None:
+        if wrong.any():
+            self._first.setdefault(problem, f"line {lines[wrong.argmax()]}: {text}")
+            self._count[problem] += int(wrong.sum())
 
     @property
     def notes(self) -> list[str]:
         """How the times were read, one line each."""
-        more = {
-            problem: f", and {n - 1:,} times more" for problem, n in self._count.items() if n > 1
-        }
-        return [text + more.get(problem, "") for problem, text in self._first.items()]
+        return [
+            text
+            + (f", and {self._count[problem] - 1:,} times more" if self._count[problem] > 1 else "")
+            for problem, text in self._first.items()
+        ]
 
 
 def _iso(t_ns: int) -> str:
