@@ -255,15 +255,20 @@ class LogStreams:
 
     def notes(self, *, ends: bool) -> Iterator[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
-        for stream in self._streams.values():
-            word, way = _WAYS.get(stream.label or "", ("", None))
-            for header, count in stream.frames.items() if way else ():
-                if DIRECTION_OF_HEADER.get(header, way) is not way:
-                    yield (
-                        f"{count:,} of {stream.frames.total():,} frames go the other way than the"
-                        f" log says ({word}, header {header:02X} says"
-                        f" {DIRECTION_OF_HEADER[header]}): a tap logs so, or the wires are swapped"
-                    )
+        known = [(own, *_WAYS[own.label]) for own in self._streams.values() if own.label in _WAYS]
+        against = [
+            (own.frames[header], f"{word}, header {header:02X} says {says}")
+            for own, word, way in known
+            for header, says in DIRECTION_OF_HEADER.items()
+            if says is not way and own.frames[header]
+        ]
+        if against:
+            count = f"{sum(more for more, _ in against):,} of"
+            count += f" {sum(own.frames.total() for own, *_ in known):,} frames"
+            yield (
+                f"{count} go the other way than the log says ({against[0][1]}): a tap logs so, or"
+                " the wires are swapped"
+            )
         for stream in self._streams.values() if ends else ():
             where = "" if len(self._streams) == 1 else f"{stream.port.rpartition(':')[2]} "
             if stream.cut_frame:
