@@ -54,13 +54,14 @@ def run(folder: Path, *options: str) -> tuple[float, int]:
         [*PROGRAM, "stats", str(folder), "--format", "json", *options], stdout=subprocess.DEVNULL
     ) as process:
         while process.poll() is None:
-            peak = max(peak, _peak_kb(process.pid))
+            peak = max(peak, peak_kb(process.pid))
             sleep(0.01)
     assert process.returncode == 0, process.returncode
     return perf_counter() - begin, peak // 1000
 
 
-def _peak_kb(pid: int) -> int:
+def peak_kb(pid: int) -> int:
+    """The peak memory of a process so far."""
     try:
         status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
     except OSError:

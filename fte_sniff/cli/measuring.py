@@ -149,18 +149,18 @@ def measure(
     with progress_line(reads_stdin=STDIN in query.files) as line:
         todo, reading = query.jobs(make_model, line.progress)
         merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
-        with _executor(jobs or default_jobs(todo), cluster) as (executor, waiting):
-            try:
-                with _delayed_interrupt() as interrupts:
-                    results = finished_jobs(todo, executor, waiting, interrupts, line.progress)
-                    for job, result in results:
-                        interrupts.hold()
-                        measured.add(job, result, merger)
-                        interrupts.release()
-            except KeyboardInterrupt:
-                measured.interrupted = True
-                if executor is not None:
-                    executor.shutdown(wait=False, cancel_futures=True)
+        try:
+            with (
+                _executor(jobs or default_jobs(todo), cluster) as (executor, waiting),
+                _delayed_interrupt() as interrupts,
+            ):
+                results = finished_jobs(todo, executor, waiting, interrupts, line.progress)
+                for job, result in results:
+                    interrupts.hold()
+                    measured.add(job, result, merger)
+                    interrupts.release()
+        except KeyboardInterrupt:
+            measured.interrupted = True
     if not merger.files and reading.unreadable:
         raise reading.unreadable[0]
     return merger.model, measured

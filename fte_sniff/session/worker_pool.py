@@ -74,6 +74,8 @@ class WorkerPool(Executor):
     def _start(self) -> tuple[subprocess.Popen[bytes], Connection]:
         worker = start_worker(answer_calls)
         self._processes.add(worker[0])
+        if self._killed:  # while it started
+            worker[0].kill()
         return worker
 
     def _ended(self, worker: tuple[subprocess.Popen[bytes], Connection] | None) -> Exception:
@@ -85,6 +87,10 @@ class WorkerPool(Executor):
         self._processes.discard(process)
         how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
         return ChildProcessError(f"its worker process {how}; try again with fewer --jobs")
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        """End the processes; at once if an exception ended the context."""
+        self.shutdown(cancel_futures=kind is not None)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after their work; with `cancel_futures`, kill them."""

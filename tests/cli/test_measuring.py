@@ -19,7 +19,7 @@ from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.cli.measuring import LEAST_BYTES, default_jobs
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
-from tests.cli.processes import BOUND_S, PROGRAM, children_of, started, wait_until
+from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
 
 FILES = 12
 
@@ -162,13 +162,28 @@ def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
 ) -> None:
     arguments = ["stats", str(recordings), "--jobs", "2"]
     with started(environment, tmp_path, *arguments) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         wait_until(lambda: len(children_of(process.pid)) == 2)
         workers = children_of(process.pid)
         process.send_signal(signal.SIGINT)
-        assert process.wait(BOUND_S) == 130
-        line = process.stderr.read().decode()
+        code, _, line = ended(process)
+    assert code == 130
     assert line.startswith("fte-sniff: interrupted; ")
     assert line.count("\n") == 1
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+def test_ctrl_c_while_a_cluster_reads_reports_what_was_read(
+    environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
+) -> None:
+    os.mkfifo(tmp_path / "waits.hex")  # nobody writes to it
+    arguments = ["stats", str(recordings), "waits.hex", "--cluster", address]
+    with (
+        Client(address, set_as_default=False) as client,
+        started(environment, tmp_path, *arguments) as process,
+    ):
+        wait_until(lambda: any(client.processing().values()))
+        process.send_signal(signal.SIGINT)
+        code, _, line = ended(process)
+    assert code == 130
+    assert line.startswith("fte-sniff: interrupted; ")
+    assert line.count("\n") == 1
