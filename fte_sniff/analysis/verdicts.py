@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -48,10 +48,6 @@ class Verdict:
         return self.result is RuleResult.FAIL
 
 
-_ORDERED: Final = ("delay", "unanswered")
-"""Measures without a value if inputs overlap in time: what answered what is not known."""
-
-
 class RuleCheck:
     """Measures consecutive rows and judges rules about them."""
 
@@ -59,10 +55,6 @@ class RuleCheck:
         self.rules = rules
         self.total = RowCount()
         """All rows so far."""
-        self.in_order = True
-        """Whether the inputs follow each other in time without overlap."""
-        self._another = False
-        """Whether the rows so far are followed by those of another capture."""
         self.unseen = 0
         """Rows that a view was too slow to receive: what they would change is not known."""
         self._measures = [measure_of(rule) for rule in rules]
@@ -93,7 +85,6 @@ class RuleCheck:
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
         if isinstance(change, Gap):
-            self._another = change.kind is GapKind.OTHER_RECORDING
             if change.kind is GapKind.NOT_SHOWN:
                 self.unseen += change.rows or 0
             for measure in self._measures:
@@ -123,12 +114,6 @@ class RuleCheck:
 
     def merge(self, later: RuleCheck) -> None:
         """Add the rows that follow, as if they had been observed here."""
-        if self._another and self.total.rows and later.total.rows:
-            before, after = self.total.times, later.total.times
-            follows = before is not None and after is not None and before[1] <= after[0]
-            self.in_order = self.in_order and follows
-        self.in_order = self.in_order and later.in_order
-        self._another = later._another
         self.unseen += later.unseen
         self.total.include(later.total)
         for measure, other in zip(self._measures, later._measures, strict=True):
@@ -138,8 +123,7 @@ class RuleCheck:
         """By rule, in their order."""
         found = []
         for rule, measure in zip(self.rules, self._measures, strict=True):
-            known = not self.unseen and (self.in_order or rule.measure not in _ORDERED)
-            value = measure.value(self.total) if known else None
+            value = None if self.unseen else measure.value(self.total)
             if value is None:
                 found.append(Verdict(rule, None, RuleResult.NOT_COVERED))
             elif rule.holds(value):

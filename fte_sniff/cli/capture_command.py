@@ -155,6 +155,7 @@ def run_capture(
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
+    code = 0
     with _judged(rules) as observe:
         if headless or on_file is not None:
             others = {"--plain": plain, "--filter": filter_text, "--alert": alert_text}
@@ -174,7 +175,8 @@ def run_capture(
                 alert=alert_of(alert_text),
                 keep_rows=keep_rows,
             )
-            _show_screen(plan, start, observe)
+            code = _show_screen(plan, start, observe)
+    sys.exit(code)
 
 
 Observer = Callable[[FeedUpdate], None]
@@ -195,13 +197,11 @@ def _judged(path: Path | None) -> Iterator[Observer | None]:
     check = RuleCheck(rules)
     try:
         yield lambda update: check.observe(update.rows, update.events, update.changes)
-    except (FteSniffError, SystemExit) as end:
+    except FteSniffError:
         if check.total.rows:
             _print_verdicts(check)
-        if isinstance(end, FteSniffError) or end.code:
-            raise
-    else:
-        _print_verdicts(check)
+        raise
+    _print_verdicts(check)
     if any(one.refuses for one in check.verdicts()):
         sys.exit(1)
 
@@ -345,7 +345,8 @@ def _record_to_stdout(plan: CapturePlan, observe: Observer | None) -> None:
             raise ended or session.state.error
 
 
-def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | None) -> None:
+def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | None) -> int:
+    """Show the screen; the exit code is not 0 if it failed."""
     from fte_sniff.session.live_session import LiveSession
 
     code = 0
@@ -373,7 +374,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
             _report_recording(session)
             for path in notes.written:
                 print_err(f"notes are in {path}")
-    sys.exit(code)
+    return code
 
 
 def _report_device(session: LiveSession) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree as ET
 
 import click
 
+from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import iso_time
@@ -29,8 +30,6 @@ FORMS: Final = ("text", "json", "junit")
 
 _STYLE: Final = {"pass": "green", "fail": "bold red", "not covered": "yellow"}
 _NUMBER: Final = ".6g"
-_MOST_BYTES = 1_000_000
-"""A larger file is no rules file; the rest is not read."""
 
 
 def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Rule]:
@@ -47,18 +46,13 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
         raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
     found: list[Rule] = []
     if path is not None:
-        found += rules_of_toml(_text_of(path), str(path))
+        try:
+            content = read_toml(path, "name a rules file (docs/check.md)")
+        except OSError as error:
+            raise unreadable(path, error) from error
+        found += rules_of_toml(content.decode(errors="replace"), str(path))
     found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
     return found
-
-
-def _text_of(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES)
-    except OSError as error:
-        raise unreadable(path, error) from error
-    return data.decode(errors="replace")
 
 
 def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> None:
@@ -69,14 +63,10 @@ def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> N
         click.echo(printable_json(text))
     elif form == "junit":
         click.echo(junit_xml(verdicts, errors))
-    elif sys.stdout.isatty():
-        from rich.console import Console
-
-        console = Console(file=sys.stdout)
-        for line in verdict_lines(verdicts, console.width):
-            console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
     else:
-        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in verdict_lines(verdicts, None))
+        from fte_sniff.cli.stats_report import print_lines
+
+        print_lines(partial(verdict_lines, verdicts))
 
 
 def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:

@@ -346,7 +346,10 @@
 
   const preference = matchMedia("(prefers-color-scheme: dark)");
   preference.addEventListener("change", () => paint(preference.matches));
+  const PAPER = 1040; // pixels between the margins of A4 in landscape
   addEventListener("beforeprint", () => {
+    const width = document.getElementById("plots").clientWidth;
+    page.style.setProperty("--print", Math.min(1, PAPER / width));
     paint(false);
     for (const view of views.values()) near.add(view.el);
     drawNear();

@@ -369,6 +369,22 @@ def settings_path() -> Path:
     return user_config_path("fte-sniff", appauthor=False) / "config.toml"
 
 
+def read_toml(path: Path, fix: str) -> bytes:
+    """The content of a TOML file, which is small enough to be parsed.
+
+    Raises FileError with the fix if it is not, and OSError.
+    """
+    with path.open("rb") as file:
+        content = file.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise FileError(f"{path} is larger than 1 MB; {fix}")
+    # The time that a dotted key takes grows with the square of its length.
+    lines = (line for line in content.splitlines() if not line.lstrip().startswith(b"#"))
+    if any(line.count(b".") > _MOST_DOTS for line in lines):
+        raise FileError(f"{path} is nested too deeply; {fix}")
+    return content
+
+
 def read_settings(path: Path) -> Settings:
     """Read a settings file; a missing file has no settings.
 
@@ -377,18 +393,11 @@ def read_settings(path: Path) -> Settings:
     try:
         if not (path.is_dir() or path.is_file()) and path.exists():
             raise FileError(f"{path} is not a regular file; {_FIX}")
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
+        content = read_toml(path, _FIX)
     except (FileNotFoundError, NotADirectoryError):
         return Settings()
     except OSError as error:
         raise unreadable(path, error) from error
-    if len(content) > _MOST_BYTES:
-        raise FileError(f"{path} is larger than 1 MB; {_FIX}")
-    # The time that a dotted key takes grows with the square of its length.
-    lines = (line for line in content.splitlines() if not line.lstrip().startswith(b"#"))
-    if any(line.count(b".") > _MOST_DOTS for line in lines):
-        raise FileError(f"{path} is nested too deeply; {_FIX}")
     try:
         tables = tomllib.loads(content.decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,8 +15,7 @@ from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.stats_json import statistics_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.summary import StatisticsSummary
-    from fte_sniff.session.input_reading import InputReading
+    pass
 
 
 @click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
@@ -53,19 +51,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
         numbers = statistics_json(summary, measured.reading)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
-        _show(summary, measured.reading)
+        from fte_sniff.cli.stats_report import print_lines, report_lines
+
+        print_lines(partial(report_lines, summary, measured.reading))
     measured.finish()
-
-
-def _show(summary: StatisticsSummary, reading: InputReading) -> None:
-    from fte_sniff.cli.stats_report import report_lines
-
-    if not sys.stdout.isatty():
-        lines = report_lines(summary, reading, None)
-        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines)
-        return
-    from rich.console import Console
-
-    console = Console(file=sys.stdout)
-    for line in report_lines(summary, reading, console.width):
-        console.print(line, no_wrap=True, overflow="ellipsis", crop=True)

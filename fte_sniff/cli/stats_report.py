@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
@@ -76,6 +77,18 @@ class TextTable:
             line = Text.assemble((lead, style), values, style="" if number else HEAD_STYLE)
             line.rstrip()
             yield line
+
+
+def print_lines(lines: Callable[[int | None], Iterable[Text]]) -> None:
+    """Print lines that fit a given width, None for any; with colours on a terminal."""
+    if not sys.stdout.isatty():
+        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines(None))
+        return
+    from rich.console import Console
+
+    console = Console(file=sys.stdout)
+    for line in lines(console.width):
+        console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
 
 
 _LABEL: Final = 10

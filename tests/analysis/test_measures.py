@@ -258,9 +258,15 @@ def test_a_delay_and_an_offline_motor_name_their_rows() -> None:
     assert (gone.value, gone.row) == (pytest.approx(1 / 5), RowPosition(4 * MS, "p", 0))
 
 
-def test_captures_that_overlap_in_time_have_no_answers() -> None:
+def test_commands_of_captures_that_overlap_in_time_are_counted_by_capture() -> None:
     rules = ["unanswered() == 0", "delay(max) < 1", "count(rpm > 0) == 6"]
+    answer = [
+        frame("speed", MS, motor=1, rpm=5),
+        frame("speed_feedback", 3 * MS, motor=1, rpm=5, error=0, online=15),
+    ]
     check = checked(THREE, rules=rules)
     check.observe_change(Gap(GapKind.OTHER_RECORDING))
+    check.merge(checked(answer, rules=rules))
+    check.observe_change(Gap(GapKind.OTHER_RECORDING))
     check.merge(checked(THREE, rules=rules))
-    assert [found.value for found in check.verdicts()] == [None, None, 6]
+    assert [found.value for found in check.verdicts()] == [4, pytest.approx(2), 8]

@@ -98,6 +98,11 @@ def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: P
     done = run("check", samples / "clean.mcap", "--rules", tmp_path / "absent.toml")
     assert done.returncode == 4
     assert "there is no such file" in done.stderr
+    rule = '[[rule]]\nname = "a"\nexpect = "count(ok) > 0"\n'
+    (tmp_path / "large.toml").write_text(rule + "# comment\n" * 100_000)
+    done = run("check", samples / "clean.mcap", "--rules", tmp_path / "large.toml")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "large.toml is larger than 1 MB" in done.stderr
 
 
 def test_an_empty_and_a_junk_recording_are_named_and_the_others_judged(

@@ -214,7 +214,20 @@ def test_plots_out_of_sight_are_hidden_until_they_are_drawn(run, tmp_path, sampl
         shown_now = browser.execute_script(visible)
         assert "faults" in shown_now
         assert "rpm-4" not in shown_now
+        browser.execute_script('dispatchEvent(new Event("beforeprint"))')
+        assert "rpm-4" in browser.execute_script(visible)
         assert 2 < len(source(browser, "rpm-4-actual")["x"]) < len(whole)
+
+
+@needs_browser
+def test_a_printed_plot_has_the_width_of_the_paper(run, tmp_path, browser, samples) -> None:
+    shown(browser, made(run, tmp_path, samples / "clean.mcap"))
+    script = """
+        dispatchEvent(new Event("beforeprint"));
+        const zoom = getComputedStyle(document.documentElement).getPropertyValue("--print");
+        return Number(zoom) * document.getElementById("plots").clientWidth;
+    """
+    assert browser.execute_script(script) == pytest.approx(1040)
 
 
 @needs_browser
