@@ -316,8 +316,10 @@ def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer 
             finish_session(session)
         lines.close(session.state.progress.waiting)
         command.update(session.state.recordings, None)
-        command.wait()
-        _report_recording(session)
+        try:
+            _report_recording(session)
+        finally:
+            command.wait()
 
 
 def _record_to_stdout(plan: CapturePlan, observe: Observer | None) -> None:

@@ -9,14 +9,19 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
+import signal
 import socket
 import subprocess
 from collections.abc import MutableMapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
-from fte_sniff.cli.streams import print_err
+from fte_sniff.cli.streams import ENDING_SIGNALS, print_err
 from fte_sniff.errors import UsageError, quoted, reason_of
+
+PATIENCE_S: Final = 1.0
+"""How long a command may run after the end of the capture until this is reported."""
 
 
 class ServiceManager:
@@ -56,6 +61,10 @@ class ServiceManager:
             channel.sendto(state.encode(), self._address)
 
 
+def _leave(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 class FileCommand:
     """A command that runs for each finished file, while the capture goes on."""
 
@@ -86,10 +95,20 @@ class FileCommand:
                 self._report(path)
 
     def wait(self) -> None:
-        """Wait for the commands that still run."""
-        for path, process in list(self._running.items()):
-            process.wait()
-            self._report(path)
+        """Wait for the commands that still run, up to the next signal that ends a capture."""
+        for number in ENDING_SIGNALS:
+            signal.signal(number, _leave)
+        try:
+            for path, process in list(self._running.items()):
+                try:
+                    process.wait(PATIENCE_S)
+                except subprocess.TimeoutExpired:
+                    name = f"{self._words[0]} for {path}"
+                    print_err(f"--on-file: waiting for {name}; Ctrl-C ends, and leaves it running")
+                    process.wait()
+                self._report(path)
+        except KeyboardInterrupt:
+            print_err("--on-file: not waiting any longer")
 
     def _start(self, path: Path) -> None:
         try:

@@ -162,6 +162,26 @@ def test_a_command_that_fails_or_waits_stops_nothing(environment, tmp_path: Path
         assert ended(process)[0] == 0
 
 
+def test_a_command_that_hangs_is_reported_and_left_by_the_next_signal(
+    environment, tmp_path: Path
+) -> None:
+    script = tmp_path / "hangs"
+    script.write_text("#!/bin/sh\nread line < gate\necho done > left\n")
+    script.chmod(0o755)
+    subprocess.run(["mkfifo", tmp_path / "gate"], check=True)
+    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./hangs"]
+    with started(environment, tmp_path, *words) as process:
+        stderr_until(process, "capturing")
+        process.send_signal(signal.SIGTERM)
+        stderr_until(process, "recorded to x.mcap")
+        stderr_until(process, "waiting for ./hangs for x.mcap; Ctrl-C ends")
+        process.send_signal(signal.SIGTERM)
+        stderr_until(process, "--on-file: not waiting any longer\n")
+        assert process.wait(BOUND_S) == 0
+        (tmp_path / "gate").write_text("go\n")
+        wait_until((tmp_path / "left").exists)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
