@@ -9,15 +9,13 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import accumulate, product
 from typing import Final
 
-from fte_sniff.formats.logs.chance import chance_level, frames_in
 from fte_sniff.formats.logs.forms import Extractor
-from fte_sniff.formats.logs.labels import without_labels
 from fte_sniff.formats.logs.times import masked
-from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL
+from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, TAIL, FrameKind
 
 NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
@@ -35,6 +33,70 @@ _LEAST_SHARE_CUT: Final = 0.8
 _MOST_LANES: Final = 48
 _CUTS: Final = [(first, last) for first, last in product(range(5), range(3)) if first + last]
 """Numbers of each run that are no data: offsets before the others, a count or sum after them."""
+_WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
+_SENT: Final = (
+    r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc"
+    r"|t(?=\s?:))(?![a-z])|(?<![a-z])(?:on|serial)?_?(?:send|sent|writ(?:e|es|ten|ing))(?![a-z]))"
+    r"|[a-z](?:Send|Sent|Write)|发[送出]?|写入?"
+)
+_RECEIVED: Final = (
+    r"(?i:(?<![a-z])(?:rx\d?|rxd|in(?:coming|put)?|reply|response|device|slave|mcu|r(?=\s?:))(?![a-z])"
+    r"|(?<![a-z])(?:on|serial)?_?(?:recv|receiv(?:e|es|ed|ing)|reads?|reading)(?![a-z]))"
+    r"|on(?:New)?Data|[a-z](?:Recv|Receiv|Read)|接?收到?|读取?"
+)
+_WORD: Final = rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})"
+_ARROW: Final = r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))"
+_PORT: Final = (
+    r"(?<![A-Za-z])(?:/dev/)?((?i:com\d+|tty[a-z]*\d+|cu\.[\w-]+|us?art[-_ ]?\d+|serial\d+"
+    r"|ch(?:annel)?[-_ ]?\d+|port[-_ ]?\d+|peer\d+))(?![A-Za-z0-9])"
+)
+_PATTERNS: Final = {"word": _WORD, "arrow": _ARROW, "port": _PORT}
+
+
+def _start(kind: FrameKind) -> bytes:
+    cmds = b"".join(b"\\x%02x" % cmd for cmd in kind.cmds)
+    return b"\\x%02x[%b]%b" % (kind.header, cmds, rb"[\1-\4]" if kind.names_motor else b".")
+
+
+@cache
+def _pattern(length: int) -> re.Pattern[bytes]:
+    starts = b"|".join(map(_start, KINDS))
+    return re.compile(rb"(?s)(?:%b).{%d}\x%02x" % (starts, length - 4, TAIL))
+
+
+def frames_in(data: bytes) -> list[bytes]:
+    """The whole frames in these bytes, from left to right."""
+    return _pattern(FRAME_LENGTH).findall(data)
+
+
+def chance_level(data: bytes) -> float:
+    """The mean number of patterns like frames, but of a wrong length."""
+    found = [len(_pattern(length).findall(data)) for length in _WRONG_LENGTHS]
+    return sum(found) / len(found)
+
+
+@lru_cache(maxsize=4096)
+def label_of(kind: str, text: bytes) -> str | None:
+    """The last label of a kind in a text: `word`, `arrow`, `port`, `both`, or all the text."""
+    readable = text.decode("utf-8", "replace").strip(" \x01").lower()
+    if kind == "given":
+        return direction_of(text) or readable
+    if kind == "both":
+        port, direction = label_of("port", text), direction_of(text)
+        return f"{port}-{direction}" if port and direction else None
+    found = list(re.finditer(_PATTERNS[kind], text.decode("utf-8", "replace")))
+    return (found[-1].lastgroup or found[-1][1].lower()) if found else None
+
+
+def direction_of(text: bytes) -> str | None:
+    """`tx` or `rx`, by a word or an arrow."""
+    return label_of("word", text) or label_of("arrow", text)
+
+
+@lru_cache(maxsize=4096)
+def without_labels(text: bytes) -> str:
+    """The text without directions and ports."""
+    return re.sub(f"{_PORT}|{_SENT}|{_RECEIVED}|{_ARROW}", "", text.decode("utf-8", "replace"))
 
 
 @lru_cache(maxsize=8192)

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise, product
 from typing import Final, NamedTuple
 
-from fte_sniff.formats.logs.chance import frames_in
-from fte_sniff.formats.logs.evidence import Hypothesis, folded
-from fte_sniff.formats.logs.labels import label_of, without_labels
+from fte_sniff.formats.logs.evidence import Hypothesis, folded, frames_in, label_of, without_labels
 from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
-from fte_sniff.formats.logs.chance import chance_level, frames_in
-from fte_sniff.formats.logs.own_rows import OwnLog
-from fte_sniff.formats.logs.plain_hex import PlainLog, bytes_of_line, is_plain
+from fte_sniff.formats.logs.evidence import chance_level, frames_in
+from fte_sniff.formats.logs.plain import OwnLog, PlainLog, bytes_of_line, is_plain
 from fte_sniff.formats.logs.streams import LogForm, LogStreams, Rows
 from fte_sniff.formats.logs.text import (
     TextBlock,
