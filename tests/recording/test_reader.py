@@ -498,6 +498,26 @@ def test_a_channel_may_be_described_after_its_first_messages(
     assert any("which nothing describes" in loss for loss in reader.losses)
 
 
+def test_repeated_and_foreign_definitions_hide_no_rows(recorded: Recorded, tmp_path: Path) -> None:
+    with recorded[0].open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    definitions = [record for record in records if isinstance(record, Schema | Channel)]
+    messages = [record for record in records if isinstance(record, Message)]
+    foreign = [
+        Schema(id=number, data=b"", encoding="", name=f"other{number}")
+        for number in range(1000, 4000)
+    ]
+    builder = RecordBuilder()
+    all_definitions = [*foreign, *definitions * 300]
+    for record in (*all_definitions, *messages, DataEnd(0), Footer(0, 0, 0)):
+        record.write(builder)
+    path = tmp_path / "repeated.mcap"
+    path.write_bytes(MCAP0_MAGIC + builder.end() + MCAP0_MAGIC)
+    reader = RecordingReader(path)
+    assert list(reader) == recorded[1]
+    assert reader.losses == ()
+
+
 @pytest.mark.parametrize("baud", ["9" * 5000, "fast", "-1", "²", ""])
 def test_an_invalid_baud_is_ignored(tmp_path: Path, baud: str) -> None:
     path = tmp_path / "baud.mcap"

@@ -26,7 +26,7 @@ from time import monotonic
 from traceback import format_exc
 from typing import TypeAlias
 
-from tests.torture import file_attacks, process_attacks
+from tests.torture import command_attacks, file_attacks, process_attacks
 from tests.torture.case import ROOT, Case, PromiseError, SkippedError, adopt_orphans
 
 Attack: TypeAlias = Callable[[Case], None]
@@ -42,7 +42,10 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "fuzz-logs": (file_attacks.fuzz_logs, 4),
     "fuzz-bytes": (file_attacks.fuzz_bytes, 4),
     "settings": (file_attacks.settings, 2),
-    "options": (file_attacks.options, 2),
+    "options": (command_attacks.options, 6),
+    "names": (command_attacks.names, 2),
+    "interrupt": (command_attacks.interrupt, 2),
+    "terminal": (command_attacks.terminal, 2),
     "kill-live": (process_attacks.kill_live, 1),
     "kill-recorder": (process_attacks.kill_recorder, 1),
     "kill-bridge": (process_attacks.kill_bridge, 1),
@@ -54,6 +57,8 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "pipe": (process_attacks.pipe, 1),
     "foreign-code": (process_attacks.foreign_code, 1),
     "in-use": (process_attacks.in_use, 1),
+    "two-recorders": (process_attacks.two_recorders, 1),
+    "hostile-server": (process_attacks.hostile_server, 1),
     "few-files": (process_attacks.few_files, 2),
 }
 """The attacks, and how many cases of each are in a round."""
@@ -78,7 +83,8 @@ def play(attack: str, seed: int, keep: Path) -> Outcome:
     except SkippedError as reason:
         outcome = (attack, seed, "skipped", str(reason))
     except PromiseError as broken:
-        outcome = (attack, seed, "broken", str(broken))
+        why = str(broken).encode(errors="backslashreplace").decode()
+        outcome = (attack, seed, "broken", why)
     except Exception:  # noqa: BLE001 - a mistake of the attack is reported too
         outcome = (attack, seed, "broken", f"the attack itself failed\n{format_exc()}")
     finally:

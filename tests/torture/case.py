@@ -7,12 +7,14 @@ traceback, and with a line that names the problem if the code is not 0. What it 
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 import re
 import resource
 import signal
 import subprocess
 import sys
+import termios
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,7 +24,7 @@ from time import monotonic, sleep
 
 ROOT = Path(__file__).parents[2]
 EXIT_CODES = frozenset({0, 2, 3, 4, 130})
-"""Done, wrong usage, port, file, interrupted; `check` also ends with 1, its verdict."""
+"""Done, wrong usage, port, file, interrupted; verdicts also end with 1."""
 
 MOST_RSS_MB = 300
 MOST_CPU_S = 5.0
@@ -32,8 +34,10 @@ BOUND_S = 120.0
 """How long a run may take at most; the machine may be busy."""
 
 _SUBREAPER = 36
+_VERDICTS = re.compile(r"\s(check|doctor|--check)\b")
+"""Commands that end with 1 if their verdict is bad."""
 _TRACEBACK = re.compile(r"Traceback \(most recent call last\)|^\w*(Error|Exception): ", re.M)
-_UNSAFE = re.compile(r"[^\n\x20-\U0010ffff]|[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+UNSAFE = re.compile(r"[^\n\x20-\U0010ffff]|[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 class PromiseError(Exception):
@@ -77,19 +81,22 @@ class Started:
         folder: Path,
         streams: Path,
         environment: Mapping[str, str],
+        terminal: int | None,
     ) -> None:
         self._command = " ".join(arguments)
+        self._terminal = terminal
         self._streams = [streams.with_suffix(suffix) for suffix in (".stdout", ".stderr")]
         stdout, stderr = (path.open("wb") for path in self._streams)
         with stdout, stderr:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=stdout,
-                stderr=stderr,
+                stdin=subprocess.DEVNULL if terminal is None else terminal,
+                stdout=stdout if terminal is None else terminal,
+                stderr=stderr if terminal is None else terminal,
                 cwd=folder,
                 env=environment,
                 start_new_session=True,
+                preexec_fn=None if terminal is None else _rule_session,
             )
 
     @property
@@ -117,18 +124,20 @@ class Started:
         self._kill_group()
         self._end(monotonic() + BOUND_S)
 
-    def wait(self) -> Run:
-        """Wait for its end, and check what holds for every run."""
+    def wait(self, killed_by: signal.Signals | None = None) -> Run:
+        """Wait for its end, and check what holds for every run; a signal may have killed it."""
         run = self._end(monotonic() + BOUND_S)
         about = f"`{self._command}` (exit code {run.code})"
-        is_verdict = run.code == 1 and "check" in self._command.split()
+        is_verdict = run.code == 1 and bool(_VERDICTS.search(self._command))
+        is_killed = killed_by is not None and run.code == -killed_by
         promise(
-            run.code in EXIT_CODES or is_verdict,
+            run.code in EXIT_CODES or is_verdict or is_killed,
             f"{about}: no exit code of the contract\n{run.errors}",
         )
         promise(not _TRACEBACK.search(run.errors), f"{about}: a traceback\n{run.errors}")
-        promise(not _UNSAFE.search(run.errors), f"{about}: control characters\n{run.errors!r}")
-        named = run.code in (0, 130) or is_verdict or "fte-sniff: " in run.errors
+        promise(not UNSAFE.search(run.errors), f"{about}: control characters\n{run.errors!r}")
+        silent = run.code in (0, 130) or is_verdict or is_killed or self._terminal is not None
+        named = silent or "fte-sniff: " in run.errors
         promise(named, f"{about}: no line that names the problem\n{run.errors}")
         return run
 
@@ -170,6 +179,11 @@ class Started:
             os.killpg(self._process.pid, signal.SIGKILL)
 
 
+def _rule_session() -> None:
+    """Make the terminal that of the session, which its end hangs up."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 class Case:
     """A case of an attack; the same seed makes the same choices."""
 
@@ -196,16 +210,21 @@ class Case:
         """A file of the case."""
         return self.folder / name
 
-    def start(self, *arguments: str | Path, **environment: str) -> Started:
-        """Start the program with these arguments."""
-        return self.start_python("-m", "fte_sniff", *arguments, **environment)
+    def start(
+        self, *arguments: str | Path, terminal: int | None = None, **environment: str
+    ) -> Started:
+        """Start the program with these arguments, on a terminal if one is given."""
+        words = ("-m", "fte_sniff", *arguments)
+        return self.start_python(*words, terminal=terminal, **environment)
 
-    def start_python(self, *arguments: str | Path, **environment: str) -> Started:
+    def start_python(
+        self, *arguments: str | Path, terminal: int | None = None, **environment: str
+    ) -> Started:
         """Start Python; `environment` is in addition to the case's own."""
         self._runs += 1
         words = tuple(map(str, arguments))
         streams = self.streams / str(self._runs)
-        started = Started(words, self.folder, streams, self.environment | environment)
+        started = Started(words, self.folder, streams, self.environment | environment, terminal)
         self._started.append(started)
         return started
 

@@ -35,26 +35,31 @@ CLAIMS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
 
 
 @cache
-def recording(variant: int) -> bytes:
-    """A recording; its damage, ports and number of chunks depend on the variant."""
+def recording(variant: int, port: str = "/dev/ttyUSB0", most: int = 1500) -> bytes:
+    """A recording of at most `most` frames per port; the variant decides damage and chunks."""
     random = Random(variant)
     rows: list[Row] = []
-    for port in ("/dev/ttyUSB0", "/dev/ttyUSB1")[: 1 + variant % 2]:
-        query = f"seed={variant}&frames={random.randrange(50, 1500)}&flip=0.02&noise=0.02"
-        framer = Framer(port, DEFAULT_BAUD)
+    for name in (port, "/dev/ttyUSB1")[: 1 + variant % 2]:
+        query = f"seed={variant}&frames={random.randrange(most // 30, most)}&flip=0.02&noise=0.02"
+        framer = Framer(name, DEFAULT_BAUD)
         for timed in simulate(parse_parameters(query)):
-            rows += framer.feed(Chunk(port, START_NS + timed.t_ns, timed.data))
+            rows += framer.feed(Chunk(name, START_NS + timed.t_ns, timed.data))
         rows += framer.flush()
     rows.sort(key=lambda row: row.t_ns or 0)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "x.mcap"
-        writer = RecordingWriter(path, [PortFacts("/dev/ttyUSB0", DEFAULT_BAUD)])
+        writer = RecordingWriter(path, [PortFacts(port, DEFAULT_BAUD)])
         size = random.randrange(20, 400)
         for start in range(0, len(rows), size):
             writer.write(rows[start : start + size])
             writer.flush()
         writer.close()
         return path.read_bytes()
+
+
+def large_recording() -> bytes:
+    """A recording that takes commands about a second."""
+    return recording(8, most=60_000)
 
 
 def records(data: bytes) -> list[tuple[int, int, int]]:
@@ -72,6 +77,13 @@ def damaged(random: Random, data: bytes) -> bytes:
     altered = bytearray(data)
     for _ in range(random.choice((1, 1, 2, 3, 8))):
         _damage(random, altered)
+    return bytes(altered)
+
+
+def flipped(random: Random, data: bytes) -> bytes:
+    """The data with one bit flipped."""
+    altered = bytearray(data)
+    altered[random.randrange(len(data))] ^= 1 << random.randrange(8)
     return bytes(altered)
 
 
@@ -203,6 +215,39 @@ def _small_chunks(random: Random) -> bytes:
     return chunk * random.choice((100, 8_000))
 
 
+def _many_schemas(random: Random) -> bytes:
+    """Schemas, each with its own number, name and text; in a chunk or outside."""
+    text = _text("protobuf") + _text("x" * random.choice((1, 300)))
+    numbers = range(1_000, 1_000 + random.choice((500, 20_000)))
+    units = b"".join(framed(SCHEMA, struct.pack("<H", n) + _text(f"s{n}") + text) for n in numbers)
+    return units if len(units) < 800_000 else _packed_chunk(random, units, 1)
+
+
+def _attachments(random: Random) -> bytes:
+    """Attachments with a wrong checksum, some with a chunk inside."""
+    inner = random.choice((b"", _packed_chunk(random, _message(1), 1 << 20)))
+    head = struct.pack("<QQ", START_NS, START_NS) + _text("a") + _text("text/plain")
+    content = head + struct.pack("<Q", len(inner)) + inner + bytes(4)
+    return framed(ATTACHMENT, content) * random.choice((1, 50, 5_000 if not inner else 50))
+
+
+def _overlapping_chunks(random: Random) -> bytes:
+    """A chunk whose length reaches over the next ones, again and again."""
+    inner = _packed_chunk(random, _message(1), 1 << 16)
+    longer = struct.pack("<BQ", CHUNK, random.choice((2, 30)) * len(inner)) + inner[9:]
+    return longer * random.choice((10, 300))
+
+
+def _many_ports(random: Random) -> bytes:
+    """Channels of a topic of fte-sniff, each of another port."""
+    units = []
+    for number in range(1_000, 1_000 + random.choice((300, 9_000))):
+        facts = _text("port") + _text(f"/dev/tty{number}") + _text("baud") + _text("115200")
+        known = _text("/fte/malformed") + _text("protobuf") + struct.pack("<I", len(facts)) + facts
+        units.append(framed(CHANNEL, struct.pack("<HH", number, 1) + known))
+    return b"".join(units)
+
+
 def _claimed_record(random: Random) -> bytes:
     opcode = random.choice((0, 3, 4, 5, 6, 9, 12, 0x80, 0xFF))
     return struct.pack("<BQ", opcode, random.choice(CLAIMS)) + random.randbytes(40)
@@ -221,6 +266,10 @@ BOMBS: Mapping[str, Callable[[Random], bytes]] = {
     "nested chunks": _nested_chunks,
     "small chunks": _small_chunks,
     "claimed record": _claimed_record,
+    "schemas": _many_schemas,
+    "attachments": _attachments,
+    "overlap": _overlapping_chunks,
+    "many ports": _many_ports,
 }
 
 

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import csv
 import os
+import warnings
 from collections import Counter
-from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from polars.exceptions import ComputeError
 
+import fte_sniff
 from fte_sniff.errors import FileError
+from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.repair import Repair
 from tests.torture.case import ROOT, Case, PromiseError, Run, promise
 from tests.torture.damage import (
     BOMBS,
+    START_NS,
     VARIANTS,
     damaged,
+    flipped,
     hostile_settings,
     recording,
     repeated_index,
@@ -132,28 +138,75 @@ def mutate(case: Case) -> None:
 
 
 def mutate_many(case: Case) -> None:
-    """The same for many files by the package's functions, in one process and without limits."""
-    data = _original(case)
+    """The same for many files by the package's functions, in one process and without limits.
+
+    Half of the cases flip single bits, one per file.
+    """
+    random, data = case.random, _original(case)
     true_rows = set(_true_rows(case, data))
-    path, repaired = case.path("damaged.mcap"), case.path("repaired.mcap")
+    single = random.random() < 0.5
+    path = case.path("damaged.mcap")
     for _ in range(40):
-        path.write_bytes(damaged(case.random, data))
-        rows: list[ReadRow] = []
-        with suppress(FileError):
-            reader = RecordingReader(path)
-            rows += [(row.port, row.offset, row.raw.hex().upper()) for row in reader]
-            promise(reader.losses or reader.ending or len(rows) == len(true_rows), "a silent loss")
-        invented = set(rows) - true_rows
+        path.write_bytes(flipped(random, data) if single else damaged(random, data))
+        rows = _rows_of(path)
+        promise(len(rows.found) == len(true_rows) or rows.reported, "a silent loss")
+        invented = set(rows.found) - true_rows
         promise(not invented, f"rows that were never recorded: {sorted(invented)[:3]}")
+        start, end = sorted(random.sample(range(10), 2))
+        span = TimeRange(*(START_NS + second * 10**9 for second in (start, end)))
+        part = _rows_of(path, span)
+        whole = [
+            row
+            for row, t_ns in zip(rows.found, rows.times, strict=True)
+            if span.first_ns <= t_ns < span.end_ns
+        ]
+        promise(not Counter(whole) - Counter(part.found), f"{span}: rows are missing")
+        _check_scan(path, rows)
+        _check_repair(path, case.path("repaired.mcap"), rows)
+
+
+@dataclass(frozen=True)
+class _Read:
+    found: list[ReadRow]
+    times: list[int]
+    reported: bool
+    """Whether damage was reported."""
+
+
+def _rows_of(path: Path, span: TimeRange = EVERYTHING) -> _Read:
+    """The rows of a recording by the package's reader."""
+    try:
+        reader = RecordingReader(path)
+        rows = [row for batch in reader.batches(span=span) for row in batch]
+    except FileError:
+        return _Read([], [], True)
+    found = [(row.port, row.offset, row.raw.hex().upper()) for row in rows]
+    times = [row.t_ns or 0 for row in rows]
+    return _Read(found, times, bool(reader.losses or reader.ending))
+
+
+def _check_scan(path: Path, rows: _Read) -> None:
+    with warnings.catch_warnings(record=True) as reported:
+        warnings.simplefilter("always")
         try:
-            repair = Repair(path)
-            if not repair.is_whole:
-                repair.write(repaired, Existing.REPLACE)
-        except FileError as error:
-            promise(not rows, f"repair refuses what is read: {error}")
-            continue
-        lost = Counter() if repair.is_whole else Counter(rows) - Counter(official_rows(repaired))
-        promise(not lost, f"repair loses {lost.total()} of {len(rows)} rows")
+            count = fte_sniff.scan(path).collect().height
+        except (FileError, ComputeError) as error:
+            promise(not rows.found, f"scan refuses what is read: {error}")
+            return
+    promise(count == len(rows.found), f"scan has {count} rows, there are {len(rows.found)}")
+    promise(bool(reported) == rows.reported, "scan warns of other damage")
+
+
+def _check_repair(path: Path, repaired: Path, rows: _Read) -> None:
+    try:
+        repair = Repair(path)
+        if not repair.is_whole:
+            repair.write(repaired, Existing.REPLACE)
+    except FileError as error:
+        promise(not rows.found, f"repair refuses what is read: {error}")
+        return
+    lost = Counter() if repair.is_whole else Counter(rows.found) - Counter(official_rows(repaired))
+    promise(not lost, f"repair loses {lost.total()} of {len(rows.found)} rows")
 
 
 def truncate(case: Case) -> None:
@@ -237,17 +290,3 @@ def settings(case: Case) -> None:
         path.write_bytes(hostile_settings(case.random))
     arguments = ("live", "loop://", "--no-record", "--plain", "--duration", "0.1")
     case.check_limits(case.start(*arguments, FTE_SNIFF_CONFIG=str(path)).wait(), "live")
-
-
-OPTIONS = ("rotate", "max-size", "min-free", "flush-every", "duration", "count", "baud", "filter")
-MORE_OPTIONS = ("trigger", "before", "keep-rows", "resolution", "gear-ratio", "config", "lang")
-
-
-def options(case: Case) -> None:
-    """Start with hostile values of options."""
-    random = case.random
-    digits = str(random.randrange(10)) * random.choice((1, 20, 400, 5_000))
-    form = random.choice(("{}", "{}GB", "-{}", "0.{}", "{}h", "{}e{}", "\u202e{}\x9b", "rpm > {}"))
-    option = f"--{random.choice((*OPTIONS, *MORE_OPTIONS))}={form.replace('{}', digits)}"
-    port = ("sim://?frames=20", "--no-reconnect", "--plain", "-o", case.path("x.mcap"))
-    case.check_limits(case.run("live", *port, option), f"live {option[:60]}")

@@ -10,6 +10,7 @@ import fcntl
 import os
 import re
 import shutil
+import socket
 import struct
 import subprocess
 import sys
@@ -38,6 +39,7 @@ from tests.torture.file_attacks import (
     ReadRow,
     check_killed,
     check_read_by_both,
+    csv_rows,
     decoded,
     official_rows,
 )
@@ -123,6 +125,14 @@ def check_stream(rows: list[ReadRow], sent: bytes, at_least: int) -> None:
 
 def _number(text: str) -> int:
     return int(text.replace(",", ""))
+
+
+def wait_until(holds: Callable[[], bool], text: str) -> None:
+    """Wait until something holds; a broken promise with this text if it does not."""
+    until = monotonic() + BOUND_S
+    while not holds():
+        promise(monotonic() < until, text)
+        sleep(0.01)
 
 
 def _files(case: Case) -> list[Path]:
@@ -274,24 +284,35 @@ def _check_accounted(case: Case, run: Run, sent: bytes) -> None:
         check_stream(rows, sent, len(sent))
 
 
+_CONVERSIONS = (
+    *(("decode", suffix) for suffix in ("mcap", "csv", "jsonl", "parquet")),
+    ("repair", "mcap"),
+    ("report", "html"),
+)
+
+
 def faults_of_conversion(case: Case) -> None:
-    """Let writes of `decode -o` and `repair` fail: exit code 4 and a valid file or none."""
+    """Let writes of conversions fail: exit code 4, and the old file or none."""
     random = case.random
     data = recording(random.randrange(VARIANTS))
     source = case.path("source.mcap")
-    command = random.choice(("decode", "repair"))
-    source.write_bytes(data if command == "decode" else data[: len(data) * 2 // 3])
-    output = case.path(
-        random.choice(("x.mcap", "x.csv", "x.jsonl")) if command == "decode" else "x.mcap"
-    )
+    command, suffix = random.choice(_CONVERSIONS)
+    source.write_bytes(data if command != "repair" else data[: len(data) * 2 // 3])
+    output = case.path(f"x.{suffix}")
+    old = random.choice((None, b"old"))
+    if old is not None:
+        output.write_bytes(old)
     faults = _faults(case, 40)
-    run = case.run(command, source, "-o", output, **faults)
+    run = case.run(command, source, "-o", output, "--force", **faults)
     promise(run.code in (0, 4), f"exit code {run.code}\n{run.errors}")
     _, rows = decoded(case, source)
-    if output.suffix == ".mcap" and output.exists():
-        found = check_read_by_both(case, output)
-        whole = run.code == 4 or Counter(found) == Counter(rows)
-        promise(whole, f"exit code 0, but {len(found)} of {len(rows)} rows")
+    if run.code == 4:
+        left = output.read_bytes() if output.exists() else None
+        promise(left == old, f"{command} left a part of {output.name}\n{run.errors}")
+        promise(not list(case.folder.glob(".*.part")), f"{command} left a partial file")
+    elif suffix in ("mcap", "csv"):
+        found = check_read_by_both(case, output) if suffix == "mcap" else csv_rows(output)
+        promise(Counter(found) == Counter(rows), f"{len(found)} of {len(rows)} rows")
 
 
 def taken_away(case: Case) -> None:
@@ -395,6 +416,67 @@ def in_use(case: Case) -> None:
     line.close()
 
 
+def two_recorders(case: Case) -> None:
+    """Two captures begin to record into one file: one of them records, the other is refused."""
+    force = case.random.choice(((), ("--force",)))
+    words = ("sim://?rate=500", "--plain", "--no-reconnect", "-o", "x.mcap", *force)
+    programs = [case.start("live", *words)]
+    sleep(case.random.uniform(0, 0.3))
+    programs.append(case.start("live", *words))
+    wait_until(lambda: any(program.has_ended for program in programs), "none is refused")
+    second = next(program for program in programs if program.has_ended)
+    first = next(program for program in programs if program is not second)
+    promise(second.wait().code == 4, second.errors)
+    wait_until(lambda: bool(first.output), "the first does not record")
+    first.interrupt()
+    run = first.wait()
+    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
+    rows = check_read_by_both(case, case.path("x.mcap"))
+    promise(len(rows) == max(map(_number, _ROWS.findall(run.errors))), run.errors)
+
+
+def hostile_server(case: Case) -> None:
+    """Connect to an RFC 2217 server that sends anything: a clear end."""
+    random = case.random
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        scheme = random.choice(("rfc2217", "rfc2217", "socket"))
+        output = ("--duration", "2", "--no-reconnect", "--plain", "-o", "x.mcap")
+        program = case.start("live", f"{scheme}://127.0.0.1:{port}", *output)
+        server.settimeout(BOUND_S)
+        client, _ = server.accept()
+        with client, suppress(OSError):
+            for _ in range(random.randrange(200)):
+                client.sendall(_telnet(random))
+                sleep(random.choice((0, 0, 0.01)))
+            if random.random() < 0.5:
+                client.shutdown(socket.SHUT_RDWR)
+        run = program.wait()
+    promise(run.code in (0, 3), f"exit code {run.code}\n{run.errors}")
+    for path in _files(case):
+        check_read_by_both(case, path)
+
+
+def _telnet(random: Random) -> bytes:
+    """A command, option, subnegotiation or data of a Telnet server, right or wrong."""
+    iac, sb, se, port_option = 255, 250, 240, 44
+    match random.randrange(6):
+        case 0:
+            return bytes((iac, random.randrange(236, 256), random.choice((0, 1, 3, port_option))))
+        case 1:
+            answer = bytes((random.choice((0, 1, 2, 99, 100, 101, 105, 106, 107, 112, 255)),))
+            value = random.randbytes(random.choice((0, 1, 4, 9)))
+            return bytes((iac, sb, port_option)) + answer + value + bytes((iac, se))
+        case 2:
+            return bytes((iac, sb)) + random.randbytes(random.choice((0, 3, 3_000)))
+        case 3:
+            return random.randbytes(random.randrange(40))
+        case 4:
+            return bytes((iac, se)) * random.randrange(4)
+        case _:
+            return numbered_frame(random.randrange(1_000))
+
+
 def few_files(case: Case) -> None:
     """Allow only a few open files: the program works, or says so in a line."""
     random = case.random
@@ -414,7 +496,10 @@ def few_files(case: Case) -> None:
         )
     )
     run = case.start_python("-c", LIMITED, str(random.randrange(5, 60)), *words).wait()
-    promise(run.code in (0, 1, 2, 3, 4), f"exit code {run.code}\n{run.errors}")
+    done = 3 if words[0] == "live" else 0
+    promise(run.code in (done, 4), f"exit code {run.code}\n{run.errors}")
+    reported = run.errors.count("too many open files")
+    promise(reported == (run.code == 4), f"exit code {run.code}, not one line\n{run.errors}")
     for path in _files(case):
         check_read_by_both(case, path)
 

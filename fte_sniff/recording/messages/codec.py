@@ -36,6 +36,7 @@ from fte_sniff.recording.mcap.records import RecordError, parse
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
+    PACKAGE,
     REPEATED,
     TOPIC_BY_NAME,
     Topic,
@@ -214,8 +215,8 @@ class ChannelReaders:
         Raises RecordError if it is damaged, or there are too many.
         """
         definition = parse(Schema if opcode == Opcode.SCHEMA else Channel, body)
-        # Channels of other topics cost little, and rows may come after any number of them.
-        if isinstance(definition, Schema) or definition.topic in TOPIC_BY_NAME:
+        known, _ = self._known.get((type(definition), definition.id), (None, False))
+        if known != definition and _costs(definition, known):
             if self._updates >= _MOST_DEFINITIONS:
                 raise RecordError(TranslatableText("more definitions than a recording has"))
             self._updates += 1
@@ -269,6 +270,13 @@ class ChannelReaders:
             return MessageReader(channel.topic, self._port_of(channel), schema.name, schema.data)
         except FileError as error:
             return error.message
+
+
+def _costs(definition: Schema | Channel, known: object) -> bool:
+    """Whether rows may be read by it. Others cost little, and rows may come after any number."""
+    if isinstance(definition, Schema):
+        return known is not None or definition.name.startswith(f"{PACKAGE}.")
+    return definition.topic in TOPIC_BY_NAME
 
 
 def reason_in(error: Exception) -> str:
