@@ -121,7 +121,7 @@ def day_of(text: str) -> date:
         raise InputTextError(f"--date: {quoted(text)} is no day; write it as 2026-01-31") from None
     if day.year not in _YEARS:
         raise InputTextError(
-            f"--date: {day} cannot be kept; times go from {_YEARS.start} to {_YEARS[-1]}"
+            f"--date: {day} is out of range; times go from {_YEARS.start} to {_YEARS[-1]}"
         )
     return day
 

@@ -316,7 +316,7 @@ class Forwarder:
         self._report_not_delivered()
         if self._not_written:
             detail = TranslatableText(
-                "{count} bytes of the host program: the port did not take them",
+                "{count} bytes from the host program were not sent: the port did not accept them",
                 count=self._not_written,
             )
             self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_written)
@@ -345,7 +345,7 @@ class Forwarder:
     def _count_not_delivered(self, count: int) -> None:
         if not self._not_delivered:
             detail = TranslatableText(
-                "the host program does not read: what comes for it is dropped, but kept here"
+                "the host program does not read: its bytes are recorded, but not delivered"
             )
             self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail)
         self._not_delivered += count
@@ -353,7 +353,7 @@ class Forwarder:
     def _report_not_delivered(self) -> None:
         if self._not_delivered:
             detail = TranslatableText(
-                "{count} bytes were kept here, but not given to the host program",
+                "{count} bytes were recorded, but not delivered to the host program",
                 count=self._not_delivered,
             )
             self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_delivered)

@@ -78,7 +78,7 @@ class ChunkQueue:
 
     def _append(self, item: Item) -> None:
         if self._dropped:
-            reason = TranslatableText("they came faster than they were taken")
+            reason = TranslatableText("they arrived faster than they were processed")
             self._put(self._overrun(self._dropped_at_ns, self._dropped, reason))
             self._dropped = self._dropped_at_ns = 0
         self._put(item)
@@ -110,7 +110,7 @@ class ChunkQueue:
             item = self._next()
         if left or lost:
             reason = TranslatableText(
-                "{left} waited to be written at the end, {lost} came too fast before",
+                "{left} were not yet written at the end, {lost} arrived too fast before",
                 left=left,
                 lost=lost,
             )
@@ -118,7 +118,7 @@ class ChunkQueue:
         yield from events
 
     def _overrun(self, t_ns: int, count: int, reason: str) -> PortEvent:
-        detail = TranslatableText("{count} bytes were not kept: {why}", count=count, why=reason)
+        detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
         return PortEvent(t_ns, self._port, PortEventKind.OVERRUN, detail, count)
 
 

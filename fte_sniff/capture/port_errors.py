@@ -111,7 +111,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     if _NO_RFC2217 in str(error):
         # pyserial's own text ends with a dump of the telnet options.
         reason = TranslatableText(
-            "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
+            "the server does not speak RFC 2217; if it sends plain bytes, open {bare}",
             bare=bare,
         )
     elif scheme == "rfc2217" and (refused := _REFUSED.findall(str(error))):
@@ -122,7 +122,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         )
     elif scheme == "rfc2217" and number in (errno.ECONNRESET, errno.EPIPE):
         reason = TranslatableText(
-            "the server hung up: it does not speak RFC 2217, or serves somebody else"
+            "the server hung up: it does not speak RFC 2217, or serves another client"
         )
     if reason is not None:
         return PortError("{port} cannot be opened: {why}", port=named, why=reason)
@@ -154,7 +154,7 @@ def _device_problem(device: str, number: int | None) -> str | None:
         if Path(device).is_file():
             there = TranslatableText("`fte-sniff view {file}` shows a recording", file=device)
         return TranslatableText(
-            " is no serial port but {what}; {there}", what=_file_type(device), there=there
+            " is {what}, not a serial port; {there}", what=_file_type(device), there=there
         )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return TranslatableText(
@@ -192,7 +192,7 @@ def _file_type(device: str) -> str:
     try:
         mode = Path(device).stat().st_mode
     except OSError:
-        return TranslatableText("no device either")
+        return TranslatableText("a path without a device")
     kinds = {
         stat.S_IFDIR: TranslatableText("a directory"),
         stat.S_IFREG: TranslatableText("a file"),

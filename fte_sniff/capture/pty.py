@@ -66,7 +66,7 @@ class PseudoTerminal:
             link.symlink_to(self.device)
         except FileExistsError:
             named = printable(str(link))
-            raise FileError(f"{named} is in the way: remove it, or name another") from None
+            raise FileError(f"{named} exists already: remove it, or name another") from None
         except (OSError, ValueError) as error:
             raise _link_error(link, error) from error
         self._link = link

@@ -133,7 +133,7 @@ def _open_device(found: str, settings: PortSettings) -> OpenedPort:
         # A stale link: the number may belong to a user's terminal by now.
         raise RefusedError(
             TranslatableText(
-                "{target} may be somebody's terminal: {holders}; close that",
+                "{target} may be in use as a terminal: {holders}; close that",
                 target=target,
                 holders=holders_text(holders),
             )

@@ -109,7 +109,7 @@ def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None
     device = device_of(port)
     if device is None:
         if urlsplit(port.port or "").scheme == "rfc2217":
-            raise PortError("rfc2217:// cannot leave DTR and RTS as they are: ask for on or off")
+            raise PortError("rfc2217:// cannot leave DTR and RTS as they are: use on or off")
         yield
         return
     # pyserial always sets both lines, so let it set the values that opening the device gives. Keep

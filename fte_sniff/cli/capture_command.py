@@ -75,15 +75,17 @@ capture_options = all_of(
     click.option("--no-record", is_flag=True, help="Record nothing."),
     recording_options,
     click.option(
-        "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
+        "--keep-recording",
+        is_flag=True,
+        help="Continue when the view is killed or its terminal closed.",
     ),
-    click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
+    click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
     click.option(
         "--check",
         "rules",
         type=FileName(),
         metavar="FILE",
-        help="Judge the rows by the rules of a file (docs/check.md); exit code 1 if they do not"
+        help="Check the rows by the rules of a file (docs/check.md); exit code 1 if they do not"
         " pass.",
     ),
     click.option(
@@ -211,7 +213,8 @@ def _print_verdicts(check: RuleCheck) -> None:
         print_err(line.plain.rstrip())
     if check.unseen:
         print_err(
-            f"fte-sniff: {check.unseen:,} rows came too fast to be judged; check the recording"
+            f"fte-sniff: {check.unseen:,} rows arrived too fast to be checked; run check on the "
+            "recording"
         )
 
 
@@ -478,7 +481,7 @@ class PlainLines:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
         if self._not_shown:
-            print_err(f"{self._not_shown:,} rows more came too fast to be printed")
+            print_err(f"{self._not_shown:,} more rows arrived too fast to be printed")
         print_err(summary(self._tally, unframed=unframed))
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
@@ -512,7 +515,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     session.close()
     for tally in seen:
         if not_shown:
-            print_err(f"{not_shown:,} rows more came too fast to be shown")
+            print_err(f"{not_shown:,} more rows arrived too fast to be shown")
         print_err(summary(tally, unframed=session.state.progress.waiting))
 
 

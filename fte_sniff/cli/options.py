@@ -97,7 +97,7 @@ def time_range(
     if since is not None and until is not None and first >= end:
         raise UsageError(
             f"--from {shortened(since)} is not before --to {shortened(until)};"
-            f" nothing lies between them{_hint(since, until)}"
+            f" no row is between them{_hint(since, until)}"
         )
     return TimeRange(first, min(end, span.end_ns))
 
@@ -150,7 +150,7 @@ def _length(text: str, option: str) -> int:
     length = duration_ns(text)
     if length is None:
         raise InputTextError(
-            f"{option}: {quoted(text)} is no length of time; write 10s, 1m30s or 250ms"
+            f"{option}: {quoted(text)} is not a duration; write 10s, 1m30s or 250ms"
         )
     return length
 
@@ -247,7 +247,7 @@ list_format_option = click.option(
     type=click.Choice(["table", "jsonl"]),
     default="table",
     show_default=True,
-    help="A table for people, or a JSON object a line.",
+    help="A table for people, or one JSON object per line.",
 )
 """The `--format` option of commands that list other things than rows."""
 

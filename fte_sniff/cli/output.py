@@ -57,7 +57,7 @@ def summary(tally: Tally, reading: InputReading | None = None, unframed: int = 0
         parts.append("nothing malformed")
     gaps = reading.reported_gaps if reading is not None else []
     if unframed:
-        parts.append(f"{unframed:,} bytes in no row")
+        parts.append(f"{unframed:,} bytes not decoded")
     advice = "" if unframed else explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
@@ -68,7 +68,7 @@ def gap_text(gaps: Sequence[Gap]) -> str:
     rows, places = sum(gap.rows or 0 for gap in gaps), len(gaps)
     text = f"{rows:,} row{'s' * (rows != 1)}"
     if any(gap.rows is None for gap in gaps):
-        text = f"{text} and more" if rows else "nobody knows how many rows"
+        text = f"{text} and more" if rows else "an unknown number of rows"
     return f"{text} in {places:,} place{'s' * (places != 1)}"
 
 
@@ -84,7 +84,7 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
     if not tally.rows:
         return "nothing came: check the wire, the ground and the baud rate"
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
-        return "no frame in it: is it this controller, this baud rate, this polarity?"
+        return "no frame found: check the controller, the baud rate and the polarity"
     return ""
 
 

@@ -87,4 +87,4 @@ def _loss_text(damage: FileDamage) -> str:
         return f"{damage.lost_messages} are lost"
     if damage.least_lost_messages:
         return f"at least {damage.least_lost_messages} are lost"
-    return "how many came behind the damage is not known"
+    return "the number of rows after the damage is unknown"

@@ -40,8 +40,8 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
         simulated.check_against(baud)
         if simulated.is_silent:
             raise UsageError(
-                "--wire control without a host is a line without any byte: add "
-                "--host on, or leave --wire as it is"
+                "--wire control needs a host, or no byte is sent: add --host on, or leave out "
+                "--wire"
             )
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error

@@ -28,7 +28,7 @@ class ClosedOutput(io.TextIOBase):
 
     def write(self, text: str, /) -> int:
         """Raise FileError."""
-        raise FileError("standard output is closed; let it go somewhere, for example > rows.txt")
+        raise FileError("standard output is closed; redirect it, for example > rows.txt")
 
 
 def prepare_streams() -> None:
@@ -58,7 +58,7 @@ def prepare_streams() -> None:
 def unwritable_stdout(error: OSError) -> FileError:
     """The error for a standard output that cannot be written; not every command has `-o`."""
     return FileError(
-        f"standard output cannot be written: {reason_of(error)}; let it go somewhere else"
+        f"standard output cannot be written: {reason_of(error)}; redirect it to another place"
     )
 
 

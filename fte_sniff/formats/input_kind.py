@@ -55,7 +55,7 @@ def kind_of_file(path: Path) -> InputKind:
         return InputKind.MCAP
     names = ", ".join(KIND_OF_SUFFIX)
     raise UsageError(
-        f"{path}: the name does not tell what is in it ({names}); say --input {'|'.join(InputKind)}"
+        f"{path}: its name does not show its format ({names}); use --input {'|'.join(InputKind)}"
     )
 
 

@@ -255,7 +255,8 @@ def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
     if field.name == "online":
         motor = TranslatableText("motor {number}", number=number + 1)
         return motor, TranslatableText(
-            "{motor} online (assumption: the protocol does not say which bit is who)", motor=motor
+            "{motor} online (assumption: the protocol does not say which bit is which motor)",
+            motor=motor,
         )
     return TranslatableText("unknown"), TranslatableText(
         "meaning unknown: the protocol does not say"

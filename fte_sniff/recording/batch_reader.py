@@ -447,7 +447,7 @@ class BatchReader:
                 if len(slices) > 1:
                     rows.end_batch(run.batches)
             if found.messages.without_head:
-                text = TranslatableText("a message without its head")
+                text = TranslatableText("a message without its header")
                 decoded.losses.append(text, found.messages.without_head)
                 decoded.unreadable += found.messages.without_head
             # Free this piece first: the next is then unpacked into cached memory.

@@ -184,7 +184,7 @@ class _Cdr:
 
     def __init__(self, data: bytes) -> None:
         if len(data) < _CDR_HEAD:
-            raise ValueError("a message without its head")
+            raise ValueError("a message without its header")
         self._data = memoryview(data)[_CDR_HEAD:]
         self._order: Literal["little", "big"] = "little" if data[1] & 1 else "big"
         self._offset = 0

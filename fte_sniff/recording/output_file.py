@@ -48,7 +48,8 @@ def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
     if isinstance(error, CutOffError):
         return FileError(
             "recording stopped: another program cut off {path} while it was being written; "
-            "of the {rows} rows in it, those after the cut are lost; leave the file alone",
+            "of its {rows} rows, those after the cut are lost; do not change the file while it "
+            "is written",
             path=path,
             rows=rows,
         )
@@ -73,14 +74,14 @@ def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:
     """The error for a recording whose file was deleted, moved or replaced."""
     if deleted:
         return FileError(
-            "recording stopped: {path} was deleted while it was being written; the {rows} rows "
-            "in it are lost; start again, and leave the file in its place",
+            "recording stopped: {path} was deleted while it was being written; its {rows} rows "
+            "are lost; start again, and do not delete the file",
             path=path,
             rows=rows,
         )
     return FileError(
-        "recording stopped: {path} was moved or replaced while it was being written; "
-        "the {rows} rows in it went with it; start again, and leave the file in its place",
+        "recording stopped: {path} was moved or replaced while it was being written; it had "
+        "{rows} rows; start again, and do not move the file",
         path=path,
         rows=rows,
     )

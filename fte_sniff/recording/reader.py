@@ -310,8 +310,8 @@ class RecordingReader:
 
     def _start_lost(self, count: int) -> TranslatableText:
         return TranslatableText(
-            "the beginning of this recording is damaged, its first {count} bytes; "
-            "of what is whole behind them `fte-sniff repair {path}` makes a whole file",
+            "the first {count} bytes of this recording are damaged; `fte-sniff repair {path}` "
+            "copies the undamaged rest to a new file",
             count=count,
             path=quote(str(self.path)),
         )
@@ -358,7 +358,7 @@ class RecordingReader:
         if magic != MAGIC and not any(lost.stop for lost in records.losses):
             raise FileError(
                 f"{self.path} is not an MCAP recording; "
-                "if it holds raw bytes or hex text, say --input raw or --input hex"
+                "if it holds raw bytes or hex text, use --input raw or --input hex"
             )
         if self._summary is not None:
             self._use_summary(self._summary)

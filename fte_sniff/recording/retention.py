@@ -194,7 +194,7 @@ class FileRetention:
         free = self._disk()[1]
         if free is not None and free < self._min_free:
             return TranslatableText(
-                "the disk is full but for {left} (--min-free {free})",
+                "the disk has only {left} free (--min-free {free})",
                 left=size_text(free),
                 free=size_text(self._min_free),
             )

@@ -16,7 +16,7 @@ Entry: TypeAlias = Row | PortEvent
 Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
 """Selects rows: returns some of the given objects, in their order."""
 
-_EMPTY = Gap(GapKind.LEFT_OUT, 0, reason="the trigger did not ask for them")
+_EMPTY = Gap(GapKind.LEFT_OUT, 0, reason="they are outside the trigger window")
 
 
 class Trigger:

@@ -207,7 +207,7 @@ class CaptureState:
             )
         if self.leftover:
             return TranslatableText(
-                "writing what has arrived: {bytes:,} bytes wait", bytes=self.leftover
+                "writing received data: {bytes:,} bytes left", bytes=self.leftover
             )
         return None
 

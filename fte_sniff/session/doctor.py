@@ -295,7 +295,7 @@ def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:
         what = f"{name} runs: it opens new adapters for some seconds, and writes to them"
         yield warn("machine", what, INTERFERING_PROGRAMS[name])
     if not found:
-        yield ok("machine", "no program runs that is known to take adapters away")
+        yield ok("machine", "no program that blocks adapters is running")
 
 
 def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Finding:

@@ -481,6 +481,6 @@ class LogInput(Input):
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
     return (
-        f"none of its {held} lies between --from and --to;"
+        f"none of its {held} is between --from and --to;"
         f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
     )

@@ -35,8 +35,8 @@ WAIT_S = 0.1
 """Seconds that one wait for the capture process lasts."""
 
 _KILLED = TranslatableText(
-    "the capture did not end within {seconds:g} s of being asked, and was killed; "
-    "what it had flushed to its recording until then is kept",
+    "the capture did not end within {seconds:g} s and was killed; the rows written to the "
+    "recording so far are kept",
     seconds=END_WITHIN_S,
 )
 _ENDED_EARLY = TranslatableText("the capture was ended while the disk was still writing")

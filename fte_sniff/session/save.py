@@ -201,7 +201,7 @@ class SaveTarget:
             path = path.expanduser()
         if path.suffix.lower() not in suffixes:
             forms = " ".join(suffixes)
-            raise UsageError("the name's end says what is written: {forms}", forms=forms)
+            raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
         target = cls(path, replace, in_use)
         target.check()
         return target
@@ -224,9 +224,7 @@ class SaveTarget:
                 "{folder} does not exist; name a folder that does", folder=self.path.parent
             )
         if any(is_same_file(self.path, one) for one in self.in_use):
-            raise FileError(
-                "{path} holds what is shown, and would be lost; name another", path=self.path
-            )
+            raise FileError("{path} is the file shown here; name another", path=self.path)
         if os.path.lexists(self.path) and not self.replace:
             raise FileError(
                 "{path} exists already; name another, or replace it with {name}{overwrite}",
@@ -364,7 +362,9 @@ class SaveJob:
         """Rows written so far."""
         temporary = temporary_path(target.path)
         if os.path.lexists(temporary):
-            raise FileError("{path} is in the way; delete it, or name another", path=temporary)
+            raise FileError(
+                "{path} exists already; delete it, or name another file", path=temporary
+            )
         try:
             self._export = FileExport(target.path, target.form, source)
         except OSError as error:

@@ -119,7 +119,7 @@ class ViewActions(ScreenActions):
         if model.state.live:
             self._table.toggle_pause()
         elif model.start_ns is None:
-            self._inform(_("no row here has a time to go by"))
+            self._inform(_("no row here has a time"))
         elif model.playback is not None and viewport.following:
             model.playback.paused = not model.playback.paused
         else:
@@ -157,7 +157,7 @@ class ViewActions(ScreenActions):
     def action_times(self) -> None:
         """Switch to the next time style; without a mark or another zone, two are skipped."""
         if self._model.start_ns is None and len(self._model.store):
-            self._inform(_("no row here has a time to go by"))
+            self._inform(_("no row here has a time"))
             return
         view, styles = self._table.view, list(TimeStyle)
         if self._table.marks.latest is None:
@@ -306,7 +306,7 @@ class NavigationActions(ScreenActions):
         goal = parse_goal(line, zone)
         row = row_of(goal, store, cursor, zone)
         if row is None:
-            text = _("no row here has a time to go by")
+            text = _("no row here has a time")
             if goal.offset is not None:
                 text = _("no row that is shown has byte {offset:,} of its stream")
             self._inform(text.format(offset=goal.offset))
@@ -341,7 +341,7 @@ class NavigationActions(ScreenActions):
         if by < 0:
             text = _("no row with a fault above this one")
         if find_raised(store, start, by) is not None:
-            hint = _("{key} goes to one whose ERROR or ONLINE is not in order")
+            hint = _("{key} goes to a row whose ERROR or ONLINE is not in order")
             text += "; " + hint.format(key="a" if by > 0 else "A")
         self._inform(text)
 
@@ -376,7 +376,7 @@ class NavigationActions(ScreenActions):
             return
         index = self._table.last_index
         related = self._table.relations.related(index)
-        text = _("this row is no command with an answer, and answers none")
+        text = _("this row is neither a command with an answer nor an answer")
         if related:
             text = _("the filter hides row {number:,}, to which this one belongs; F shows all")
             text = text.format(number=related[0] + 1)
@@ -583,7 +583,7 @@ class FindActions(ScreenActions):
         """Go to the next hit, or to the previous one."""
         search = self._table.search
         if search is None:
-            self._inform(_("nothing was looked for yet; / begins"))
+            self._inform(_("no search yet; / starts one"))
         else:
             self._find(search, self._table.last_index + by, by)
 
@@ -651,13 +651,13 @@ class FindActions(ScreenActions):
 
     def _show_hit(self, progress: SearchProgress) -> None:
         if not self._table.jump_to_index(progress.found):
-            self._inform(_("the next row that has it came after the pause; space goes on"))
+            self._inform(_("the next match arrived after the pause; space continues"))
         elif progress.wrapped:
-            self._inform(_("there was no further one: it went on from the other end"))
+            self._inform(_("the search continued from the other end"))
 
     def _report_no_hit(self, search: Search) -> None:
         if self._model.store.view.pending:
-            text = _("no row so far has {text}; the filter is still at work")
+            text = _("no row has {text} so far; the filter is still running")
         elif self._model.store.view.filter is None:
             text = _("no row has {text}")
         else:

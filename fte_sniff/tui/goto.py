@@ -62,7 +62,7 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         return Goal(distance_ns=-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(
-            _("{text} of what? say it with a unit: {text}s, {text}ms, {text}us").format(text=text)
+            _("{text} has no unit; write {text}s, {text}ms, {text}us").format(text=text)
         )
     raise InputTextError(
         _(

@@ -45,7 +45,7 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
     if wanted not in (None, AUTO):
         if wanted not in LANGUAGES:
             known = ", ".join(LANGUAGES)
-            raise UsageError(f"the screen does not speak {wanted!r}; it speaks {known}")
+            raise UsageError(f"the screen has no language {wanted!r}; choose one of {known}")
         return str(wanted)
     names = (environment.get(name) for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
     locale = next(filter(None, names), "")

@@ -633,7 +633,7 @@ class SaveField(PromptField):
 
     LABEL = later("save to")
     EXAMPLE = DEFAULT_NAME
-    HINT = later("enter saves, esc goes back; the name's end is the form: {forms}")
+    HINT = later("enter saves, esc goes back; the extension selects the format: {forms}")
     SUFFIXES: ClassVar[Collection[str]] = FORMAT_BY_SUFFIX
 
     def open(self) -> None:

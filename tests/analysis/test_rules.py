@@ -117,7 +117,7 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
         ),
         ("duration(1) > 0", "a ')' is missing at character 10"),
         ("duration() > 0 AND duration() < 9", "a rule is one comparison at character 16"),
-        ("count(malformed; DROP) == 0", "';' is in no filter"),
+        ("count(malformed; DROP) == 0", "';' has no meaning in a filter"),
     ],
 )
 def test_a_mistake_is_named_with_its_place_and_the_fix(text: str, message: str) -> None:

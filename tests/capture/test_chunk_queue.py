@@ -45,7 +45,7 @@ def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int)
     (overrun,) = [event for event in events if event.kind is PortEventKind.OVERRUN]
     chunks = sum(isinstance(item, Chunk) for item in before)
     assert overrun.count == 8 * 500 - chunks * 500
-    assert overrun.detail.startswith(f"{overrun.count} bytes were not kept: ")
+    assert overrun.detail.startswith(f"{overrun.count} bytes were lost: ")
     assert overrun.t_ns == max(taken, 1)
     assert events == [OPENED, overrun, CLOSED][min(taken, 1) :]
     assert queue.waiting == 0

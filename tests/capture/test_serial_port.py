@@ -85,10 +85,10 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
         ("no-such-port", ["no-such-port: no such port;"]),
         ("null", ["did you mean /dev/null?"]),
         ("", ["empty name"]),
-        ("/tmp", ["/tmp is no serial port but a directory"]),
-        (__file__, ["is no serial port but a file", f"`fte-sniff view {__file__}`"]),
-        (f"{__file__}/x", ["is no serial port but no device either"]),
-        ("/dev/null", ["/dev/null is no serial port but another kind of device"]),
+        ("/tmp", ["/tmp is a directory, not a serial port"]),
+        (__file__, ["is a file, not a serial port", f"`fte-sniff view {__file__}`"]),
+        (f"{__file__}/x", ["is a path without a device, not a serial port"]),
+        ("/dev/null", ["/dev/null is another kind of device, not a serial port"]),
         ("/dev/\x1b[2J", [r"/dev/\x1b[2J: no such port"]),
         ("a\0b", [r"a\x00b cannot be opened"]),
         ("foo://bar", ["foo://bar: no such kind of port", "sim://", "socket://", "loop://"]),
@@ -133,12 +133,12 @@ def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
     with socket.create_server(("127.0.0.1", 0)) as server:
         where = f"127.0.0.1:{server.getsockname()[1]}"
         message = message_of(f"rfc2217://{where}")
-    assert message.endswith(f"not speak RFC 2217; where it sends bare bytes, open socket://{where}")
+    assert message.endswith(f"not speak RFC 2217; if it sends plain bytes, open socket://{where}")
 
 
 def test_control_lines_of_a_port_server_cannot_be_left_alone():
     settings = PortSettings(dtr=ControlLine.LEAVE)
-    assert "ask for on or off" in message_of("rfc2217://127.0.0.1:1", settings)
+    assert "use on or off" in message_of("rfc2217://127.0.0.1:1", settings)
 
 
 @pytest.mark.parametrize("baud", [-1, 0, 49, 12_000_001, 2**40])

@@ -1,4 +1,4 @@
-"""The program running in the background, and the wire it listens to, for tests to act on."""
+"""The program as a background process on a pseudo-terminal, for tests of signals and files."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from fte_sniff.recording.reader import RecordingReader
 PROGRAM = (sys.executable, "-m", "fte_sniff")
 FRAME = bytes.fromhex("AA0000000000000000EE")
 BOUND_S = 30.0
-"""How long anything may take at most, on the slowest machine."""
+"""Seconds that any step may take at most, on the slowest machine."""
 
 Process = subprocess.Popen[bytes]
 
 
 @contextmanager
 def wire() -> Iterator[tuple[int, str]]:
-    """A pseudo-terminal: the descriptor of the far end, and the device to listen to."""
+    """A pseudo-terminal: the descriptor of the controller's side, and the device to capture."""
     far, near = os.openpty()
     tty.setraw(near)
     try:
@@ -39,7 +39,7 @@ def wire() -> Iterator[tuple[int, str]]:
 def started(
     environment: Mapping[str, str], folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL
 ) -> Iterator[Process]:
-    """The program at work in `folder`, with its output in pipes; killed at the end if need be."""
+    """The running program in `folder`, with its output in pipes; killed at the end if it runs."""
     with subprocess.Popen(
         [*PROGRAM, *arguments],
         stdin=stdin,
@@ -64,25 +64,25 @@ def children_of(pid: int) -> list[int]:
     return found
 
 
-def hears(process: Process, far: int) -> bytes:
-    """Send frames until the program prints something; what it printed first."""
+def first_output(process: Process, far: int) -> bytes:
+    """Send frames until the program prints; returns its first output."""
     assert process.stdout is not None
     deadline = monotonic() + BOUND_S
     while monotonic() < deadline:
         os.write(far, FRAME)
         if select.select([process.stdout], [], [], 0.05)[0]:
             return os.read(process.stdout.fileno(), 1 << 16)
-    raise AssertionError("it hears nothing")
+    raise AssertionError("no output")
 
 
 def ended(process: Process) -> tuple[int, str, str]:
-    """Wait for the end; exit code and what was still written to stdout and stderr."""
+    """Wait for the end; returns the exit code, and the unread rest of stdout and stderr."""
     output, errors = process.communicate(timeout=BOUND_S)
     return process.returncode, (output or b"").decode(), errors.decode()
 
 
 def until(process: Process, wanted: bytes) -> bytes:
-    """What the program prints, until `wanted` is in it."""
+    """Standard output up to `wanted`."""
     assert process.stdout is not None
     found, deadline = b"", monotonic() + BOUND_S
     while wanted not in found:
@@ -96,7 +96,7 @@ def until(process: Process, wanted: bytes) -> bytes:
 
 
 def holding(file: Path) -> list[int]:
-    """The processes that have the file open, whatever name it had when they opened it."""
+    """Ids of the processes that have the file open, also under a former name."""
     found, sought = [], file.stat()
     for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
         try:
@@ -107,25 +107,12 @@ def holding(file: Path) -> list[int]:
     return found
 
 
-def wait_until(holds: Callable[[], bool]) -> None:
-    """Wait until something holds, but not for ever."""
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Wait until the condition holds, at most BOUND_S."""
     deadline = monotonic() + BOUND_S
-    while not holds():
-        assert monotonic() < deadline, "waited in vain"
+    while not condition():
+        assert monotonic() < deadline, "timed out"
         select.select([], [], [], 0.01)
-
-
-def until_told(process: Process, wanted: bytes) -> bytes:
-    """What it says on standard error until `wanted` is in a whole line, its output read too."""
-    assert process.stdout is not None
-    assert process.stderr is not None
-    found, deadline = b"", monotonic() + BOUND_S
-    while not (wanted in found and found.endswith(b"\n")):
-        assert monotonic() < deadline, found
-        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
-            more = os.read(stream.fileno(), 1 << 16)
-            found += more if stream is process.stderr else b""
-    return found
 
 
 def stderr_until(process: Process, wanted: str) -> str:

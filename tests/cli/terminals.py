@@ -1,4 +1,4 @@
-"""The program in a terminal, for tests to type, look, resize, and pull the terminal away."""
+"""The program in a terminal: tests type, read the screen, resize and close the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.cli.processes import BOUND_S, PROGRAM
 
 
 class Terminal:
-    """The program in a terminal of a given size, and all it has drawn so far."""
+    """The program in a terminal, and everything it has drawn so far."""
 
     def __init__(self, far: int, process: subprocess.Popen[bytes]) -> None:
         self.process = process
@@ -29,7 +29,7 @@ class Terminal:
 
     @property
     def attributes(self) -> list[object]:
-        """What `stty` would say."""
+        """The settings of the terminal, as `termios.tcgetattr` returns them."""
         return termios.tcgetattr(self._far)
 
     def resize(self, columns: int, lines: int) -> None:
@@ -40,7 +40,7 @@ class Terminal:
         return self._far >= 0
 
     def close(self) -> None:
-        """Pull it away."""
+        """Close the terminal's other side, as a terminal window that is closed."""
         os.close(self._far)
         self._far = -1
 
@@ -48,15 +48,15 @@ class Terminal:
         os.write(self._far, keys.encode())
 
     def until(self, wanted: str) -> None:
-        """Wait until something is drawn."""
+        """Wait until the program draws `wanted`."""
         start, deadline = len(self.drawn), monotonic() + BOUND_S
         while wanted.encode() not in self.drawn[start:]:
             assert self._draw(deadline - monotonic()), self.drawn[-2000:]
 
     def ended_by(self, *keys: str) -> int:
-        """Type these in turn, each behind what the one before has drawn, until the program ends."""
+        """Type the keys in turn, each after the program has drawn, until it ends; the exit code."""
         deadline = monotonic() + BOUND_S
-        with suppress(OSError):  # it may end before what is typed
+        with suppress(OSError):  # the program may end before a key is typed
             for again in cycle(keys):
                 if self.process.poll() is not None or monotonic() > deadline:
                     break
@@ -65,7 +65,7 @@ class Terminal:
         return self.ended()
 
     def ended(self) -> int:
-        """Wait for the end; the exit code."""
+        """Wait for the end; returns the exit code."""
         deadline = monotonic() + BOUND_S
         while self._draw(deadline - monotonic()):
             pass
@@ -82,13 +82,13 @@ class Terminal:
         return bool(more)
 
 
-def ruling() -> None:
-    """Make the terminal rule the program's session: it then tells of Ctrl-Z, and of its own end."""
+def controlling_terminal() -> None:
+    """Make it the controlling terminal: it then sends SIGTSTP on Ctrl-Z and SIGHUP when closed."""
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-def silent() -> None:
-    """Leave the terminal one that tells nothing: its end shows when it is read or written."""
+def plain_terminal() -> None:
+    """Leave it a terminal that sends no signals: only reads and writes fail when it is closed."""
 
 
 @contextmanager
@@ -97,24 +97,24 @@ def terminal(
     folder: Path,
     *arguments: str,
     size: tuple[int, int] = (80, 24),
-    manner: Callable[[], None] = silent,
+    session: Callable[[], None] = plain_terminal,
     program: Sequence[str] = PROGRAM,
     errors: Path | None = None,
 ) -> Iterator[Terminal]:
-    """The program in a terminal, but for its standard error where that goes to a file."""
+    """The program in a terminal; its standard error too, or in the file `errors`."""
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
     with (
-        nullcontext(near) if errors is None else errors.open("wb") as told,
+        nullcontext(near) if errors is None else errors.open("wb") as stderr,
         subprocess.Popen(
             [*program, *arguments],
             stdin=near,
             stdout=near,
-            stderr=told,
+            stderr=stderr,
             env=environment,
             cwd=folder,
             start_new_session=True,
-            preexec_fn=manner,
+            preexec_fn=session,
         ) as process,
     ):
         os.close(near)
@@ -130,7 +130,7 @@ def terminal(
 
 
 def in_session(leader: int) -> list[int]:
-    """The processes of a session."""
+    """Ids of the running processes of a session."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         pid = int(folder.name)
@@ -141,7 +141,7 @@ def in_session(leader: int) -> list[int]:
 
 
 def is_dead(process: Path) -> bool:
-    """Whether all that is left of a process is its exit code."""
+    """True if the process has ended, also if its exit code was not read yet."""
     try:
         return (process / "stat").read_text().rpartition(")")[2].split()[0] in "ZX"
     except OSError:

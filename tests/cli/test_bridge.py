@@ -141,7 +141,7 @@ def test_what_is_in_the_way_of_the_link_stays(run, tmp_path: Path):
     (tmp_path / "motors").write_text("mine")
     done = run("bridge", "sim://?host=off", "--link", "motors", "--no-record")
     assert done.returncode == 4
-    assert done.stderr == "fte-sniff: motors is in the way: remove it, or name another\n"
+    assert done.stderr == "fte-sniff: motors exists already: remove it, or name another\n"
     assert (tmp_path / "motors").read_text() == "mine"
 
 

@@ -34,13 +34,12 @@ from tests.cli.processes import (
     PROGRAM,
     Process,
     ended,
-    hears,
+    first_output,
     holding,
     rows_in,
     started,
     stderr_until,
     until,
-    until_told,
     wait_until,
     wire,
 )
@@ -107,17 +106,17 @@ def test_a_flood_holds_up_no_end(run, environment, tmp_path: Path, way: str | in
         arguments = ("live", port, "--plain", "-o", "x.mcap", "--no-reconnect", *bound)
         with started(environment, tmp_path, *arguments) as process:
             if isinstance(way, int):
-                until_told(process, b"recording to")
+                stderr_until(process, "recording to")
                 recording = tmp_path / "x.mcap"
                 wait_until(lambda: recording.stat().st_size > 500_000)
                 process.send_signal(way)
-            told = until_told(process, b"bytes wait; Ctrl-C drops them")
+            told = stderr_until(process, "bytes left; Ctrl-C drops them")
             # What waited takes a minute to be written, and more than BOUND_S.
             process.send_signal(signal.SIGTERM)
             code, _, errors = ended(process)
     assert code == 0, errors
-    assert told.count(b"bytes wait") == 1
-    assert " waited to be written at the end" in errors
+    assert told.count("bytes left") == 1
+    assert " were not yet written at the end" in errors
     decoded = run("decode", "x.mcap")
     assert decoded.returncode == 0
     assert "reported overrun" in decoded.stderr
@@ -187,8 +186,8 @@ def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         take_away(tmp_path / "x.mcap")
-        reported = until_told(process, b"recording goes on in x_00002.mcap")
-        assert what in reported.decode()
+        reported = stderr_until(process, "recording goes on in x_00002.mcap")
+        assert what in reported
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
@@ -209,7 +208,7 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
             environment | {"PYTHONDONTWRITEBYTECODE": "1"}, tmp_path, "live", SIM, "-o", "x.mcap"
         ) as process,
     ):
-        until_told(process, b"recording stopped")
+        stderr_until(process, "recording stopped")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
@@ -224,8 +223,8 @@ def test_a_pipe_without_reader_blocks_nothing(environment, tmp_path: Path, way: 
     os.mkfifo(tmp_path / "pipe")
     bound = ("--duration", "1") if way == "--duration" else ()
     with started(environment, tmp_path, "live", SIM, "-o", "pipe", *bound) as process:
-        said = until_told(process, b"waiting for a reader of pipe")
-        assert said.decode().splitlines()[0] == "recording to pipe"
+        said = stderr_until(process, "waiting for a reader of pipe")
+        assert said.splitlines()[0] == "recording to pipe"
         if not bound:
             until(process, b"speed_feedback")
             process.send_signal(signal.SIGINT)
@@ -306,7 +305,7 @@ def test_what_came_during_a_slow_flush_is_flushed_together(environment, tmp_path
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
         process.send_signal(signal.SIGINT)
-        until_told(process, b" are not written yet; Ctrl-C drops them")
+        stderr_until(process, " are not written yet; Ctrl-C drops them")
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(END_WITHIN_S + 1)
         slow.unlink()
@@ -319,7 +318,7 @@ def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None
 def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, _):
         process.send_signal(signal.SIGINT)
-        until_told(process, b" are not written yet; Ctrl-C drops them")
+        stderr_until(process, " are not written yet; Ctrl-C drops them")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
     assert code == 4
@@ -346,19 +345,19 @@ def test_bytes_that_a_slow_disk_keeps_from_being_rows_are_counted(
     slow = tmp_path / "slow"
     preloaded = environment | slow_syncs(tmp_path, SLOW_WHILE=str(slow))
     with started(preloaded, tmp_path, "live", pty.device, "-o", "x.mcap") as live:
-        until_told(live, b"recording to x.mcap")
+        stderr_until(live, "recording to x.mcap")
         slow.touch()
         pty.send(FRAME)
         wait_until((tmp_path / "sync-waits").exists)
         pty.send(99 * FRAME)  # the first flush keeps the capture from taking them
         wait_until(is_read)
         live.send_signal(signal.SIGINT)
-        until_told(live, b"0 rows and 990 bytes not yet in rows are not written yet; Ctrl-C drops")
+        stderr_until(live, "0 rows and 990 bytes not yet in rows are not written yet; Ctrl-C drops")
         live.send_signal(signal.SIGINT)
         code, _, errors = ended(live)
     assert code == 4
     *_, summary, last = errors.splitlines()
-    assert summary == "0 rows, 990 bytes in no row"
+    assert summary == "0 rows, 990 bytes not decoded"
     assert last.endswith("up to 0 rows and 990 bytes not yet in rows are not in x.mcap")
 
 
@@ -611,7 +610,7 @@ def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_p
             environment, tmp_path, "live", name, "--baud", "3000000", "-o", "x.mcap"
         ) as process,
     ):
-        hears(process, far)
+        first_output(process, far)
         wait_until(lambda: bool(holding(file)))
         (capture,) = holding(file)
         process.send_signal(signal.SIGSTOP)
@@ -624,7 +623,7 @@ def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_p
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
     assert code == 0
-    assert "rows more came too fast to be printed" in errors
+    assert "more rows arrived too fast to be printed" in errors
     assert sum(row.raw == SPEED for row in RecordingReader(file)) == frames
     # What waits for the view is bounded by rows, each of some hundred bytes.
     assert grown < MOST_WAITING * 1500
@@ -649,16 +648,16 @@ def test_port_events_that_matter_are_told_as_they_come_and_counted_at_the_end(
     lines = PlainLines(list)
     events = [
         event(PortEventKind.OPENED, "115200 baud"),
-        event(PortEventKind.OVERRUN, "512 bytes were not kept"),
-        event(PortEventKind.OVERRUN, "7 bytes were not kept\x1b[2J"),
+        event(PortEventKind.OVERRUN, "512 bytes were lost"),
+        event(PortEventKind.OVERRUN, "7 bytes were lost\x1b[2J"),
         event(PortEventKind.LINE_ERROR, ""),
         event(PortEventKind.LOST, "hung up"),
         event(PortEventKind.CLOSED, "as asked"),
     ]
     lines.write(FeedUpdate(FeedState(PORT), events=events), None)
     assert capsys.readouterr().err.splitlines() == [
-        r"tty\x1b[31m overrun: 512 bytes were not kept",
-        r"tty\x1b[31m overrun: 7 bytes were not kept\x1b[2J",
+        r"tty\x1b[31m overrun: 512 bytes were lost",
+        r"tty\x1b[31m overrun: 7 bytes were lost\x1b[2J",
         r"tty\x1b[31m line error",
         r"tty\x1b[31m lost: hung up",
     ]
@@ -689,4 +688,4 @@ def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str])
     lines = PlainLines(list)
     lines.write(FeedUpdate(FeedState("p", rows=5000, not_shown=4999)), None)
     lines.close(0)
-    assert "4,999 rows more came too fast to be printed" in capsys.readouterr().err
+    assert "4,999 more rows arrived too fast to be printed" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import pytest
 
 from fte_sniff.protocol import COLUMNS
 from tests.cli.conftest import SAMPLES
-from tests.cli.terminals import ruling, terminal
+from tests.cli.terminals import controlling_terminal, terminal
 
 SHELLS = {
     "bash": (["bash", "--norc", "--noprofile", "-i"], 'eval "$(fte-sniff completion bash)"'),
@@ -40,7 +40,9 @@ def test_tab_completes(environment: dict[str, str], tmp_path: Path, shell: str) 
     (folder / "subfolder/inner.png").touch()
     here = f"{Path(sys.executable).parent}{os.pathsep}{environment['PATH']}"
     own = environment | {"PATH": here, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
-    with terminal(own, folder, program=program, manner=ruling, size=(200, 50)) as screen:
+    with terminal(
+        own, folder, program=program, session=controlling_terminal, size=(200, 50)
+    ) as screen:
         screen.type(f"{load}; echo rea''dy\n")
         screen.until("ready")
         for keys, shown in TYPED:

@@ -524,7 +524,7 @@ def test_a_log_with_times_becomes_a_recording(run, tmp_path: Path) -> None:
     since = ("--date", "2026-01-31", "--from", "2026-01-31T14:03:22.13Z", "--format", "jsonl")
     assert len(jsonl(run("decode", "log.txt", *since).stdout)) == 1
     none = run("decode", "log.txt", "--date", "2026-01-31", "--from", "2027-01-01").stderr
-    assert "log.txt: none of its 2 rows lies between --from and --to; they go from" in none
+    assert "log.txt: none of its 2 rows is between --from and --to; they go from" in none
 
 
 @pytest.mark.parametrize("suffix", ["raw", "hex"])
@@ -772,7 +772,7 @@ def test_a_copy_tells_what_was_left_out_among_its_rows(
         RecordingReader(tmp_path / "copy.mcap").gaps(), expected, strict=True
     ):
         assert one.rows == rows
-        assert one.reason == "the trigger did not ask for them"
+        assert one.reason == "they are outside the trigger window"
         assert abs((one.start_ns or 0) - (START + first * STEP)) <= STEP
         assert abs((one.end_ns or 0) - (START + last * STEP)) <= STEP
 
@@ -797,6 +797,6 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
     times = START + 19 * STEP + 1, START + 40 * STEP - 1
     between = Gap(GapKind.LEFT_OUT, None, *times, "another recording begins here")
     assert RecordingReader(tmp_path / "copy.mcap").gaps() == [between]
-    words = "left out   nobody knows how many rows in 1 place: another recording begins here\n"
+    words = "left out   an unknown number of rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None

@@ -20,7 +20,7 @@ from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import received
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 from tests.cli.conftest import Run
-from tests.cli.processes import PROGRAM, ended, hears, started
+from tests.cli.processes import PROGRAM, ended, first_output, started
 
 BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}
 FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
@@ -193,7 +193,7 @@ def test_another_capture_is_named(run: Run, environment: dict[str, str], tmp_pat
     with wire() as (far, port):
         arguments = ("live", port, "--plain", "--no-record")
         with started(environment, tmp_path, *arguments) as capture:
-            hears(capture, far)
+            first_output(capture, far)
             done = run("doctor", port)
             capture.terminate()
             ended(capture)

@@ -20,7 +20,7 @@ from tests.cli.processes import (
     Process,
     children_of,
     ended,
-    hears,
+    first_output,
     rows_in,
     started,
     until,
@@ -308,7 +308,7 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
     with wire() as (far, device):
         live = ("live", device, "--plain", "-o", "x.mcap")
         with started(environment, tmp_path, *live) as writer:
-            hears(writer, far)
+            first_output(writer, far)
             follow = ("view", "--follow", "x.mcap")
             with terminal(environment, tmp_path, *follow, size=(120, 30)) as screen:
                 screen.until("FOLLOWING")

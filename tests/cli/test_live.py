@@ -27,7 +27,7 @@ from tests.cli.processes import (
     PROGRAM,
     Process,
     ended,
-    hears,
+    first_output,
     holding,
     rows_in,
     started,
@@ -104,7 +104,7 @@ def test_a_real_terminal(run, environment, tmp_path: Path) -> None:
         wire() as (far, name),
         started(environment, tmp_path, "live", name, "--plain", "-o", "x.mcap") as process,
     ):
-        hears(process, far)
+        first_output(process, far)
         os.write(far, b"\x13\x37" + SPEED)
         assert b"motor=1 rpm=1000" in until(process, b"motor=1 rpm=1000")
         process.send_signal(signal.SIGINT)
@@ -121,7 +121,7 @@ def test_nothing_is_written_to_the_wire(environment, tmp_path: Path) -> None:
         wire() as (far, name),
         started(environment, tmp_path, "live", name, "--plain", "--no-record") as process,
     ):
-        hears(process, far)
+        first_output(process, far)
         process.terminate()
         assert ended(process)[0] == 0
         assert select.select([far], [], [], 0)[0] == []
@@ -145,7 +145,7 @@ def test_unplugged_keeps_all_that_came_before(run, environment, tmp_path: Path) 
         wire() as (far, name),
         started(environment, tmp_path, "live", name, "--plain", "-o", "x.mcap") as process,
     ):
-        hears(process, far)
+        first_output(process, far)
         os.write(far, FRAME * 50 + SPEED + FRAME[:4])
         # The system drops what nobody has read when the far end hangs up: wait until it is read.
         until(process, b"motor=1 rpm=1000")
@@ -293,7 +293,7 @@ def test_a_lost_port_is_waited_for_and_found_again(
 ) -> None:
     adapter.plug()
     with started(environment, tmp_path, "live", adapter.name, "-o", "x.mcap") as process:
-        hears(process, adapter.far)
+        first_output(process, adapter.far)
         os.write(adapter.far, SPEED + FRAME[:6])
         # What the system has not handed over yet goes with the line; so wait until all is read.
         until(process, b"rpm=1000")
@@ -330,7 +330,7 @@ def test_the_end_while_it_waits_comes_at_once(
 ) -> None:
     adapter.plug()
     with started(environment, tmp_path, "live", adapter.name, "-o", "x.mcap") as process:
-        hears(process, adapter.far)
+        first_output(process, adapter.far)
         adapter.pull()
         stderr_until(process, "lost: ")
         process.send_signal(number)
@@ -345,7 +345,7 @@ def test_a_duration_ends_it_while_it_waits(environment, tmp_path: Path, adapter:
     with started(
         environment, tmp_path, "live", adapter.name, "--no-record", "--duration", "3"
     ) as process:
-        hears(process, adapter.far)
+        first_output(process, adapter.far)
         adapter.pull()
         assert ended(process)[0] == 0
 
@@ -355,7 +355,7 @@ def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Ad
     with started(
         environment, tmp_path, "live", adapter.name, "--no-reconnect", "-o", "x.mcap"
     ) as process:
-        hears(process, adapter.far)
+        first_output(process, adapter.far)
         adapter.pull()
         code, _, errors = ended(process)
     assert code == 3
@@ -402,7 +402,7 @@ def test_two_wires_are_one_time_line(run, environment, tmp_path: Path) -> None:
             environment, tmp_path, "live", *(name for _, name in wires), "-o", "x.mcap"
         ) as process,
     ):
-        hears(process, wires[0][0])
+        first_output(process, wires[0][0])
         for _ in range(30):
             os.write(wires[0][0], FRAME)
             os.write(wires[1][0], FEEDBACK)
@@ -495,7 +495,7 @@ def test_a_flood_at_three_million_baud_loses_nothing(run, environment, tmp_path:
         ) as process,
     ):
         os.set_blocking(process.stdout.fileno(), False)  # type: ignore[union-attr]
-        hears(process, far)
+        first_output(process, far)
         flood(process, far, SPEED * frames)
         wait_until(lambda: drained(process) or rows_in(tmp_path / "x.mcap") >= frames)
         process.send_signal(signal.SIGINT)

@@ -12,7 +12,7 @@ from time import monotonic
 import pytest
 from mcap.writer import Writer
 
-from tests.cli.processes import BOUND_S, hears, started, wire
+from tests.cli.processes import BOUND_S, first_output, started, wire
 
 
 def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -55,7 +55,7 @@ def test_nobody_listens(run) -> None:
 
 def test_a_busy_port(run, environment, tmp_path: Path) -> None:
     with wire() as (controller, name), started(environment, tmp_path, "live", name) as holder:
-        hears(holder, controller)
+        first_output(holder, controller)
         refused(run("live", name), 3, name, "busy")
 
 

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from fte_sniff.cli.recording_options import options_from, options_with, recording_options
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
-from tests.cli.processes import BOUND_S, PROGRAM, ended, started, until, until_told
+from tests.cli.processes import BOUND_S, PROGRAM, ended, started, stderr_until, until
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 SIM = "sim://?seed=1&rate=500"
@@ -179,7 +179,7 @@ def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
 ) -> None:
     options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")
     with started(environment, tmp_path, "live", SIM, *options) as process:
-        until_told(process, b"its files have reached 100 kB (--max-size)")
+        stderr_until(process, "its files have reached 100 kB (--max-size)")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)

@@ -223,7 +223,7 @@ def test_files_that_overlap_in_time_tell_no_answers(run, samples: Path, tmp_path
     assert {motor["answered"] for motor in told["motors"]} == {None}
     assert {motor["delay"]["p50_s"] for motor in told["motors"]} == {None}
     text = run("stats", samples / "clean.mcap", "copy.mcap").stdout
-    assert text.count("do not follow each other in time") == 1
+    assert text.count("overlap in time") == 1
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -339,7 +339,7 @@ def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> No
     # The last of each piece may have been answered by what is not here.
     assert (motor["commands"], motor["unanswered"], motor["neither"]) == (300, 297, 3)
     text = run("stats", "a.mcap").stdout
-    assert "left out   200 rows in 2 places: the trigger did not ask for them\n" in text
+    assert "left out   200 rows in 2 places: they are outside the trigger window\n" in text
     assert "200 rows in 2 places left out when recorded" in run("decode", "a.mcap").stderr
     some = numbers(run, "a.mcap", "--from", "+2.5s", "--filter", "rpm > 250")
     assert [one["rows"] for one in some["left_out"]] == [100]

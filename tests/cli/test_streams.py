@@ -71,7 +71,7 @@ def test_a_full_output_is_one_line(bash, command: str) -> None:
     codes, _, errors = bash(f"{command} >/dev/full")
     assert codes == "4"
     assert errors.count("\n") == 1
-    assert "disk is full; let it go somewhere else" in errors
+    assert "disk is full; redirect it to another place" in errors
 
 
 @pytest.mark.parametrize("command", [*WRITERS, "F ports", "F doctor", "F decode clean.raw"])

@@ -19,7 +19,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, holding, wait_until
-from tests.cli.terminals import Terminal, in_session, ruling, silent, terminal
+from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
 
 
 @pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])
@@ -203,7 +203,7 @@ END_S = 60.0
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"
-TELLING = pytest.mark.parametrize("manner", [ruling, silent])
+SESSIONS = pytest.mark.parametrize("session", [controlling_terminal, plain_terminal])
 TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1"))))
 """What depends on the moment shows at times only: REPEATS=20 looks longer for it."""
 
@@ -236,11 +236,11 @@ def assert_whole(run, recording: Path) -> None:
 
 
 @TIMES
-@TELLING
+@SESSIONS
 def test_a_terminal_that_is_closed_ends_it(
-    run, environment, tmp_path: Path, manner: Callable[[], None], time: int
+    run, environment, tmp_path: Path, session: Callable[[], None], time: int
 ) -> None:
-    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=manner) as screen:
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), session=session) as screen:
         draws_much(screen)
         screen.close()
         assert_all_is_well(run, screen, tmp_path / "x.mcap")
@@ -250,7 +250,9 @@ def test_a_terminal_that_is_closed_ends_it(
 def test_signals_that_come_with_the_end_of_a_terminal_change_nothing(
     run, environment, tmp_path: Path, time: int
 ) -> None:
-    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=ruling) as screen:
+    with terminal(
+        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
+    ) as screen:
         draws_much(screen)
         screen.close()
         for number in (signal.SIGCONT, signal.SIGWINCH, signal.SIGHUP, signal.SIGCONT) * 5:
@@ -258,12 +260,12 @@ def test_signals_that_come_with_the_end_of_a_terminal_change_nothing(
         assert_all_is_well(run, screen, tmp_path / "x.mcap")
 
 
-@TELLING
+@SESSIONS
 def test_a_terminal_that_stands_still_and_is_closed_ends_it(
-    run, environment, tmp_path: Path, manner: Callable[[], None]
+    run, environment, tmp_path: Path, session: Callable[[], None]
 ) -> None:
     recording = tmp_path / "x.mcap"
-    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=manner) as screen:
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), session=session) as screen:
         draws_much(screen)
         stands_still(recording)
         screen.resize(100, 30)
@@ -288,7 +290,9 @@ def test_a_terminal_that_stands_still_does_not_hold_up_the_end(
 
 def test_a_terminal_that_goes_on_shows_what_is_true_now(run, environment, tmp_path: Path) -> None:
     recording = tmp_path / "x.mcap"
-    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=ruling) as screen:
+    with terminal(
+        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
+    ) as screen:
         draws_much(screen)
         stands_still(recording)
         screen.resize(120, 40)
@@ -303,13 +307,13 @@ def test_a_terminal_that_goes_on_shows_what_is_true_now(run, environment, tmp_pa
         assert_all_is_well(run, screen, recording)
 
 
-@TELLING
+@SESSIONS
 def test_a_recording_that_is_kept_goes_on_without_its_terminal(
-    run, environment, tmp_path: Path, manner: Callable[[], None]
+    run, environment, tmp_path: Path, session: Callable[[], None]
 ) -> None:
     recording = tmp_path / "x.mcap"
     arguments = (*LIVE, "--keep-recording")
-    with terminal(environment, tmp_path, *arguments, size=(200, 60), manner=manner) as screen:
+    with terminal(environment, tmp_path, *arguments, size=(200, 60), session=session) as screen:
         draws_much(screen)
         screen.close()
         assert screen.process.wait(END_S) == -signal.SIGHUP
@@ -323,7 +327,7 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
     run, environment, tmp_path: Path
 ) -> None:
     recording = tmp_path / "x.mcap"
-    with terminal(environment, tmp_path, *LIVE, manner=ruling) as screen:
+    with terminal(environment, tmp_path, *LIVE, session=controlling_terminal) as screen:
         before = screen.attributes
         screen.until(ROWS_TERMINAL)
         for _ in range(3):
@@ -361,7 +365,7 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     recording = tmp_path / "x.mcap"
     environment = environment | {"PS1": "<ready>", "PS2": "", "HISTFILE": ""}
     bash = ("bash", "--norc", "--noprofile", "--noediting", "-i")
-    with terminal(environment, tmp_path, manner=ruling, program=bash) as screen:
+    with terminal(environment, tmp_path, session=controlling_terminal, program=bash) as screen:
         screen.until("<ready>")
         screen.type(" ".join([*PROGRAM, *(f"'{word}'" for word in LIVE)]) + "\r")
         screen.until(ROWS_TERMINAL)
@@ -387,7 +391,7 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
 def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
     run, environment, tmp_path: Path
 ) -> None:
-    with terminal(environment, tmp_path, *LIVE, manner=ruling) as screen:
+    with terminal(environment, tmp_path, *LIVE, session=controlling_terminal) as screen:
         screen.until(ROWS_TERMINAL)
         screen.type("\x1a")
         screen.until(NORMAL_SCREEN)

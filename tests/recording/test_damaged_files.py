@@ -77,7 +77,7 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk(
         assert (reader.ending, reader.losses) != ("", ())
         assert reader.ending
         if any(start < size < end for _, start, end in records):
-            assert f"it ends at byte {size}" in reader.ending, (size, reader.ending)
+            assert f"the file ends at byte {size}" in reader.ending, (size, reader.ending)
 
 
 def _assert_true(path: Path, rows: list[Row], where: object) -> list[Row]:
@@ -283,7 +283,7 @@ def test_bytes_after_the_end_are_reported(recorded: Recorded, tmp_path: Path) ->
     path.write_bytes(content + b"garbage")
     found, reader = _read(path)
     assert found == recorded[1]
-    assert "do not belong to it" in reader.ending
+    assert "other bytes follow its end" in reader.ending
 
 
 def _chunk(compression: bytes, packed: bytes, claimed: int, length: int | None = None) -> bytes:
@@ -548,7 +548,7 @@ def test_after_a_damaged_beginning_only_checksummed_definitions_are_trusted(
         reader = RecordingReader(path)
         assert [port.baud for port in reader.ports] == ([115_200] if reader.ports else [])
         list(reader)
-        assert str(reader.losses[0]).startswith("the beginning of this recording is damaged")
+        assert str(reader.losses[0]).startswith("the first ")
 
 
 def test_intact_chunks_after_a_damaged_one_are_found_without_a_summary(

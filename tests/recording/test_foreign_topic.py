@@ -117,7 +117,7 @@ def test_the_bytes_are_extracted_with_their_times(
         ("cdr", ("a/B", "ros2msg", b"string text\n"), b"", "it has none"),
         ("cdr", ("a/B", "ros2msg", b"a/C c\nuint8[] d\n"), b"", "has a a/C before its bytes"),
         ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0\1\0\0\xff\xff\xff\xff", "shorter than it"),
-        ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0", "without its head"),
+        ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0", "without its header"),
         ("json", None, b"{", "no JSON"),
         ("json", None, b'{"a": 1}', "without one text of base64"),
         ("json", None, b'{"a": [256]}', "JSON without bytes"),
@@ -143,7 +143,7 @@ def test_a_truncated_file_gives_its_messages_and_an_error(tmp_path: Path) -> Non
     path = written(tmp_path / "other.mcap", "", None, [b"x"])
     path.write_bytes(path.read_bytes()[:-20])
     found = []
-    with pytest.raises(FileError, match="it ends at byte"):
+    with pytest.raises(FileError, match="the file ends at byte"):
         found.extend(topic_chunks(path, "/serial"))
     assert not found or found == [Chunk("/serial", 0, b"x")]
 

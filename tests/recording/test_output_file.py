@@ -131,8 +131,8 @@ def deletes_the_folder(path: Path) -> None:
 @pytest.mark.parametrize(
     ("happens", "words"),
     [
-        (deletes, "was deleted while it was being written; the 5 rows in it are lost"),
-        (deletes_the_folder, "was deleted while it was being written; the 5 rows in it are lost"),
+        (deletes, "was deleted while it was being written; its 5 rows are lost"),
+        (deletes_the_folder, "was deleted while it was being written; its 5 rows are lost"),
         (moves, "was moved or replaced"),
         (replaces, "was moved or replaced"),
     ],

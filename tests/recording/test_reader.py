@@ -495,7 +495,7 @@ def test_a_channel_may_be_described_after_its_first_messages(
     path.write_bytes(MCAP0_MAGIC + builder.end() + MCAP0_MAGIC)
     reader = RecordingReader(path)
     assert list(reader) == recorded[1][4:]
-    assert any("which nothing describes" in loss for loss in reader.losses)
+    assert any("which has no description in the file" in loss for loss in reader.losses)
 
 
 def test_repeated_and_foreign_definitions_hide_no_rows(recorded: Recorded, tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
         ((batch(a=PortEventKind.LOST), batch(b=PortEventKind.FOUND_AGAIN)), {"waiting": True}),
         ((batch(a=PortEventKind.LOST), batch(a=PortEventKind.FOUND_AGAIN)), {"waiting": False}),
         ((batch(a=PortEventKind.LOST), Ended()), {"waiting": False, "ended": "stopped"}),
-        ((batch(leftover=1 << 20),), {"trouble": "writing what has arrived: 1,048,576 bytes wait"}),
+        ((batch(leftover=1 << 20),), {"trouble": "writing received data: 1,048,576 bytes left"}),
         ((BEGUN, batch(Change(None, FULL))), {"recording": None, "trouble": str(FULL)}),
         (
             (BEGUN, batch(Change(None, FULL)), batch(Change(TWO))),

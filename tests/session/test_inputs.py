@@ -113,7 +113,7 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
     assert [row.offset for rows in found for row in rows] == [30, 40, 50]
     assert not notes
     assert not any(rows_of(LogInput(chunks, "f"), notes, TimeRange(0, 10)))
-    assert f"none of its {count:,} rows lies between" in notes[0]
+    assert f"none of its {count:,} rows is between" in notes[0]
 
 
 def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:

@@ -333,7 +333,7 @@ def test_nothing_was_looked_for(feed: Any, speed_rows: Rows) -> None:
         feed.give(speed_rows(10))
         await press(app, pilot, "n")
         await settle(app, pilot)
-        assert "nothing was looked for yet; / begins" in page(app)
+        assert "no search yet; / starts one" in page(app)
 
     play(feed, scenario)
 

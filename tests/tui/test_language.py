@@ -94,7 +94,7 @@ def test_what_is_wanted_comes_before_the_locale(
 
 
 def test_a_language_that_is_not_spoken_is_one_line() -> None:
-    with pytest.raises(UsageError, match="does not speak 'tlh'; it speaks en, zh"):
+    with pytest.raises(UsageError, match="has no language 'tlh'; choose one of en, zh"):
         language_of("tlh", {})
 
 
@@ -131,7 +131,7 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "question_mark")
-        assert "按键与标记" in page(app)
+        assert "按键与符号" in page(app)
 
     play_chinese(feed, scenario)
 

@@ -579,7 +579,7 @@ def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_pa
         await settle(app, pilot)
         for name in (path, f"{path}!"):
             await save_to(app, pilot, name)
-            await until(app, pilot, lambda: "would be lost; name another" in page(app))
+            await until(app, pilot, lambda: "is the file shown here; name another" in page(app))
             assert "replace it" not in page(app)
             await press(app, pilot, "escape")
         assert path.read_text() == "mine"
@@ -702,7 +702,7 @@ def test_the_name_of_a_file_is_judged_while_it_is_typed(
         feed.give(speed_rows(10))
         await settle(app, pilot)
         await press(app, pilot, "w", *"rows")
-        wrong = "the name's end says what is written: .csv .jsonl"
+        wrong = "the extension selects the format; use one of .csv .jsonl"
         await until(app, pilot, lambda: wrong in page(app))
         await press(app, pilot, "escape")
         await settle(app, pilot)

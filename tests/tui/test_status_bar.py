@@ -327,7 +327,7 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
     ("keys", "told"),
     [
         (("u",), "no row is marked"),
-        (("n",), "nothing was looked for yet"),
+        (("n",), "no search yet"),
         (("colon", "9", "9", "9", "enter"), "there is no row 999"),
         (("colon", "at", "9", "9", "9", "9", "enter"), "has byte 9,999"),
         (("slash", "z", "z", "enter"), "no row has zz"),
@@ -441,7 +441,7 @@ def test_what_is_under_way_takes_the_place_of_the_hint_before_it_but_of_no_worry
 def test_trouble_with_the_recording_goes_when_it_is_over(feed: Any) -> None:
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.state = replace(feed.state, trouble="writing what has arrived: 9 bytes wait")
+        feed.state = replace(feed.state, trouble="writing received data: 9 bytes left")
         await settle(app, pilot)
         assert "9 bytes wait" in page(app)
         feed.state = replace(feed.state, trouble=None)

@@ -279,7 +279,7 @@ class Compiler:
     def _has_fault(self, faults: Term, sign: str, right: Term) -> Term:
         if sign not in ("=", "!="):
             what = TranslatableText("{faults} has no order", faults=faults.label)
-            fix = TranslatableText("ask for one, as in faults = 'noise'")
+            fix = TranslatableText("name one, as in faults = 'noise'")
             raise self._errors.about(faults, what, fix)
         if right.type is TermType.LITERAL and not right.label:
             found = self.is_null(faults)
@@ -383,7 +383,7 @@ class Compiler:
         if column.type is ColumnType.WORDS and {*several} <= {*column.words}:
             example = f"faults = '{several[0]}' AND faults = '{several[1]}'"
             what = TranslatableText("several faults in one text")
-            fix = TranslatableText("ask for each: {example}", example=example)
+            fix = TranslatableText("name each: {example}", example=example)
             raise self._errors.about(right, what, fix)
         what = TranslatableText(
             "{column} is never '{right}'", column=column.name, right=right.label

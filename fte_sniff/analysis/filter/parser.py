@@ -75,7 +75,7 @@ _UNSUPPORTED: Final = {
     ),
     "XOR": TranslatableText("write (one condition) != (the other)"),
     "ESCAPE": TranslatableText("leave it out"),
-    "ANY": TranslatableText("ask for one, as in faults = 'noise'"),
+    "ANY": TranslatableText("name one, as in faults = 'noise'"),
 }
 """SQL keywords that filters do not support, each with the fix."""
 
@@ -169,7 +169,7 @@ def tokens(text: str) -> list[Token]:
     """
     if len(text) > MAX_LENGTH:
         raise FilterError(
-            "filter: {count} characters are too many; the limit is {most}: ask for less",
+            "filter: {count} characters are too many; the limit is {most}; shorten it",
             count=len(text),
             most=MAX_LENGTH,
         )
@@ -180,8 +180,8 @@ def tokens(text: str) -> list[Token]:
         at = _skip_space(text, found[-1].end)
     if len(found) > MAX_TOKENS:
         raise FilterError(
-            "filter: {count} words and signs are too many; the limit is "
-            "{most}: split it, or ask for a range with BETWEEN",
+            "filter: {count} words and signs are too many; the limit is {most}; split it, or "
+            "use a range with BETWEEN",
             count=len(found),
             most=MAX_TOKENS,
         )
@@ -196,7 +196,7 @@ def _skip_space(text: str, at: int) -> int:
 def _token_at(text: str, at: int) -> Token:
     match = _TOKEN.match(text, at)
     if match is None:
-        what = TranslatableText("'{char}' is in no filter", char=printable(text[at]))
+        what = TranslatableText("'{char}' has no meaning in a filter", char=printable(text[at]))
         raise error_at(text, at, what, _BAD_CHARACTERS.get(text[at], ""))
     token_type, content = TokenType[str(match.lastgroup)], match.group()
     if token_type is TokenType.NUMBER:

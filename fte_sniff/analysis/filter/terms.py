@@ -197,7 +197,7 @@ def how_to_compare(term: Term) -> str:
         TermType.TEXT: TranslatableText("compare it, as in port LIKE '%USB%'"),
         TermType.HEX: TranslatableText("compare it, as in raw LIKE 'AA01%'"),
         TermType.WORDS: TranslatableText(
-            "ask for one, as in faults = 'noise', or for any: faults IS NOT NULL"
+            "name one, as in faults = 'noise', or for any: faults IS NOT NULL"
         ),
         TermType.WORD: TranslatableText(
             "compare it, as in {name} = '{word}'", name=name, word=word
@@ -210,7 +210,7 @@ def how_to_compare(term: Term) -> str:
 
 
 def _help() -> Iterator[str]:
-    yield "A filter says which rows are wanted, in SQL's words: motor = 1 AND rpm > 500"
+    yield "A filter selects rows with an SQL expression: motor = 1 AND rpm > 500"
     yield ""
     yield "Fields"
     for column in COLUMNS:

@@ -266,8 +266,8 @@ class LogStreams:
             count = f"{sum(more for more, _ in against):,} of"
             count += f" {sum(own.frames.total() for own, *_ in known):,} frames"
             yield (
-                f"{count} go the other way than the log says ({against[0][1]}): a tap logs so, or"
-                " the wires are swapped"
+                f"{count} go the other way than the log says ({against[0][1]}): this is normal"
+                " in the log of a tap; otherwise the wires are swapped"
             )
         for stream in self._streams.values() if ends else ():
             where = "" if len(self._streams) == 1 else f"{stream.port.rpartition(':')[2]} "

@@ -248,12 +248,12 @@ class RecordStream:
             self._before = None if self._checksum is None else self._checksum.value()
         self._sum(head)
         if len(head) < HEAD.size:
-            raise RecordError(TranslatableText("it is cut in the record"))
+            raise RecordError(TranslatableText("it is cut off in the record"))
         opcode, length = HEAD.unpack(head)
         if position in self._found:
             opcode, length = int(Opcode.CHUNK), self._found[position]
         elif self._summary and self._summary.heads.get(position, head)[0] != opcode:
-            raise RecordError(TranslatableText("the head of a record is damaged"))
+            raise RecordError(TranslatableText("the header of a record is damaged"))
         if opcode == 0:
             raise no_record()
         if length > LARGEST:
@@ -267,7 +267,7 @@ class RecordStream:
             return self._skip(position, length)
         body = self._read(length)
         if len(body) < length:
-            raise RecordError(TranslatableText("it is cut in the record"))
+            raise RecordError(TranslatableText("it is cut off in the record"))
         if opcode == Opcode.CHUNK:
             # A chunk with a wrong length would hide the next ones.
             compressed_records(body)
@@ -357,7 +357,7 @@ class RecordStream:
         start = start if found is None else found
         if start is None:
             text = TranslatableText(
-                "{error} at byte {position}; it ends at byte {end}",
+                "{error} at byte {position}; the file ends at byte {end}",
                 error=error.message,
                 position=position,
                 end=self._size or self._position,
@@ -375,7 +375,7 @@ class RecordStream:
             )
         else:
             text = TranslatableText(
-                "the head of the chunk at byte {position} is damaged", position=start
+                "the header of the chunk at byte {position} is damaged", position=start
             )
         self.losses.append(LostBytes(min(position, start), start, text))
         return True
@@ -438,7 +438,7 @@ class RecordStream:
             self._end(position, text)
         elif self._stream.read(1) and not self._is_interrupted(footer):
             text = TranslatableText(
-                "bytes that do not belong to it follow its end at byte {position}",
+                "other bytes follow its end at byte {position}",
                 position=self._position,
             )
             self._end(self._position, text)
@@ -463,4 +463,4 @@ def _crc_in(body: bytes) -> int:
 
 
 def _reaching() -> RecordError:
-    return RecordError(TranslatableText("there is a record that reaches into the next"))
+    return RecordError(TranslatableText("a record overlaps the next one"))

@@ -170,7 +170,7 @@ def compressed_records(body: bytes) -> tuple[memoryview, bytes]:
         name_end = CHUNK_HEAD.size + name_length
         (length,) = LENGTH.unpack_from(body, name_end)
     except struct.error as error:
-        raise RecordError(TranslatableText("a chunk without its head")) from error
+        raise RecordError(TranslatableText("a chunk without its header")) from error
     packed = memoryview(body)[name_end + LENGTH.size :]
     if len(packed) != length:
         raise RecordError(TranslatableText("a chunk whose lengths contradict each other"))

@@ -254,7 +254,8 @@ class ChannelReaders:
         channel, _ = self._known.get((Channel, channel_id), (None, False))
         if not isinstance(channel, Channel):
             return TranslatableText(
-                "messages of channel {channel}, which nothing describes", channel=channel_id
+                "messages of channel {channel}, which has no description in the file",
+                channel=channel_id,
             )
         if channel.topic not in TOPIC_BY_NAME:
             return None

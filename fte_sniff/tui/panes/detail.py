@@ -46,7 +46,7 @@ TALL = 40
 """Lines of the terminal from which on each bit of a flag byte has a line of its own."""
 
 UNCERTAIN_ORDER = later(
-    "a row of the other port may have come first: their times are too close to tell"
+    "the order with rows of the other port is uncertain: the times are too close"
 )
 
 _HEX_WIDTH = 3 * INLINE_BYTES

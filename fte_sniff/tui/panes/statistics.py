@@ -54,7 +54,7 @@ NO_ROWS: Final = later("nothing came")
 NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
 RAISED: Final = later("ERROR was set or ONLINE missing: motor {motors}; details at the end")
 BEHIND: Final = later("reading: {rows:,} rows to go")
-MISSED: Final = later("{rows:,} rows came too fast to be counted here")
+MISSED: Final = later("{rows:,} rows arrived too fast to be counted here")
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
 """Upper limits of the classes of silences."""

@@ -166,7 +166,7 @@ def test_what_is_no_day(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["9999-12-31", "1969-12-31", "2263-01-01"])
 def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
-    with pytest.raises(InputTextError, match=f"--date: {text} cannot be kept; times go from 1970"):
+    with pytest.raises(InputTextError, match=f"--date: {text} is out of range; times go from 1970"):
         day_of(text)
 
 
@@ -228,7 +228,7 @@ def test_what_contradicts_the_first_lines_of_a_pipe_is_reported() -> None:
     text = "".join(f"{line} RX: {BYTES}\n" for line in first + later)
     rows, notes = read(text, LogOptions(zone=UTC))
     assert len(rows) == 3001
-    assert "log: line 3000: has no time like the others, and gets that before" in notes
+    assert "log: line 3000: has no time; it gets the time of the line before it" in notes
     assert "log: line 3001: its time is finer than those of the first lines" in notes
 
 
@@ -268,4 +268,4 @@ def test_lines_without_a_time_are_reported() -> None:
     lines = [f"[2026-01-31 12:00:0{n}Z] {BYTES}" for n in range(5)]
     rows, notes = read("\n".join([*lines, f"[] {BYTES}"]), LogOptions())
     assert rows[-1].t_ns == (rows[-2].t_ns or 0) + FRAME_NS
-    assert notes == ["log: line 6: has no time like the others, and gets that before"]
+    assert notes == ["log: line 6: has no time; it gets the time of the line before it"]
