@@ -141,7 +141,7 @@ UNEXPECTED = 3
 
 
 class WiringWatch:
-    """Reports, once per wire, that it carries the other wire's direction."""
+    """Reports once per wire that it carries the other wire's direction, or the same as another."""
 
     def __init__(self, ports: Sequence[str]) -> None:
         self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
@@ -157,7 +157,8 @@ class WiringWatch:
             if isinstance(row, Frame) and not row.faults:
                 counts[row.direction] += 1
                 if detail := self._problem(port, row.direction):
-                    self._quiet.add(port)
+                    if row.direction is not self._own[port]:
+                        self._quiet.add(port)
                     return [PortEvent(row.t_ns or 0, port, PortEventKind.WIRING, detail)]
         return []
 

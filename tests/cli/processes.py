@@ -116,15 +116,20 @@ def wait_until(condition: Callable[[], bool]) -> None:
 
 
 def stderr_until(process: Process, wanted: str) -> str:
-    """Standard error up to the line that contains `wanted`; standard output is drained."""
+    """Standard error up to the line that contains `wanted`; standard output is drained.
+
+    The next call, or `ended`, reads the lines after it.
+    """
     assert process.stdout is not None
     assert process.stderr is not None
     found, deadline = b"", monotonic() + BOUND_S
     while not (wanted.encode() in found and found.endswith(b"\n")):
         assert monotonic() < deadline, found
         for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
-            more = os.read(stream.fileno(), 1 << 16)
-            found += more if stream is process.stderr else b""
+            if stream is process.stderr:
+                found += os.read(stream.fileno(), 1)
+            else:
+                os.read(stream.fileno(), 1 << 16)
     return found.decode()
 
 

@@ -229,6 +229,15 @@ def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
     assert look(watch, "a", FEEDBACK, 100) == []
 
 
+def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixed_too() -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", FEEDBACK, SETTLED)
+    assert len(look(watch, "b", FEEDBACK, SETTLED)) == 1
+    (told,) = look(watch, "b", CONTROL, 50)
+    assert "swapped or mixed wiring" in told.detail
+    assert look(watch, "b", CONTROL, 50) + look(watch, "b", FEEDBACK, 50) == []
+
+
 @pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
 def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
     watch = WiringWatch(["a", "b"])
