@@ -87,11 +87,19 @@ def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:
     )
 
 
-def stopped_by_limit(path: object, limit: str, rows: int) -> FileError:
-    """The error for a recording that reached a limit of its options."""
+def stopped_by_limit(path: object, limit: str, rows: int, *, deletes_oldest: bool) -> FileError:
+    """The error for a recording that reached a limit, and that had no older file to delete."""
+    if deletes_oldest:
+        return FileError(
+            "recording stopped: {limit}; {path} is complete up to there ({rows} rows), and no older"
+            " file of this capture is left to delete; free space, or change the limit",
+            limit=limit,
+            path=path,
+            rows=rows,
+        )
     return FileError(
         "recording stopped: {limit}; {path} is complete up to there ({rows} rows); free space, "
-        "raise the limit, or delete the oldest files with --on-full rotate-oldest",
+        "change the limit, or delete the oldest files with --on-full rotate-oldest",
         limit=limit,
         path=path,
         rows=rows,

@@ -386,7 +386,10 @@ class Recorder:
                 continue
             with suppress(FileError):  # all rows are flushed, and the file is valid
                 writer.close()
-            self._fail(writer, stopped_by_limit(writer.path, limit, writer.flushed_rows))
+            failure = stopped_by_limit(
+                writer.path, limit, writer.flushed_rows, deletes_oldest=self._deletes_oldest
+            )
+            self._fail(writer, failure)
             return
 
     def _write_trigger_gaps(self, writer: RecordingWriter) -> None:

@@ -324,17 +324,30 @@ def test_a_file_that_replaced_ours_is_not_deleted(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in ours) < 100_000 + 40_000
 
 
-def test_the_limit_of_all_files_stops_the_recording_and_is_reported(tmp_path: Path) -> None:
-    options = RecordingOptions(min_free_bytes=0, max_bytes=60_000)
+@pytest.mark.parametrize(
+    ("on_full", "advice"),
+    [
+        (OnFull.STOP, "or delete the oldest files with --on-full rotate-oldest"),
+        (OnFull.ROTATE_OLDEST, "no older file of this capture is left to delete"),
+    ],
+)
+def test_the_limit_of_all_files_stops_the_recording_and_is_reported(
+    tmp_path: Path, on_full: OnFull, advice: str
+) -> None:
+    options = RecordingOptions(
+        min_free_bytes=0, max_bytes=60_000, on_full=on_full, rotate_bytes=1_000_000
+    )
     batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(8)]
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=options)
     _record(recorder, batches)
     recorder.close()
     (change,) = recorder.changes()
     assert "its files have reached 60 kB (--max-size)" in str(change.failure)
-    kept = _rows(tmp_path / "x.mcap")
+    assert advice in str(change.failure)
+    (file,) = _files(tmp_path)
+    kept = _rows(file)
     assert kept == [row for batch in batches for row in batch][: len(kept)]
-    assert (tmp_path / "x.mcap").stat().st_size < 90_000
+    assert file.stat().st_size < 90_000
     assert f"{8 * 300 - len(kept)} rows" in str(recorder.failure)
 
 

@@ -213,8 +213,14 @@ def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
         port_error("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
         stopped_by_error("a.mcap", OSError(errno.ENOSPC, "full"), 7),
         stopped_by_removal("a.mcap", 7, deleted=True),
-        stopped_by_limit(
-            "a.mcap", TranslatableText("its files have reached {size} (--max-size)", size="1 GB"), 7
+        *(
+            stopped_by_limit(
+                "a.mcap",
+                TranslatableText("its files have reached {size} (--max-size)", size="1 GB"),
+                7,
+                deletes_oldest=deletes_oldest,
+            )
+            for deletes_oldest in (False, True)
         ),
         unwritable("a.mcap", OSError(errno.ENOSPC, "full")),
         unreadable("a.mcap", FileNotFoundError()),
