@@ -114,7 +114,9 @@ def drawn_command(random: Random, name: str) -> list[str]:
     if name in ("hex", "encode", "completion"):
         pool = WORDS
     arguments = [each for each in command.params if isinstance(each, click.Argument)]
-    if arguments or name == "encode":
+    if name == "encode":  # without arguments it prints its help
+        words += random.choices(pool, k=2)
+    elif arguments:
         words += random.choices(pool, k=random.choice((1, 1, 1, 2, 0)))
     return [name, *words, *_ENDINGS.get(name, ())]
 
@@ -251,8 +253,9 @@ def interrupt(case: Case) -> None:
     with suppress(ProcessLookupError):
         program.interrupt()
     run = program.wait(killed_by=signal.SIGINT)
-    normal = _NORMAL_ENDS.intersection(words)
-    codes = {0, -signal.SIGINT} if normal else {0, 130, -signal.SIGINT}
+    has_begun = "recording to" in run.errors or run.output
+    is_normal = _NORMAL_ENDS.intersection(words) and has_begun
+    codes = {0} if is_normal else {0, 130, -signal.SIGINT}
     promise(run.code in codes, f"{words}: exit code {run.code}\n{run.errors}")
     promise(not list(case.folder.glob(".*.part")), f"{words} left a partial file\n{run.errors}")
     if words[0] in ("live", "bridge"):
