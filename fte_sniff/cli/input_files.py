@@ -378,7 +378,9 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if query.topic is not None:
         return _topic(path, query.topic)
     if path == STDIN:
-        return _stdin(query)
+        return _stream(BufferedReader(FileIO(sys.stdin.fileno(), closefd=False)), STDIN_NAME, query)
+    if path.is_fifo():
+        return _stream(path.open("rb"), str(path), query)
     chosen = query.kind or kind_of_file(path)
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
@@ -403,9 +405,10 @@ def _topic(path: Path, topic: str) -> Input:
     return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
 
 
-def _stdin(query: InputQuery) -> Input:
-    stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
-    chosen = query.kind or kind_of_content(stream.peek(1))
+def _stream(stream: BufferedReader, name: str, query: InputQuery) -> Input:
+    """A pipe, which can be read once."""
+    named = KIND_OF_SUFFIX.get(Path(name).suffix.lower())
+    chosen = query.kind or named or kind_of_content(stream.peek(1))
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
@@ -413,12 +416,12 @@ def _stdin(query: InputQuery) -> Input:
         shutil.copyfileobj(stream, file)
         file.flush()
         try:
-            return RecordingInput(RecordingReader(Path(file.name)), file)
+            return RecordingInput(RecordingReader(Path(file.name)), file, name)
         except FileError as error:
-            raise FileError(str(error).replace(file.name, STDIN_NAME)) from error
+            raise FileError(str(error).replace(file.name, name)) from error
     if chosen is InputKind.RAW:
-        chunks = clocked(raw_stream_chunks(stream, STDIN_NAME), query.start_ns(), query.baud)
-        return LogInput(chunks, STDIN_NAME, lambda: True, baud=query.baud)
+        chunks = clocked(raw_stream_chunks(stream, name), query.start_ns(), query.baud)
+        return LogInput(chunks, name, lambda: True, baud=query.baud)
     from fte_sniff.formats.logs.reader import LogReader
 
-    return LogInput(LogReader(STDIN_NAME, query.log_options(), stream), STDIN_NAME)
+    return LogInput(LogReader(name, query.log_options(), stream), name)

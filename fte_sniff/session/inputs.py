@@ -261,9 +261,11 @@ class Input(ABC):
 class RecordingInput(Input):
     """A recording."""
 
-    def __init__(self, reader: RecordingReader, copy: IO[bytes] | None = None) -> None:
-        """Read nothing yet; `copy` is the temporary file that holds standard input."""
-        super().__init__(str(reader.path) if copy is None else STDIN_NAME)
+    def __init__(
+        self, reader: RecordingReader, copy: IO[bytes] | None = None, name: str | None = None
+    ) -> None:
+        """Read nothing yet; `copy` is the temporary file that holds a pipe of this name."""
+        super().__init__(name or str(reader.path))
         self.reader = reader
         self.size = reader.size
         self._copy = copy

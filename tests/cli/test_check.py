@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -105,6 +107,14 @@ def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: P
     assert "large.toml is larger than 1 MB" in done.stderr
 
 
+@pytest.mark.parametrize("name", ["clean.mcap", "clean.hex", "clean.raw"])
+def test_a_named_pipe_is_read_once(run, samples: Path, tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with subprocess.Popen(["cp", samples / name, tmp_path / "pipe"]):
+        done = run("check", tmp_path / "pipe", "--expect", "count(ok) == 1200")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_an_empty_and_a_junk_recording_are_named_and_the_others_judged(
     run, samples: Path, tmp_path: Path
 ) -> None:
@@ -148,11 +158,13 @@ def test_junit(run, samples: Path) -> None:
 
 def test_names_from_files_cannot_control_the_terminal(run, samples: Path, tmp_path: Path) -> None:
     rules = tmp_path / "rules.toml"
-    rules.write_text(f'[[rule]]\nname = "\\u001b[31mred\\u202e"\nexpect = "{BAD}"\n')
+    rules.write_text(f'[[rule]]\nname = "\\u001b[31mred\\u202e<b>\\uFFFF"\nexpect = "{BAD}"\n')
     for form in ("text", "json", "junit"):
         done = run("check", samples / "damaged.mcap", "--rules", rules, "--format", form)
         assert done.returncode == 1
-        assert not {"\x1b", "\u202e"} & set(done.stdout)
+        assert not {"\x1b", "\u202e", "\uffff"} & set(done.stdout)
+    ((case,),) = JUnitXml.fromstring(done.stdout.encode())
+    assert case.name == r"\x1b[31mred\u202e<b>\uffff"
 
 
 # The rules of the documentation

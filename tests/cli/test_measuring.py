@@ -175,7 +175,8 @@ def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
 def test_ctrl_c_while_a_cluster_reads_reports_what_was_read(
     environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
 ) -> None:
-    os.mkfifo(tmp_path / "waits.hex")  # nobody writes to it
+    os.mkfifo(tmp_path / "waits.hex")
+    writer = os.open(tmp_path / "waits.hex", os.O_RDWR)  # nothing is written
     arguments = ["stats", str(recordings), "waits.hex", "--cluster", address]
     with (
         Client(address, set_as_default=False) as client,
@@ -184,6 +185,7 @@ def test_ctrl_c_while_a_cluster_reads_reports_what_was_read(
         wait_until(lambda: any(client.processing().values()))
         process.send_signal(signal.SIGINT)
         code, _, line = ended(process)
+    os.close(writer)
     assert code == 130
     assert line.startswith("fte-sniff: interrupted; ")
     assert line.count("\n") == 1
