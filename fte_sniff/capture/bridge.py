@@ -289,7 +289,7 @@ class Forwarder:
         wires: WireEvents,
         end_due: Callable[[], bool],
     ) -> None:
-        """Take over the ends; once `end_due`, `run` forwards what has arrived and returns."""
+        """Take the ports; once `end_due`, `run` forwards the received bytes and returns."""
         self._port = port
         self._host = host
         self._wires = wires

@@ -48,7 +48,7 @@ class PseudoTerminal:
 
     @property
     def name(self) -> str:
-        """What users open: the link, or else the device."""
+        """The path that users open: the link, or else the device."""
         return self.device if self._link is None else str(self._link)
 
     def close(self) -> None:
@@ -87,7 +87,7 @@ def _link_error(link: Path, error: OSError | ValueError) -> FileError:
 
 
 class HostEnd:
-    """What a host program opens instead of the port.
+    """The pseudo-terminal that a host program opens instead of the port.
 
     While no program uses it, written bytes are dropped, as on a real line without a listener. The
     next program starts with an empty buffer and a raw terminal.
@@ -135,7 +135,7 @@ class HostEnd:
         return speed_of(self._descriptor)
 
     def write(self, data: bytes) -> int:
-        """Write what the host program can take now, and buffer the rest; never blocks.
+        """Write as much as the pseudo-terminal accepts now, and buffer the rest; never blocks.
 
         Returns the number of bytes dropped because the buffer is full. Call it regularly, also with
         `b""`, to write buffered bytes.

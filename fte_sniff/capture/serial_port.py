@@ -217,7 +217,7 @@ def writer_of(port: serial.Serial) -> Write:
 
 
 class _DescriptorWriter:
-    """Writes what the system has room for; pyserial does not return that number."""
+    """Writes as much as the system accepts; pyserial does not return that number."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

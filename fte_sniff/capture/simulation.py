@@ -130,7 +130,7 @@ class SimulationParameters:
 
     @property
     def is_silent(self) -> bool:
-        """True if no byte ever comes: only the host is captured, and there is none."""
+        """True if no byte is ever sent: only the host is captured, and there is none."""
         return self.wire == Direction.CONTROL and self.host == "off"
 
     def check_against(self, baud: int) -> None:

@@ -42,7 +42,7 @@ class Source(Protocol):
 
     @property
     def end(self) -> SourceEnd | None:
-        """How reading ended, although items may still wait; None while it goes on."""
+        """Why reading ended, although items may still be queued; None while it continues."""
         ...
 
     @property
@@ -133,7 +133,7 @@ class ThreadedSource(ABC):
     """Base class of sources with a reader thread; subclasses implement the reading."""
 
     end: SourceEnd | None = None
-    """How reading ended, although items may still wait; None while it goes on."""
+    """Why reading ended, although items may still be queued; None while it continues."""
 
     def __init__(
         self,

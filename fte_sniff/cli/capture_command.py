@@ -186,7 +186,7 @@ Observer = Callable[[FeedUpdate], None]
 
 @contextmanager
 def _judged(path: Path | None) -> Iterator[Observer | None]:
-    """Context that judges what its observer receives, and prints the verdicts at the end.
+    """Context that checks the rows its observer receives, and prints the verdicts at the end.
 
     Raises FteSniffError if a rule is invalid; exits with code 1 if a rule does not pass.
     """
@@ -476,7 +476,7 @@ class PlainLines:
         sys.stdout.flush()
 
     def close(self, unframed: int) -> None:
-        """Print the summary; `unframed` bytes came and are in no row."""
+        """Print the summary; `unframed` bytes were received but not decoded."""
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
@@ -502,7 +502,7 @@ class PlainLines:
 
 
 def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
-    """Stop a session, wait for its end, and report what it waits for; print no rows.
+    """Stop a session and wait for its end; reports data still to be written, prints no rows.
 
     To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary.
     """
@@ -520,7 +520,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
-    """The updates until the end; reports what the end waits for."""
+    """The updates until the end; reports data still to be written."""
     from fte_sniff.session.live_session import WAIT_S
 
     running = True

@@ -90,7 +90,7 @@ def _delayed_interrupt() -> Iterator[DelayedInterrupt]:
 
 
 class FilesMeasured:
-    """What was measured in files, also if Ctrl-C ended it."""
+    """The measurements of files, also after Ctrl-C."""
 
     def __init__(self, reading: InputReading, files: int) -> None:
         self.reading = reading

@@ -41,8 +41,8 @@ ENOUGH_ROWS = 5
 def summary(tally: Tally, reading: InputReading | None = None, unframed: int = 0) -> str:
     """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
-    With `reading`, whose rows the tally counts, it names what that has left out. `unframed` bytes
-    came and are in no row, because the capture was killed.
+    With `reading`, whose rows the tally counts, it reports their gaps. `unframed` bytes were
+    received but not decoded, because the capture ended.
     """
     if reading is not None and reading.written == reading.limit:
         read = f"{tally.rows:,} rows read so far, {reading.written:,} written"

@@ -125,7 +125,7 @@ TEXTS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ReportFacts:
-    """What the page says besides the statistics."""
+    """The texts of the page besides the statistics."""
 
     title: str
     gaps: Sequence[Gap]

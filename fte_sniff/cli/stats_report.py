@@ -235,7 +235,7 @@ def _event(event: EventStats, when: TimeText) -> str:
 def _streams(
     streams: Sequence[StreamStats], port: PortStats, when: TimeText, width: int | None
 ) -> Iterator[Text]:
-    """What has a period, and the values; those of motors apart from those of the chassis."""
+    """Tables of periods and values; motors and chassis have one each."""
     if port.first_ns is not None:
         yield from _periods(streams, when).lines(width)
         yield Text()

@@ -85,7 +85,7 @@ class BulkWriter:
             self._write_waiting()
 
     def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
-        """Write what waits, further metadata records and the index, and close; raises OSError."""
+        """Write pending rows, further metadata records and the index, and close; raises OSError."""
         self._write_waiting()
         while self._under_way:
             self._write_first()
@@ -98,7 +98,7 @@ class BulkWriter:
         os.close(self._descriptor)
 
     def abandon(self) -> None:
-        """Close the file as it is; nothing if it is closed already."""
+        """Close the file without writing more; does nothing if it is closed."""
         if not self._closed:
             self._closed = True
             self._threads.shutdown(cancel_futures=True)

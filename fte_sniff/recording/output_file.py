@@ -163,7 +163,7 @@ class OutputPath:
         self._unlock_replaced()
 
     def discard(self) -> None:
-        """Delete the file; the one that it would have replaced stays."""
+        """Delete the file; a file that it was to replace is kept."""
         if self._made is not None:
             with suppress(OSError):
                 self._made.unlink()

@@ -37,7 +37,7 @@ class Trigger:
         """How often it fired while it kept nothing."""
 
     def select(self, rows: Sequence[Row]) -> list[Entry]:
-        """The entries to keep now that these rows came; earlier ones may be among them."""
+        """The entries to keep after these rows; they may include earlier ones."""
         kept: list[Entry] = []
         self.seen += len(rows)
         matching = iter(self._matches(rows))
@@ -59,7 +59,7 @@ class Trigger:
         return kept
 
     def select_event(self, event: PortEvent) -> list[Entry]:
-        """The entries to keep now that this event came."""
+        """The entries to keep after this event."""
         if event.t_ns <= self._until_ns:
             return [event]
         self._waiting.append(event)
@@ -81,7 +81,7 @@ class Trigger:
         return gaps
 
     def _release(self, t_ns: int, kept: list[Entry]) -> None:
-        """Keep what waits and is in the window before a match at `t_ns`."""
+        """Keep the waiting entries in the window before a match at `t_ns`."""
         self._expire(t_ns - self._before_ns, kept)
         kept += self._waiting
         self._waiting.clear()

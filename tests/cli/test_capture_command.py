@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import resource
 import select
 import shutil
 import signal
@@ -43,6 +42,7 @@ from tests.cli.processes import (
     wait_until,
     wire,
 )
+from tests.recording.conftest import file_size_limit
 
 SIM = "sim://?seed=1&rate=1000"
 
@@ -203,7 +203,7 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
     run, environment, tmp_path: Path
 ) -> None:
     with (
-        files_bounded(20_000),
+        file_size_limit(20_000),
         started(
             environment | {"PYTHONDONTWRITEBYTECODE": "1"}, tmp_path, "live", SIM, "-o", "x.mcap"
         ) as process,
@@ -457,19 +457,8 @@ def captures_of(process: Process) -> list[Path]:
 
 
 def has_loaded(library: str, process: Path) -> bool:
-    """Whether a process has come as far as to load a library."""
+    """True once a process has loaded the library."""
     return library in (process / "maps").read_text()
-
-
-@contextmanager
-def files_bounded(size: int) -> Iterator[None]:
-    """Processes started in this context cannot write files longer than `size` bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 SPEED = bytes.fromhex("AA010103E800000000EE")

@@ -31,26 +31,26 @@ LONG = "10"
 
 
 class Line:
-    """A talker with a baud of its own, and a UART between it and the terminal.
+    """A sender with its own baud, and a simulated UART between it and a pseudo-terminal.
 
-    The terminal's other end tells what baud the program has set; what it gets is what a UART that
-    is set to this hears of the talker's line.
+    The UART has the baud that the program has set, and so receives the bytes that a real UART with
+    this baud makes of the sender's signal.
     """
 
     def __init__(self, far: int, baud: int, *, inverted: bool = False) -> None:
         random = Random("line")
         self._frames = [draw_frame(random, ordinary, FEEDBACK) for _ in range(40)]
         self._far, self._baud, self._inverted = far, baud, inverted
-        self._heard: dict[int, bytes] = {}
+        self._received: dict[int, bytes] = {}
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self.bauds_set: list[int] = []
 
     @contextmanager
-    def talking(self) -> Iterator[Line]:
-        # What is heard most is made first: a talker that thinks is a silent one.
+    def sending(self) -> Iterator[Line]:
+        # The most used bauds are computed before the start, so that sending is not interrupted.
         for baud in (DEFAULT_BAUD, self._baud):
-            self._heard_at(baud)
+            self._received_at(baud)
         self._thread.start()
         try:
             yield self
@@ -66,17 +66,19 @@ class Line:
             if self.bauds_set[-1:] != [baud]:
                 self.bauds_set.append(baud)
                 at = 0
-            data = self._heard_at(baud)
+            data = self._received_at(baud)
             try:
                 at += os.write(self._far, data[at : at + CHUNK])
             except BlockingIOError:
                 continue
             at %= len(data)
 
-    def _heard_at(self, baud: int) -> bytes:
-        if baud not in self._heard:
-            self._heard[baud] = received(1, self._frames, self._baud, baud, inverted=self._inverted)
-        return self._heard[baud]
+    def _received_at(self, baud: int) -> bytes:
+        if baud not in self._received:
+            self._received[baud] = received(
+                1, self._frames, self._baud, baud, inverted=self._inverted
+            )
+        return self._received[baud]
 
 
 @contextmanager
@@ -104,7 +106,7 @@ def doctor(run: Run, *arguments: str) -> tuple[int, dict[str, list[str]]]:
 
 
 def test_a_sound_line_is_well(run: Run) -> None:
-    with wire() as (far, port), Line(far, 115_200).talking():
+    with wire() as (far, port), Line(far, 115_200).sending():
         code, said = doctor(run, port, "--seconds", LONG)
     assert code == 0
     assert not said["bad"]
@@ -113,7 +115,7 @@ def test_a_sound_line_is_well(run: Run) -> None:
 
 
 def test_a_wrong_baud_is_named_with_the_command_for_it(run: Run) -> None:
-    with wire() as (far, port), Line(far, 57_600).talking() as line:
+    with wire() as (far, port), Line(far, 57_600).sending() as line:
         code, said = doctor(run, port, "--seconds", LONG)
     assert code == 1
     (bad,) = said["bad"]
@@ -124,7 +126,7 @@ def test_a_wrong_baud_is_named_with_the_command_for_it(run: Run) -> None:
 
 @pytest.mark.parametrize("baud", [19_200, 230_400, 1_000_000])
 def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
-    with wire() as (far, port), Line(far, baud).talking() as line:
+    with wire() as (far, port), Line(far, baud).sending() as line:
         code, said = doctor(run, port, "--seconds", LONG, "--probe")
     assert code == 1
     assert f"bytes are in frames at {baud} baud" in said["bad"][-1]
@@ -133,7 +135,7 @@ def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
 
 
 def test_a_probe_finds_swapped_polarity_at_another_baud(run: Run) -> None:
-    with wire() as (far, port), Line(far, 38_400, inverted=True).talking():
+    with wire() as (far, port), Line(far, 38_400, inverted=True).sending():
         code, said = doctor(run, port, "--seconds", LONG, "--probe")
     assert code == 1
     assert "swapped polarity" in said["bad"][0]
@@ -142,7 +144,7 @@ def test_a_probe_finds_swapped_polarity_at_another_baud(run: Run) -> None:
 
 
 def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
-    with wire() as (far, port), Line(far, 115_200).talking() as line:
+    with wire() as (far, port), Line(far, 115_200).sending() as line:
         code, said = doctor(run, port, "--seconds", LONG, "--probe")
     assert code == 0
     assert "probe: not needed, the baud is right -> None" in said["ok"]
@@ -165,7 +167,7 @@ def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None
         near = os.open(port, os.O_RDWR | os.O_NOCTTY)
         with subprocess.Popen(["sleep", "60"], stdin=near) as other:
             os.close(near)
-            with Line(far, 115_200).talking():
+            with Line(far, 115_200).sending():
                 code, said = doctor(run, port, "--seconds", "0.5")
             other.terminate()
     assert code == 1

@@ -129,7 +129,7 @@ def unprivileged() -> Iterator[None]:
 
 @contextmanager
 def file_size_limit(size: int) -> Iterator[None]:
-    """In this context no file can grow beyond `size` bytes."""
+    """In this context, and in processes started in it, no file can grow beyond `size` bytes."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import resource
 import select
 import signal
 import socket
@@ -37,6 +36,7 @@ from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
 from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import BOUND_S, holding, wait_until
 from tests.examples import examples
+from tests.recording.conftest import file_size_limit
 
 SIM = "sim://?seed=1&rate=1000"
 
@@ -202,7 +202,7 @@ def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path: Path) -> None:
-    with files_bounded(20_000):
+    with file_size_limit(20_000):
         session = LiveSession(plan(tmp_path / "x.mcap", duration_s=2.0))
     with running(session):
         rows_when_told = None
@@ -356,17 +356,6 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
 def test_a_duration_beyond_all_bounds_is_none(seconds: float) -> None:
     with running(plan(duration_s=seconds, count=20)) as session:
         assert len(to_the_end(session)) == 20
-
-
-@contextmanager
-def files_bounded(size: int) -> Iterator[None]:
-    """Processes started in this context cannot write files longer than `size` bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 JUDGED = [

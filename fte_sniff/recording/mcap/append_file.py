@@ -115,11 +115,11 @@ def bytes_of(*records: McapRecord) -> bytes:
 
 
 class LostDataError(OSError):
-    """What was appended earlier is lost."""
+    """Data that was appended earlier is lost."""
 
 
 class CutOffError(LostDataError):
-    """Another program has cut off the file: what was after the cut is lost."""
+    """Another program has cut off the file: data after the cut is lost."""
 
 
 class NoReaderError(LostDataError):
@@ -265,7 +265,7 @@ MAX_UNREAD = 64 * 1024 * 1024
 
 
 class NamedPipe(Stream):
-    """A named pipe; what is appended waits in memory until a program opens it for reading."""
+    """A named pipe; appended data stays in memory until a program opens the pipe for reading."""
 
     def __init__(self, path: Path) -> None:
         """Take an existing named pipe."""
@@ -280,7 +280,7 @@ class NamedPipe(Stream):
 
     @property
     def is_open(self) -> bool:
-        """Whether it has had a reader; if not, this looks for one."""
+        """True if the pipe has had a reader; otherwise this checks for one."""
         if self._descriptor < 0:
             try:
                 self._descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)

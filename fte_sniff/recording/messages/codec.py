@@ -274,7 +274,7 @@ class ChannelReaders:
 
 
 def _costs(definition: Schema | Channel, known: object) -> bool:
-    """Whether rows may be read by it. Others cost little, and rows may come after any number."""
+    """True if rows may be read with the definition."""
     if isinstance(definition, Schema):
         return known is not None or definition.name.startswith(f"{PACKAGE}.")
     return definition.topic in TOPIC_BY_NAME

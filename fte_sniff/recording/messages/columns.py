@@ -231,7 +231,7 @@ _OTHER_LOSSES = TranslatableText("more could not be read")
 
 
 class Losses(Counter[str]):
-    """How often what could not be read; beyond 20 different texts, the others together."""
+    """Unreadable messages by reason; beyond 20 different reasons, the others are one."""
 
     def append(self, text: str, count: int = 1) -> None:
         """Count a loss."""

@@ -194,7 +194,7 @@ class WireLayouts:
         return self._cached[length]
 
     def like(self, message: bytes) -> list[WireLayout]:
-        """The layouts of the message's length, first the one that it has."""
+        """The layouts of the message's length; its own layout is the first."""
         return sorted(self.of_length(len(message)), key=lambda one: not one.fits(message))
 
     def _layouts(self, length: int) -> Iterator[WireLayout]:
