@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.errors import FileError, TranslatableText
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import Gap, PortEvent, PortEventKind
 from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Following:
         """Whether the file was read up to its end once."""
         self.stopped = False
         """Whether `stop` was called."""
-        self.ended: TranslatableText | None = None
+        self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
 
     def open(self, path: Path) -> FollowedInput:
@@ -107,14 +107,14 @@ class FollowedInput(RecordingInput):
         try:
             yield from self._until_end(span)
         except FileError as error:
-            self.failure = error
+            self._fail(error)
             return
         following = self._following
         if not following.stopped and following.ended is None:
             self._find_successor()
         self._note_end(span, note, self._troubles, some=self._has_rows)
         if self.successor is None and self.failure is None and following.ended is not None:
-            note(str(following.ended))
+            note(following.ended)
 
     def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
         """The rows up to the end of following this file."""
@@ -162,14 +162,20 @@ class FollowedInput(RecordingInput):
         from dataclasses import replace
 
         for batch in batches:
-            gaps = self.gaps(span)[self._gaps_known :]
-            self._gaps_known += len(gaps)
+            gaps = self._new_gaps(span)
             self._troubles.update(event.kind for event in batch.events)
             self._following.observe(batch.events)
             self._has_rows |= bool(len(batch.rows))
             yield replace(batch, gaps=gaps)
             if self._following.stopped:
                 return
+        if gaps := self._new_gaps(span):  # after the last row
+            yield InputBatch([], gaps=gaps)
+
+    def _new_gaps(self, span: TimeRange | None) -> Sequence[Gap]:
+        gaps = self.gaps(span)[self._gaps_known :]
+        self._gaps_known += len(gaps)
+        return gaps
 
     def _find_successor(self) -> None:
         """Open the next file of the capture, or state how the last one ended."""
@@ -185,4 +191,8 @@ class FollowedInput(RecordingInput):
         try:
             self.successor = following.open(path)
         except FileError as error:
-            self.failure = error
+            self._fail(error)
+
+    def _fail(self, error: FileError) -> None:
+        self.failure = error
+        self._following.ended = error.message

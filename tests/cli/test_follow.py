@@ -320,6 +320,17 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 assert screen.ended() == 0
 
 
+def test_the_screen_shows_that_the_file_was_replaced(environment, tmp_path: Path) -> None:
+    with writing(environment, tmp_path, "x.mcap") as writer:
+        flush(writer)
+        with terminal(environment, tmp_path, "view", "--follow", "x.mcap") as screen:
+            screen.until("FOLLOWING")
+            _replace(tmp_path / "x.mcap")
+            screen.until("ended: x.mcap was replaced by another file")
+            screen.type("Q")
+            assert screen.ended() == 4
+
+
 def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:
     live = ("live", "sim://?rate=200", "--headless", "--rotate", "1s", "-o", "c.mcap")
     with started(environment, tmp_path, *live) as writer:

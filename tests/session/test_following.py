@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import Gap, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
@@ -21,7 +21,6 @@ from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import following as followed_module
 from fte_sniff.session.following import POLL_S, FollowedInput, Following
 from fte_sniff.session.input_reading import InputReading
-from fte_sniff.session.inputs import RecordingInput
 from tests.cli.processes import wait_until
 from tests.session.test_file_jobs import reset_at
 
@@ -44,6 +43,7 @@ class Observed(Following):
     def __init__(self) -> None:
         super().__init__()
         self.opened: list[weakref.ref[FollowedInput]] = []
+        self.rows = 0
 
     def open(self, path: Path) -> FollowedInput:
         found = super().open(path)
@@ -58,7 +58,11 @@ def follower(path: Path) -> Iterator[tuple[Observed, Future[tuple[InputReading, 
 
     def read() -> tuple[InputReading, list[Row]]:
         reading = InputReading([following.open(path)])
-        return reading, [row for batch in reading for row in batch.rows]
+        found: list[Row] = []
+        for batch in reading:
+            found += batch.rows
+            following.rows = len(found)
+        return reading, found
 
     with ThreadPoolExecutor(1) as executor:
         future = executor.submit(read)
@@ -67,10 +71,6 @@ def follower(path: Path) -> Iterator[tuple[Observed, Future[tuple[InputReading, 
             yield following, future
         finally:
             following.stop()
-
-
-def rows_of(path: Path) -> list[Row]:
-    return list(RecordingReader(path))
 
 
 def test_a_flush_is_seen_well_within_a_second() -> None:
@@ -96,25 +96,26 @@ def test_a_long_capture_is_followed_without_keeping_its_files(tmp_path: Path) ->
 
 def test_the_gaps_of_a_trigger_come_with_their_rows(tmp_path: Path) -> None:
     window = TriggerWindow(before_s=1, after_s=1)
+    path = tmp_path / "x.mcap"
     recorder = Recorder(
-        tmp_path / "x.mcap",
+        path,
         PORTS,
         FACTS,
         options=RecordingOptions(trigger_window=window),
         select=lambda rows: [row for row in rows if row.offset in (100, 300)],
     )
-    with follower(recorder.path) as (_, future):
+    with follower(path) as (following, future):
         for number in range(50):
             recorder.write([reset_at(number)])
             recorder.flush()
+        # The last gap is written at the end, after all rows were read.
+        wait_until(lambda: following.rows == 6)
         recorder.close()
         reading, found = future.result()
-    plain = RecordingInput(RecordingReader(tmp_path / "x.mcap"))
-    assert found == rows_of(tmp_path / "x.mcap")
     assert [row.offset for row in found] == [90, 100, 110, 290, 300, 310]
-    gaps: list[Gap] = list(plain.gaps(None))
-    assert reading.reported_gaps == gaps
-    assert [gap.rows for gap in gaps] == [9, 17, 18]
+    assert found == list(RecordingReader(path))
+    assert [gap.rows for gap in reading.reported_gaps] == [9, 17, 18]
+    assert reading.reported_gaps == RecordingReader(path).gaps()
 
 
 def test_a_next_file_that_comes_later_and_was_not_named_is_found(
