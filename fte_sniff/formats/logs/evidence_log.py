@@ -108,6 +108,8 @@ class EvidenceLog(LogForm):
                 break
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
         note = times.settle_order(near, given=options.day is not None)
+        if times.kind == "unread":
+            note = "numbers in the lines above the bytes may be times; they are not read"
         log._notes += [note] if note else []
         places = (
             log.layout.stamp_of(line, next(iter(log.layout.runs(line)[0]), None)) for line in lines

@@ -55,8 +55,19 @@ CLOCK: Final = (
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
+_NUMBER: Final = r"(?<![\w.+-])(?P<n>\d+)(?:\.(?P<f>\d+))?(?![\w.])"
 _BEGIN, _THEN = r"(?<![\w:.])", r"(?:T|[,_ ] *)"
-_NUMBER: Final = rb"(?<![\w.+-])\d+(?:\.\d+)?(?![\w.])"
+_COMPACT: Final = (
+    r"(?P<y>20\d\d)(?P<mo>0[1-9]|1[0-2])(?P<d>0[1-9]|[12]\d|3[01])"
+    r"(?P<h>[01]\d|2[0-3])(?P<mi>[0-5]\d)(?P<s>[0-5]\d)(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
+)
+FORMS: Final = {
+    **{name: f"{_BEGIN}{dates}{_THEN}{CLOCK}" for name, dates in DATES.items()},
+    "compact": _BEGIN + _COMPACT,  # file names, PLCs
+    "clock": _BEGIN + CLOCK,
+    "number": _NUMBER,
+}
+"""Regular expressions of times; an earlier one is preferred."""
 _EPOCHS: Final = {10: SECOND, 13: 10**6, 16: 1000, 19: 1}
 """By digits of a number since 1970, nanoseconds in one: `time`, candump, JavaScript, ROS."""
 _SCALES: Final = {"": SECOND, "m": 10**6, "u": 1000, "µ": 1000, "n": 1}
@@ -100,18 +111,18 @@ class Text(NamedTuple):
 
 
 @cache
-def _form(name: str | None) -> re.Pattern[bytes]:
-    """The expression of a date and clock, of a clock alone (""), or of any (None)."""
-    if name is None:
-        dates = "|".join(DATES.values())
-        any_form = f"{_BEGIN}(?:(?:{dates}){_THEN})?{CLOCK}"
-        return re.compile(re.sub(r"\?P<\w+>", "?:", any_form).encode())
-    return re.compile(f"{_BEGIN}{DATES[name] + _THEN if name else ''}{CLOCK}".encode())
+def _form(name: str) -> re.Pattern[bytes]:
+    """The expression of a form, or of `any` but a number."""
+    if name != "any":
+        return re.compile(FORMS[name].encode())
+    dates = "|".join(DATES.values())
+    any_form = f"{_BEGIN}(?:{_COMPACT}|(?:(?:{dates}){_THEN})?{CLOCK})"
+    return re.compile(re.sub(r"\?P<\w+>", "?:", any_form).encode())
 
 
 def masked(line: bytes) -> bytes:
     """The line with its first date or time hidden, which cannot be bytes."""
-    found = _form(None).search(line)
+    found = _form("any").search(line)
     if found is None:
         return line
     return line[: found.start()] + b"~" * (found.end() - found.start()) + line[found.end() :]
@@ -132,14 +143,14 @@ class TimeRule:
 
     where: str = "none"
     """`before` or `after` the bytes, `above` them in a heading, or `none`."""
-    form: str | None = None
-    """The date in the table, "" for a clock alone, None for a number."""
+    form: str = "number"
+    """In the table of forms."""
     column: int = 0
-    """Which number; -1 for the last, where labels before it have numbers."""
+    """Which of them; -1 for the last, where labels before it have numbers."""
     scale: int = SECOND
     """Nanoseconds of one of the numbers."""
     kind: str = "date"
-    """`date`, `year-less`, `clock`, `epoch` or `since`."""
+    """`date`, `year-less`, `clock`, `epoch` or `since`; `unread` if numbers above may be times."""
     day_first: bool | None = None
     """Whether dates such as 5/3/2026 begin with the day."""
     year: int = 1972
@@ -155,17 +166,14 @@ class TimeRule:
 
     def find(self, text: bytes, start: int = 0, stop: int | None = None) -> Fields | None:
         """Where the fields of the time are in a part of a line."""
-        if self.form is not None:
-            found = _form(self.form).search(text, start, len(text) if stop is None else stop)
-            if found is None:
-                return None
-            return {name: found.span(name) for name, part in found.groupdict().items() if part}
-        numbers = list(re.finditer(_NUMBER, text[:stop][start:]))
-        if not -len(numbers) <= self.column < len(numbers):
-            return None
-        begin, end = (start + offset for offset in numbers[self.column].span())
-        point = text.find(b".", begin, end)
-        return {"n": (begin, end)} if point < 0 else {"n": (begin, point), "f": (point + 1, end)}
+        form, column, stop = _form(self.form), self.column, len(text) if stop is None else stop
+        several = [form.search(text, start, stop)]
+        if column:
+            several = [*form.finditer(text, start, stop)]
+        found = several[column] if -len(several) <= column < len(several) else None
+        return found and {
+            name: found.span(name) for name, part in found.groupdict().items() if part
+        }
 
     def stamp(self, text: bytes, fields: Fields, read: Read | None = None) -> Stamp | None:
         """The time of the fields, None if it is impossible; `text` is one of the lines."""
@@ -247,16 +255,19 @@ def time_rule(texts: Sequence[Text]) -> TimeRule:
             if rule := rule_of(where, [text.part(where) for text in texts], texts):
                 return rule
     headings = list(dict.fromkeys(text.above for text in texts))
-    rule = _rule_of_clocks("above", headings, texts) if len(headings) > 1 else None
-    return rule or TimeRule()
+    if len(headings) > 1 and (rule := _rule_of_clocks("above", headings, texts)):
+        return rule
+    unread = len(headings) > 2 and _rule_of_numbers("above", headings, texts)
+    return TimeRule(kind="unread" if unread else "date")
 
 
 def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> TimeRule | None:
-    for name in (*DATES, ""):
+    for name in list(FORMS)[:-1]:
         found = [match for part in parts if (match := _form(name).search(part))]
         if len(found) > 0.5 * len(parts):
-            has_year = any(match.groupdict().get("y") or match["y2"] for match in found)
-            kind = ("date" if has_year else "year-less") if name else "clock"
+            years = (match.groupdict() for match in found)
+            has_year = any(one.get("y") or one.get("y2") for one in years)
+            kind = "clock" if name == "clock" else "date" if has_year else "year-less"
             fractions = {match["f"] or b"" for match in found}
             padded = len(fractions) > 1 and all(re.match(rb"000\d{6}", one) for one in fractions)
             rule = TimeRule(where, name, kind=kind, padded=padded)
@@ -266,7 +277,7 @@ def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> Ti
 
 
 def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
-    rows = [re.findall(_NUMBER, part) for part in parts]
+    rows = [[match[0] for match in _form("number").finditer(part)] for part in parts]
     least = min(map(len, rows), default=0)
     for column in (*range(least), *range(-1, -least - 1, -1)):
         values = [row[column] for row in rows]
@@ -274,12 +285,8 @@ def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) 
             *(map(len, (value + b".").split(b".")[:2]) for value in values), strict=True
         )
         kind, scale = "since", _unit(texts[0], where, column)
-        if (
-            scale is None
-            and len(set(whole)) == 1
-            and values[0][:1] in b"12"
-            and whole[0] in _EPOCHS
-        ):
+        epoch = len(set(whole)) == 1 and values[0][:1] in b"12" and whole[0] in _EPOCHS
+        if scale is None and epoch:
             kind, scale = "epoch", _EPOCHS[whole[0]]
         elif scale is None and min(places):
             scale = SECOND
@@ -288,23 +295,23 @@ def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) 
         changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
         if scale is not None and falls <= len(times) // 50 and changes:
             resolution_ns = max(1, scale // 10 ** max(places))
-            return TimeRule(where, None, column, scale, kind, resolution_ns=resolution_ns)
+            return TimeRule(where, "number", column, scale, kind, resolution_ns=resolution_ns)
     return None
 
 
 def _unit(text: Text, where: str, column: int) -> int | None:
     """Nanoseconds of one, by the heading of the column, or by the text around the number."""
-    start = 0 if where == "before" else text.stop
-    begin, end = list(re.finditer(_NUMBER, text.part(where)))[column].span()
-    cell = text.line.count(b",", 0, start + begin)
+    start, line = text.stop * (where == "after"), text.above if where == "above" else text.line
+    begin, end = [*_form("number").finditer(text.part(where))][column].span()
+    cell = line.count(b",", 0, start + begin)
     for heading in reversed(text.headings):
         cells = heading.decode("utf-8", "replace").split(",")
         if len(cells) > cell and re.search(_TIME_WORD, cells[cell]):
             unit = re.search(_UNIT_IN_HEADING, cells[cell])
             return _SCALES[unit[1].lower()] if unit else None
-    if re.search(rb"\b[EWIDV] \($", text.line[: start + begin]):  # ESP-IDF: I (1234) tag
+    if re.search(rb"\b[EWIDV] \($", line[: start + begin]):  # ESP-IDF: I (1234) tag
         return 10**6
-    beside = re.match(rb" ?([num])s\b", text.line[start + end :])
+    beside = re.match(rb" ?([num])s\b", line[start + end :])
     return _SCALES[beside[1].decode()] if beside else None
 
 

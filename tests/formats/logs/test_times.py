@@ -58,6 +58,7 @@ def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
         ("[INFO] [1769954602.123456789] [base]: TX: ", "2026-02-01T14:03:22.123"),
         ("1769954602123 tx ", "2026-02-01T14:03:22.123"),
         ("1769954602123456000,0,", "2026-02-01T14:03:22.123"),
+        ("20260201140322.123 TX ", "2026-02-01T14:03:22.123"),
         ("TX: ", None),
     ],
 )
@@ -143,6 +144,14 @@ def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
     head = "[2026-01-31 10:00:0{}.5]# RECV HEX>"
     text = "".join(f"{head.format(second)}\n{BYTES}\n" for second in range(2))
     assert [(time or "")[17:21] for time in times_of(text)] == ["00.5", "01.5"]
+
+
+def test_seconds_above_the_bytes_are_not_dropped_without_a_note() -> None:
+    text = "".join(f"packet at {second}.125\n{BYTES}\n" for second in range(1, 6))
+    assert times_of(text) == [None] * 5
+    assert (
+        "log: numbers in the lines above the bytes may be times; they are not read" in read(text)[1]
+    )
 
 
 def test_silence_below_the_resolution_of_the_stamps_is_none() -> None:
