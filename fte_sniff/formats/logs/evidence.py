@@ -221,7 +221,7 @@ def _joined(lanes: Iterable[Lane]) -> list[Lane]:
     """Choose lanes greedily; a lane joins another if that makes frames whole."""
     most = sorted(lanes, key=lambda lane: (-len(lane.frames), -len(lane.data)))[:_MOST_LANES]
     chosen: list[Lane] = []
-    for lane in sorted(_continued(most), key=lambda one: -one.score):
+    for lane in sorted(most, key=lambda one: -one.score):
         joined = [one.joined(lane) for one in chosen]
         gains = [new.score - old.score for new, old in zip(joined, chosen, strict=True)]
         best = max(gains, default=0.0)
@@ -230,21 +230,3 @@ def _joined(lanes: Iterable[Lane]) -> list[Lane]:
         elif lane.score > 0:
             chosen.append(lane)
     return chosen
-
-
-def _continued(lanes: Iterable[Lane]) -> list[Lane]:
-    """Lanes with those that continue them in the same line, after the gap of a dump."""
-    continued, left = [], {key: lane for lane in lanes for key in lane.cuts}
-    for key in sorted(left, key=len):
-        if key in left:
-            best = joined = left.pop(key)
-            most, apart = max(len(data) for _, data in best.pieces), max(best.score, 0.0)
-            for other in sorted(left, key=len):
-                between = other[len(key) :] if other.startswith(key) else b"x"
-                if between.count(b"0") >= most and not between.strip(b"0 |-"):
-                    joined = joined.joined(left[other])
-                    apart += max(left[other].score, 0.0)
-                    best = joined if joined.score > max(best.score, apart) else best
-            continued.append(best)
-            left = {key: lane for key, lane in left.items() if key not in best.cuts}
-    return continued

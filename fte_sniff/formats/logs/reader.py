@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, BinaryIO, Final
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
 from fte_sniff.formats.logs.evidence import chance_level, frames_in
 from fte_sniff.formats.logs.plain import OwnLog, PlainLog, bytes_of_line, is_plain
-from fte_sniff.formats.logs.streams import LogForm, LogStreams, Rows
+from fte_sniff.formats.logs.streams import LogForm, LogStreams
 from fte_sniff.formats.logs.text import (
     TextBlock,
     TextBlocks,
@@ -24,6 +24,8 @@ from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from datetime import date, tzinfo
+
+    from fte_sniff.row_batch import Rows
 
 Note = Callable[[str], None]
 

@@ -8,14 +8,13 @@ waits while another stream has undecided bytes of an earlier line.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, TAIL, byte_time_ns
@@ -25,11 +24,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from fte_sniff.formats.logs.text import TextBlock
-    from fte_sniff.row_batch import RowBatch
+    from fte_sniff.row_batch import RowBatch, Rows
 
     Array = npt.NDArray[np.int64]
-
-Rows: TypeAlias = Union[list[Row], "RowBatch"]
 
 LATEST_NS: Final = 2**63 - 1
 """In 2262: a table's times are 64 bits, nanoseconds since 1970."""
@@ -276,9 +273,10 @@ class LogStreams:
 
     def drain(self, *, final: bool = False) -> list[Rows]:
         """The rows that are decided and in order."""
-        few, streams, ready = max(FEW - self._count, _FEW_AT_ONCE), [*self._streams.values()], []
+        few, streams = max(FEW - self._count, _FEW_AT_ONCE), [*self._streams.values()]
+        batches = list[RowBatch]()
         if self.set_back and self.by_time:
-            self.by_time, ready, self._held = False, self._held, []
+            self.by_time, batches = False, self._ready(LATEST_NS + 1)
             for stream in streams:
                 stream.key = -1
         rows = [stream.drain(final=final, few=few) for stream in streams]
@@ -289,32 +287,27 @@ class LogStreams:
             waiting = sum(len(piece.rows) for piece in self._held)
             if len(streams) > 1 and not final and waiting <= _MOST_HELD:
                 limit = min(one.key if self.by_time else one.pending_line() for one in streams)
-            merged = [*_merged(ready), *_merged(self._take(limit))]
-            rows = [list(one) if len(one) <= few else one for one in merged]
+            batches += self._ready(limit)
+            rows = [list(one) if len(one) <= few else one for one in batches]
         self._count += sum(map(len, rows))
         return [own for own in rows if len(own)]
 
-    def _take(self, limit: int) -> list[_Piece]:
-        ready, held = list[_Piece](), list[_Piece]()
-        for piece in self._held:
-            stop = bisect_left(piece.keys, limit)
-            for parts, part in ((ready, slice(stop)), (held, slice(stop, None))):
-                if len(piece.rows[part]):
-                    parts.append(_Piece(piece.keys[part], piece.lines[part], piece.rows[part]))
-        self._held = held
-        return ready
+    def _ready(self, limit: int) -> list[RowBatch]:
+        """The rows before a time or line, in order; the others are held."""
+        if not self._held or (len(self._held) == 1 and limit > LATEST_NS):
+            ready, self._held = [piece.rows for piece in self._held], []
+            return ready
+        import numpy as np
 
+        from fte_sniff.row_batch import RowBatch
 
-def _merged(pieces: Sequence[_Piece]) -> list[RowBatch]:
-    if len(pieces) < 2:
-        return [piece.rows for piece in pieces]
-    import numpy as np
-
-    from fte_sniff.row_batch import RowBatch
-
-    keys, lines, rows = zip(*pieces, strict=True)
-    order = np.lexsort((np.concatenate(lines), np.concatenate(keys)))
-    return [RowBatch.concat(rows).select(order)]
+        keys = np.concatenate([piece.keys for piece in self._held])
+        lines = np.concatenate([piece.lines for piece in self._held])
+        rows = RowBatch.concat([piece.rows for piece in self._held])
+        order = np.lexsort((lines, keys))
+        now, later = np.split(order, np.searchsorted(keys[order], [limit]))
+        self._held = [_Piece(keys[later], lines[later], rows.select(later))] if len(later) else []
+        return [rows.select(now)]
 
 
 def cut_frame_note(last: DecidedSpan) -> str | None:

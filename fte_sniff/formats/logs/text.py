@@ -22,7 +22,6 @@ LONGEST_LINE: Final = 16 << 20
 
 _SNIFFED: Final = 4096
 _BY_MARK: Final = {
-    codecs.BOM_UTF32_LE: "utf-32-le",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
@@ -71,11 +70,9 @@ def encoding_of(first: bytes) -> str:
 
 
 def _decodes(data: bytes, encoding: str) -> bool:
-    try:
-        codecs.getincrementaldecoder(encoding)().decode(data)
-    except UnicodeDecodeError:
-        return False
-    return True
+    with suppress(UnicodeDecodeError):
+        return codecs.getincrementaldecoder(encoding)().decode(data) is not None
+    return False
 
 
 def lines_of(data: bytes, encoding: str) -> list[bytes]:
