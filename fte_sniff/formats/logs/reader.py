@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -176,22 +177,16 @@ class LogReader:
             seen.append(block)
             lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: checks[-1] - len(lines)]]
             while checks and len(lines) >= checks[0]:
-                if form := self._decided_early(lines[: checks.pop(0)]):
-                    return form
+                first = lines[: checks.pop(0)]
+                form: LogForm | None = self._decided_at_sight(first)
+                many = len(first) >= _LEAST_EVIDENCE
+                with suppress(InputTextError, FileError):
+                    form = self._decided(first, None) if many else form
+                    if form and (form.is_certain or (many and form.frames >= _EARLY_FRAMES)):
+                        return form
             if not checks:
                 break
         return self._decided(lines, None)
-
-    def _decided_early(self, lines: Sequence[bytes]) -> LogForm | None:
-        """What a stream is, if its first lines are certain evidence."""
-        plain = self._decided_at_sight(lines)
-        if plain is not None and plain.is_certain:
-            return plain
-        try:
-            form = self._decided(lines, None) if len(lines) >= _LEAST_EVIDENCE else None
-        except (InputTextError, FileError):
-            return None
-        return form if getattr(form, "frames", 0) >= _EARLY_FRAMES else None
 
     def _decided_at_sight(self, lines: Sequence[bytes]) -> OwnLog | PlainLog | None:
         """The log, if its lines are this program's, or hex and nothing else."""

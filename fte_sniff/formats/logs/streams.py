@@ -49,6 +49,8 @@ class LogForm(ABC):
     """Of its times; None if it has none."""
     single: bool = False
     """Whether its rows have one port, whatever it says of directions."""
+    frames: int = 0
+    """Whole frames in its sample."""
     is_certain: bool = False
     """Whether its sample shows that no other kind of log is better."""
 
@@ -274,7 +276,7 @@ class LogStreams:
     def drain(self, *, final: bool = False) -> list[Rows]:
         """The rows that are decided and in order."""
         few, streams = max(FEW - self._count, _FEW_AT_ONCE), [*self._streams.values()]
-        batches = list[RowBatch]()
+        batches: list[RowBatch] = []
         if self.set_back and self.by_time:
             self.by_time, batches = False, self._ready(LATEST_NS + 1)
             for stream in streams:
