@@ -134,7 +134,7 @@ class EvidenceLog(LogForm):
         labels = self.layout.streams
         return [f"{name}:{label}" for label in labels] if len(labels) > 1 else [name]
 
-    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
+    def read(self, block: TextBlock, streams: LogStreams) -> None:
         """See `LogForm`."""
         if block.column or block.unfinished:
             self._skip(block.first, block.text[:80], like=False)
@@ -147,13 +147,14 @@ class EvidenceLog(LogForm):
         for at in rest:
             below = block.lines[at + 1 : at + 2] if layout.hypothesis.extractor.size > 1 else ()
             groups += self._groups(block.lines[at], block.first + at, *below)
-        for one in groups if streams.direct else ():
-            stream = streams.stream(name, one.label)
+        single = streams.direct and len(rest) == len(block.lines)
+        for one in groups if single else ():
+            stream = streams.stream(streams.name, one.label)
             stream.append(one.data, (), (), gaps=(len(one.data),) * one.gap)
-        if groups and not streams.direct:
-            self._append(groups, streams, name)
+        if groups and not single:
+            self._append(groups, streams)
 
-    def _append(self, groups: list[_Group], streams: LogStreams, name: str) -> None:
+    def _append(self, groups: list[_Group], streams: LogStreams) -> None:
         """Append the bytes of groups in the order of lines, each to the stream of its label."""
         import numpy as np
 
@@ -186,7 +187,7 @@ class EvidenceLog(LogForm):
                 data = text.reshape(-1, widths[0])[order][mine]
             else:
                 data = text[np.repeat(ends[mine] - stops, own) + np.arange(stops[-1])]
-            stream = streams.stream(self._port(name, labels[number]), labels[number])
+            stream = streams.stream(self._port(streams.name, labels[number]), labels[number])
             stream.append(
                 data.tobytes(), own, lines[mine], None if times is None else times[mine],
                 gaps=stops[gaps[mine] > 0].tolist(), first=self.layout.times.first_byte,

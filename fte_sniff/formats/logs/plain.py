@@ -113,7 +113,7 @@ class PlainLog(LogForm):
         plain = cls(data)
         return None if not plain.frames and names > max(2, len(lines) // 2) else plain
 
-    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
+    def read(self, block: TextBlock, streams: LogStreams) -> None:
         """See `LogForm`."""
         data = bytearray()
         with suppress(ValueError):
@@ -123,7 +123,7 @@ class PlainLog(LogForm):
                 data += bytes_of_line(line, number, block.column * (number == block.first))
         finally:
             if data:
-                streams.stream(name).append(bytes(data), [len(data)], [block.first])
+                streams.stream(streams.name).append(bytes(data), [len(data)], [block.first])
 
     def notes(self) -> list[str]:
         """That there are no frames, in a log of more than a few bytes."""
@@ -172,10 +172,10 @@ class OwnLog(LogForm):
         """Those of the first rows."""
         return [*self._ports] or [name]
 
-    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
+    def read(self, block: TextBlock, streams: LogStreams) -> None:
         """See `LogForm`."""
         for number, (data, t_ns, port) in enumerate(self._rows(block.lines, block.first)):
-            stream = streams.stream(port or name)
+            stream = streams.stream(port or streams.name)
             stream.append(data, [len(data)], [block.first + number], [t_ns], first=True)
 
     def explain(self) -> list[str]:

@@ -128,13 +128,10 @@ class LogReader:
         """
         form, options, failed = self._prepared(), self.options, None
         ports = form.ports(self.name) if self._is_file else ()
-        start_ns, baud = options.start_ns, options.baud
-        streams = LogStreams(
-            form.resolution_ns, start_ns=start_ns, baud=baud, ports=ports, single=form.single
-        )
+        streams = LogStreams(self.name, form, options, ports)
         try:
             for block in self._blocks():
-                form.read(block, streams, self.name)
+                form.read(block, streams)
                 yield from streams.drain()
         except InputTextError as error:
             failed = InputTextError(f"{self._where}{error}")

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
-from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, TAIL, byte_time_ns
+from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from fte_sniff.formats.logs.reader import LogOptions
     from fte_sniff.formats.logs.text import TextBlock
     from fte_sniff.row_batch import RowBatch, Rows
 
@@ -59,7 +60,7 @@ class LogForm(ABC):
         return [name]
 
     @abstractmethod
-    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
+    def read(self, block: TextBlock, streams: LogStreams) -> None:
         """Append the bytes of a block to the streams; raises InputTextError."""
 
     def notes(self) -> list[str]:
@@ -214,36 +215,21 @@ class LogStream:
 class LogStreams:
     """All streams of a log."""
 
-    def __init__(
-        self,
-        resolution_ns: int | None = None,
-        *,
-        start_ns: int | None = None,
-        baud: int = DEFAULT_BAUD,
-        ports: Iterable[str] = (),
-        single: bool = False,
-    ) -> None:
-        """No stream has bytes yet.
-
-        Args:
-            resolution_ns: of the times of the log; None if it has none.
-            start_ns: when the bytes of a log without times began; None to have no times.
-            baud: bits per second, for the time that bytes take.
-            ports: the streams that are expected, to merge by time; none to merge by line.
-            single: there is one stream at most.
-        """
-        self.resolution_ns = resolution_ns or 1
-        self.start_ns = start_ns if resolution_ns is None else None
-        self.baud, self.byte_ns = baud, byte_time_ns(baud)
+    def __init__(self, name: str, form: LogForm, options: LogOptions, ports: Iterable[str]) -> None:
+        """No stream of the log has bytes yet; those of `ports` are expected and merged by time."""
+        self.name, self.resolution_ns = name, form.resolution_ns or 1
+        self.start_ns = options.start_ns if form.resolution_ns is None else None
+        """When the bytes of a log without times began; None to have no times."""
+        self.baud, self.byte_ns = options.baud, byte_time_ns(options.baud)
         self.pause_ns = round(PAUSE_BYTES * self.byte_ns)
         self.size = self._count = 0
         """Bytes of all streams, and rows so far."""
         self.set_back = False
         """Whether times fell far within a stream."""
-        self.direct = single and resolution_ns is None
+        self.direct = form.single and form.resolution_ns is None
         """Whether rows come as the framer makes them: bytes follow each other, in one stream."""
         self._streams = {port: LogStream(port, self) for port in ports}
-        self.by_time = len(self._streams) > 1 and resolution_ns is not None
+        self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         self._held: list[_Piece] = []
 
     def stream(self, port: str, label: str | None = None) -> LogStream:

@@ -148,7 +148,9 @@ def test_the_way_a_file_is_split_changes_nothing(name: str, size: int) -> None:
     assert sorted(rows, key=key) == sorted(whole, key=key)
 
 
-@pytest.mark.parametrize("name", ["CoolTerm", "Docklight", "candump", "Termite", "hexdump -C"])
+@pytest.mark.parametrize(
+    "name", ["CoolTerm", "Docklight", "candump", "Termite", "hexdump -C", "number before", "R"]
+)
 def test_many_lines_at_once_are_as_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     content = LAYOUTS[name](a_log(3, 1500)).encode()
     at_once, notes = rows_of(content)
