@@ -19,6 +19,7 @@ from selenium.webdriver.support.expected_conditions import visibility_of
 from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.recorded_rows import START_NS, write_recording
+from fte_sniff.cli.report_page import TEXTS
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import RowBatch
@@ -289,6 +290,8 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
         assert re.search(rf">{fault['fault']}</td><td class=\"number\">{fault['rows']:,}<", text)
     for stream in numbers["ports"][0]["streams"]:
         assert f"<tr><td>{stream['kind']}</td>" in text
+    heads = set(re.findall(r"<th[^>]*>([^<]*)</th>", text))
+    assert heads <= {head[:1].upper() + head[1:] for head in TEXTS.values()} | {"99 %"}
 
 
 def test_rows_without_times_have_no_plots(run, tmp_path, samples) -> None:
