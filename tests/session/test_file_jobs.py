@@ -129,7 +129,7 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
     (good,) = write_parts(tmp_path / "good", [[reset_at(number) for number in range(9)]])
     good.write_bytes(good.read_bytes()[:-20])
-    with pytest.warns(fte_sniff.RecordingWarning, match="mcap: it is cut in") as caught:
+    with pytest.warns(fte_sniff.RecordingWarning, match="mcap: it is cut off in") as caught:
         assert fte_sniff.stats(good)["rows"] == 9
     assert [one.filename for one in caught] == [__file__]
 

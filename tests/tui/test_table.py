@@ -269,7 +269,7 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
     assert painted(row, 80)[0] == ORDER_MARK
     assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == MARKS[Status.SUSPECT]
     assert (
-        f"{ORDER_MARK} a row of the other port"
+        f"{ORDER_MARK} the order with rows of the other port"
         in detail_text(row, DARK, DetailLayout(80, bit_lines=False)).plain
     )
 

@@ -196,7 +196,7 @@ def test_a_command_and_its_answer_belong_together(feed: Any) -> None:
         assert table(app).viewport.cursor == 0
         await press(app, pilot, "j", "R")
         assert "unanswered: the next command to the motor came first" in page(app)
-        assert "this row is no command with an answer" in page(app)
+        assert "this row is neither a command with an answer" in page(app)
 
     play(feed, scenario, size=(100, 40))
 
