@@ -145,7 +145,7 @@ class ViewActions(ScreenActions):
         events = self._model.stop_playback()
         self._panes.on_update(ViewUpdate(True, events, False, None))
         self._table.sync()
-        self._inform(_("the whole file is shown"))
+        self._notice.report(_("the whole file is shown"))
 
     def action_speed(self, by: int) -> None:
         """Play faster or more slowly."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from math import inf
 from pathlib import Path
-from time import monotonic, monotonic_ns
+from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
@@ -44,7 +43,7 @@ from fte_sniff.tui.keys import (
     bindings,
     translate_keys,
 )
-from fte_sniff.tui.notices import INFO_S, NoticeLine
+from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
@@ -130,7 +129,6 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._missing = dict(options.notes.notes) if options.notes else {}
         self._left_at = options.place.cursor
         self._note_field = NoteField(str, self._write_note)
-        self._quit_asked_s = -inf
         self._alerts = 0
         self._status_line = StatusLine()
         self._hit_status = HitStatus(store, self._table)
@@ -165,14 +163,14 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         default_namespace: DOMNode | None = None,
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
-        """Run the action of a key, and remove the notice of the key before."""
-        before = self._notice.temporary
+        """Run the action of a key, and remove the answer to the key before."""
+        before = self._notice.answer
         name = action.partition("(")[0] if isinstance(action, str) else action[1]
         if name in NEED_TABLE and self._panes.top.display and self.check_action(name, ()):
             self.action_top()
         done = await super().run_action(action, default_namespace, namespaces)
         if done:
-            self._notice.remove_info(before)
+            self._notice.remove_answer(before)
         return done
 
     def action_dismiss(self) -> None:
@@ -191,11 +189,10 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         """Close the open pane, else quit; while it is recorded, only when pressed again."""
         if self._panes.close():
             return
-        state, now_s = self._model.state, monotonic()
+        state = self._model.state
         is_recording = state.recording is not None and state.running
-        if is_recording and now_s > self._quit_asked_s + INFO_S:
-            self._quit_asked_s = now_s
-            self._inform(_("press q again to stop recording and quit"))
+        if is_recording and not self._notice.asks:
+            self._notice.ask(_("press q again to stop recording and quit"))
         else:
             self.exit()
 
@@ -350,6 +347,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._title_line.flash()
         self._report_alert()
         if update.trouble:
+            self._notice.unpin("recording")  # the other one is new
             self._notice.pin("recording", printable(_(update.trouble)))
         elif not state.trouble:
             self._notice.unpin("recording")
@@ -359,7 +357,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             reason = printable(_(state.ended))
             self._notice.pin("end", _("ended: {reason}").format(reason=reason))
         elif update.ended and self._model.events_text:
-            self._notice.inform(self._model.events_text)
+            self._notice.report(self._model.events_text)
 
     def _report_alert(self) -> None:
         """Count the rows that match the alert's filter."""
@@ -372,7 +370,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             text = _("{count:,} rows match the alert, the last at {time}")
         zone = self._table.view.shown_zone
         time = clock_text(alert.last.t_ns or 0, 3, zone)
-        self._notice.pin("alert", text.format(count=alert.count, time=time), counts=True)
+        self._notice.pin("alert", text.format(count=alert.count, time=time))
 
     def _show_state(self) -> None:
         model, viewport = self._model, self._table.viewport

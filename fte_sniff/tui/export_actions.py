@@ -186,7 +186,7 @@ class ExportActions(ScreenActions):
         else:
             self._forget_job()
             text = _("saved {count:,} rows to {file}")
-            self._inform(text.format(count=job.rows, file=printable(str(job.path))))
+            self._notice.report(text.format(count=job.rows, file=printable(str(job.path))))
             self._end_selection()
 
     def action_picture(self) -> None:

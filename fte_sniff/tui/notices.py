@@ -1,12 +1,16 @@
-"""Notices: temporary ones about keys and events, pinned ones about lasting states."""
+"""Notices: answers to keys, events that pass, and states that last."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
+from enum import IntEnum
 
 from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import Vertical
 from textual.geometry import Size
 from textual.timer import Timer
 from textual.widget import Widget
@@ -94,96 +98,167 @@ _TINY, _LOW = 12, 20
 """Lines of the terminal below which a notice has one line, and two."""
 
 
+class Rank(IntEnum):
+    """What a notice is about; of several informations the highest is shown."""
+
+    STATE = 0
+    """Something that goes on."""
+    EVENT = 1
+    """What happened without a key."""
+    ANSWER = 2
+    """What a key did."""
+    QUESTION = 3
+    """What a key asks before it acts."""
+    WARNING = 4
+
+
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A text, and whether it is a warning."""
+    """A text, and what it is about."""
 
     text: str
-    warning: bool
+    rank: Rank
 
 
-class NoticeLine(WrappedText):
-    """The temporary notice, or else the latest pinned one.
+class NoticeLine(Vertical):
+    """A warning and, below it, an information: neither hides the other.
 
-    temporary  about a key: until the next key acts, or for a while; a warning stays longer
-    pinned     about a state, one per topic: until it is unpinned or dismissed
-
-    A new pinned notice replaces the temporary one, except an information a warning. A pinned
-    notice that only counts on leaves the temporary one.
+    The newest warning is shown, since it is the news; a warning with a known topic only counts on
+    and comes to the top no more. Other notices wait until those above them have gone. An answer
+    goes when the next key acts. A terminal with few lines shows an answer before a warning.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.display = False
-        self.temporary: Notice | None = None
-        self._pinned: dict[str, Notice] = {}
-        self._timer: Timer | None = None
+        self._warning = WrappedText(classes="-worry")
+        self._information = WrappedText()
+        self._notices: dict[Hashable, Notice] = {}
+        """By topic, the newest topic last."""
+        self._expiries: dict[Hashable, Timer] = {}
+
+    def compose(self) -> ComposeResult:
+        """The two notices."""
+        yield self._warning
+        yield self._information
+
+    @property
+    def answer(self) -> Notice | None:
+        """The answer to the last key, or its question."""
+        return self._notices.get(Rank.ANSWER)
+
+    @property
+    def asks(self) -> bool:
+        """Whether the answer is a question."""
+        return self.answer is not None and self.answer.rank is Rank.QUESTION
 
     def inform(self, text: str) -> None:
-        """Show for a while what a key did, or another information."""
-        self._set_temporary(Notice(text, warning=False), INFO_S)
+        """Show what a key did."""
+        self._set(Rank.ANSWER, Notice(text, Rank.ANSWER), INFO_S)
 
-    def warn(self, text: str) -> None:
+    def ask(self, text: str) -> None:
+        """Show a question, which the same key confirms while it `asks`."""
+        self._set(Rank.ANSWER, Notice(text, Rank.QUESTION), INFO_S)
+
+    def report(self, text: str) -> None:
+        """Show for a while what happened without a key."""
+        self._set(Rank.EVENT, Notice(text, Rank.EVENT), INFO_S)
+
+    def warn(self, text: str, topic: Hashable | None = None) -> None:
         """Show a warning for a while."""
-        self._set_temporary(Notice(text, warning=True), WARNING_S)
+        self._set(topic or text, Notice(text, Rank.WARNING), WARNING_S)
 
-    def pin(self, topic: str, text: str, warning: bool = True, counts: bool = False) -> None:
-        """Show until `unpin`, in place of the pinned notice of the same topic.
+    def pin(self, topic: Hashable, text: str, *, warning: bool = True) -> None:
+        """Show until `unpin`, in place of the notice of the same topic."""
+        self._set(topic, Notice(text, Rank.WARNING if warning else Rank.STATE), None)
 
-        counts: a warning that differs from the one before in its numbers only.
-        """
-        before = self._pinned.pop(topic, None)
-        notice = self._pinned[topic] = Notice(text, warning)
-        is_new = notice != before if warning and not counts else before is None
-        if is_new and self.temporary is not None and warning >= self.temporary.warning:
-            self._set_temporary(None)
-        self._update()
-
-    def unpin(self, topic: str) -> None:
-        """Remove the pinned notice of a topic."""
-        if self._pinned.pop(topic, None) is not None:
+    def unpin(self, topic: Hashable) -> None:
+        """Remove the notice of a topic."""
+        if self._remove(topic):
             self._update()
 
     def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
         """Show a port event, with its time of day in a zone; a lasting problem stays pinned."""
-        text = event_text(event, zone)
-        kinds = PortEventKind
+        text, kinds = event_text(event, zone), PortEventKind
+        topic = (event.port, event.kind)
         match event.kind:
             case kinds.OPENED | kinds.FOUND_AGAIN:
-                self.unpin(event.port)
-                self.inform(text)
+                for kind in _LASTING:
+                    self.unpin((event.port, kind))
+                self.report(text)
             case kinds.CLOSED | kinds.BAUD_CHANGED:
-                self.inform(text)
-            case kinds.LOST | kinds.NOT_OPENED | kinds.OVERRUN | kinds.NOT_PASSED_ON | kinds.WIRING:
-                self.pin(event.port, text)
+                self.report(text)
+            case kind if kind in _LASTING:
+                self.pin(topic, text)
             case _:
-                self.warn(text)
+                self.warn(text, topic)
 
-    def remove_info(self, notice: Notice | None) -> None:
-        """Remove this notice, if it is shown and no warning: a key has acted since."""
-        if notice is not None and notice is self.temporary and not notice.warning:
-            self._set_temporary(None)
+    def remove_answer(self, notice: Notice | None) -> None:
+        """Remove this answer, if there is no other: a key has acted since."""
+        if notice is not None and notice is self.answer:
+            self.unpin(Rank.ANSWER)
 
     def dismiss(self) -> None:
-        """Remove the notice that is shown."""
-        if self.temporary is None and self._pinned:
-            self._pinned.popitem()
-        self._set_temporary(None)
+        """Remove the warning that is shown, or else the information."""
+        shown = self._topmost(_is_warning) or self._topmost(_is_information)
+        if shown is not None:
+            self.unpin(shown)
 
-    def _set_temporary(self, notice: Notice | None, for_s: float = 0) -> None:
-        if self._timer is not None:
-            self._timer.stop()
-            self._timer = None
-        self.temporary = notice
-        if notice is not None:
-            self._timer = self.set_timer(for_s, lambda: self._set_temporary(None))
+    def _set(self, topic: Hashable, notice: Notice, for_s: float | None) -> None:
+        if topic in self._notices and notice.rank is not Rank.WARNING:
+            self._remove(topic)
+        self._stop_timer(topic)
+        self._notices[topic] = notice
+        if for_s is not None:
+            self._expiries[topic] = self.set_timer(for_s, lambda: self.unpin(topic))
         self._update()
 
+    def _remove(self, topic: Hashable) -> bool:
+        """Remove a notice; returns whether there was one."""
+        self._stop_timer(topic)
+        return self._notices.pop(topic, None) is not None
+
+    def _stop_timer(self, topic: Hashable) -> None:
+        timer = self._expiries.pop(topic, None)
+        if timer is not None:
+            timer.stop()
+
+    def _topmost(self, test: Callable[[Notice], bool]) -> Hashable | None:
+        """Topic of the highest notice that passes, the newest of equal ones."""
+        topics = [topic for topic, notice in reversed(self._notices.items()) if test(notice)]
+        return max(topics, key=lambda topic: self._notices[topic].rank, default=None)
+
     def _update(self) -> None:
-        notice = self.temporary or next(reversed(self._pinned.values()), None)
-        self.display = notice is not None
-        if notice is not None:
-            height = self.app.size.height
-            self.max_lines = 1 if height < _TINY else 2 if height < _LOW else 3
-            self.set_class(notice.warning, "-worry")
-            self.show("!" if notice.warning else "i", notice.text)
+        height = self.app.size.height
+        max_lines = 1 if height < _TINY else 2 if height < _LOW else 3
+        self.display = bool(self._notices)
+        for widget, test, sign in (
+            (self._warning, _is_warning, "!"),
+            (self._information, _is_information, "i"),
+        ):
+            topic = self._topmost(test)
+            hidden = widget is self._warning and self.answer is not None and height < _LOW
+            widget.display = topic is not None and not hidden
+            if topic is not None:
+                widget.max_lines = max_lines
+                widget.show(sign, self._notices[topic].text)
+
+
+def _is_warning(notice: Notice) -> bool:
+    return notice.rank is Rank.WARNING
+
+
+def _is_information(notice: Notice) -> bool:
+    return notice.rank is not Rank.WARNING
+
+
+_LASTING = frozenset(
+    {
+        PortEventKind.LOST,
+        PortEventKind.NOT_OPENED,
+        PortEventKind.OVERRUN,
+        PortEventKind.NOT_PASSED_ON,
+        PortEventKind.WIRING,
+    }
+)
+"""Events whose problem lasts."""

@@ -213,6 +213,7 @@ class PromptField(Vertical):
             self._line.is_open = self._line.can_focus = False
             self.screen.set_focus(self._focused_before)
         self.set_class(False, "-asking")
+        self._stop_patience()
         self._line.value = self.current
         self.display = bool(self.current)
 
@@ -231,7 +232,8 @@ class PromptField(Vertical):
     def on_input_changed(self, event: Input.Changed) -> None:
         """Check the line; a mistake is shown once the user pauses."""
         event.stop()
-        self._judge(event.value, wait=True)
+        if self.is_open:
+            self._judge(event.value, wait=True)
 
     @property
     def hint(self) -> str:
@@ -268,9 +270,7 @@ class PromptField(Vertical):
 
         An empty line is valid.
         """
-        if self._patience is not None:
-            self._patience.stop()
-            self._patience = None
+        self._stop_patience()
         try:
             self._on_valid(self._check(line) if line.strip() else None)
         except FteSniffError as error:
@@ -286,6 +286,11 @@ class PromptField(Vertical):
             return False
         self._show_verdict("✓" if line.strip() else " ", self.hint, bad=False)
         return True
+
+    def _stop_patience(self) -> None:
+        if self._patience is not None:
+            self._patience.stop()
+            self._patience = None
 
     def _on_valid(self, parsed: object) -> None:
         """Handle what the check of a valid line returned; None for an invalid or empty one."""
@@ -483,8 +488,7 @@ class FilterField(PromptField):
     def on_input_changed(self, event: Input.Changed) -> None:
         """Check the line, count its rows, and suggest how it goes on."""
         super().on_input_changed(event)
-        if self.is_open:
-            self._suggest()
+        self._suggest()
 
     def _on_valid(self, parsed: object) -> None:
         """Count the rows that pass; the steps give way to keys."""

@@ -61,7 +61,7 @@ def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
         assert rpms(app) == list(range(130, 150))
         text = page(app)
         assert "/dev/ttyUSB0" in text
-        assert "● REC 0:00:00 0 bytes  /tmp/a.mcap" in text
+        assert re.search(r"● REC 0:\d\d:\d\d 0 bytes  /tmp/a.mcap", text)
         assert "LIVE" in text
         assert "150 rows" in text
 
@@ -226,9 +226,10 @@ def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, speed_ro
         await press(app, pilot, "M", "q")
         assert not app.query_one(MotorsPane).display
         assert not app._exit
-        await press(app, pilot, "q")
-        assert "press q again to stop recording" in page(app)
-        assert not app._exit
+        for key in ("q", "k", "q"):
+            await press(app, pilot, key)
+            assert ("press q again to stop recording" in page(app)) == (key == "q")
+            assert not app._exit
         await press(app, pilot, "q")
         assert app._exit
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+from datetime import UTC
 from pathlib import Path
 from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 from fte_sniff.session.notes import Notes
 from fte_sniff.tui import actions
@@ -168,6 +170,47 @@ def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows)
         assert not table(app).viewport.following
 
     play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("start", "keys", "block_s", "row_filter"),
+    [
+        (500, "", 0.05, ""),
+        (500, "", -1.0, "rpm < 900"),
+        (500, "nN", 0.05, "rpm < 900"),
+        (123, "n", -1.0, ""),
+        (123, "N", 0.05, ""),
+    ],
+)
+def test_every_way_around_the_end_is_reported(
+    feed: Any,
+    speed_rows: Rows,
+    monkeypatch: pytest.MonkeyPatch,
+    start: int,
+    keys: str,
+    block_s: float,
+    row_filter: str,
+) -> None:
+    """Also where the hit has a note, which is shown when the cursor has moved there."""
+    monkeypatch.setattr(actions, "SEARCH_BLOCK_S", block_s)
+    wanted = RowFilter.parse(row_filter) if row_filter else None
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        table(app).jump(123)
+        await press(app, pilot, "number_sign", "o", "d", "d", "enter")
+        table(app).jump(start)
+        for key in ("enter", *keys):
+            if key == "enter":
+                await press(app, pilot, "slash")
+                await type_line(app, pilot, "rpm=123")
+            await press(app, pilot, key)
+            await until(app, pilot, lambda: not app._searching)
+        assert table(app).viewport.cursor == 123
+        assert "it went on from the other end" in page(app)
+
+    play(feed, scenario, options=StartOptions(row_filter=wanted, zone=UTC))
 
 
 def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: Rows) -> None:

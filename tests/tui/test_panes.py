@@ -293,6 +293,41 @@ def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> No
     asyncio.run(run())
 
 
+@pytest.mark.parametrize(
+    ("key", "current", "ended"),
+    [("S", "lately", "mean"), ("M", " now", "at the end, 12:00:"), ("T", " rate ", "ø")],
+)
+def test_after_the_end_no_pane_shows_a_rate_as_current(
+    feed: Any, speed_rows: Rows, key: str, current: str, ended: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(200))
+        await press(app, pilot, key)
+        await until(app, pilot, lambda: current in page(app))
+        assert "ø" not in page(app)
+        feed.end("unplugged")
+        await until(app, pilot, lambda: ended in page(app) and "ended: unplugged" in page(app))
+        assert (current in page(app)) == (key == "T")
+
+    play(feed, scenario, (120, 40))
+
+
+@pytest.mark.parametrize(("key", "stays"), [("S", True), ("i", False)])
+def test_a_pane_about_all_rows_opens_where_it_was_scrolled_to(
+    feed: Any, odd_rows: list[Row], key: str, stays: bool
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(odd_rows)
+        await settle(app, pilot)
+        await press(app, pilot, "g", key)
+        pane = app.query_one(StatisticsPane if key == "S" else DetailPane)
+        await until(app, pilot, lambda: pane.max_scroll_y > 2)
+        await press(app, pilot, "J", "J", key, key)
+        await until(app, pilot, lambda: pane.scroll_y == (2 if stays else 0))
+
+    play(feed, scenario, (60, 16))
+
+
 def test_the_pane_scrolls_by_keys_and_every_bit_can_be_read_on_the_smallest_screen(
     feed: Any,
 ) -> None:

@@ -386,9 +386,8 @@ def test_what_still_holds_comes_back_and_goes_when_it_holds_no_more(feed: Any) -
         feed.emit(PortEvent(0, "two", PortEventKind.FOUND_AGAIN, "after 2.0 s"))
         await settle(app, pilot)
         assert "two found again" in page(app)
-        await press(app, pilot, "k")
         assert "one lost: pulled out" in page(app)
-        await press(app, pilot, "escape")
+        await press(app, pilot, "escape", "escape")
         assert not app.query_one(NoticeLine).display
 
     play(feed, scenario)
@@ -418,24 +417,64 @@ def test_a_graver_notice_is_told_at_once_and_then_what_a_key_did(
     play(feed, scenario, options=WITHOUT_EVENT_LINES)
 
 
-def test_what_is_under_way_takes_the_place_of_the_hint_before_it_but_of_no_worry(feed: Any) -> None:
+ANSWER, STATE, EVENT = "no row is marked", "saving: 0%", "one found again"
+WORRIES = ("the disk is full", "one line error: 2 framing", "two lost: pulled out")
+
+
+@pytest.mark.parametrize("answer_first", [True, False])
+def test_no_notice_replaces_another_that_still_holds(feed: Any, answer_first: bool) -> None:
+    """An answer, the worst event and the newest warning are seen however they come together."""
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         notice = app.query_one(NoticeLine)
-        notice.inform("9 rows would be saved")
-        notice.pin("save", "saving: 0%", warning=False)
+        if answer_first:
+            await press(app, pilot, "u")
+        notice.warn(WORRIES[0])
+        notice.pin("save", STATE, warning=False)
+        feed.emit(PortEvent(0, "one", PortEventKind.FOUND_AGAIN, "after 2 s"))
+        feed.emit(PortEvent(0, "one", PortEventKind.LINE_ERROR, "2 framing", 2))
+        feed.emit(PortEvent(0, "two", PortEventKind.LOST, "pulled out"))
+        feed.emit(PortEvent(0, "one", PortEventKind.LINE_ERROR, "9 framing", 9))
         await settle(app, pilot)
-        assert "saving: 0%" in page(app)
-        notice.inform("no row is marked")
-        notice.pin("save", "saving: 9%", warning=False)
-        await settle(app, pilot)
-        assert "no row is marked" in page(app)
-        notice.unpin("save")
-        notice.warn("the disk is full")
-        notice.pin("save", "saving: 0%", warning=False)
-        await settle(app, pilot)
-        assert "the disk is full" in page(app)
+        if not answer_first:
+            await press(app, pilot, "u")
+        shown = [ANSWER, WORRIES[2]]
+        for key, follows in [("k", EVENT), ("escape", WORRIES[1]), ("escape", WORRIES[0])]:
+            assert all(text in page(app) for text in shown)
+            await press(app, pilot, key)
+            shown = [shown[0] if key == "escape" else follows, shown[1]]
+            if key == "escape":
+                shown[1] = follows.replace("2 framing", "9 framing")
+        assert all(text in page(app) for text in shown)
+        await press(app, pilot, "escape", "escape")
+        assert STATE in page(app)
+        await press(app, pilot, "escape")
+        assert not notice.display
 
-    play(feed, scenario)
+    play(feed, scenario, options=WITHOUT_EVENT_LINES)
+
+
+def test_the_first_warning_is_seen_although_a_port_opens_at_once(feed: Any) -> None:
+    feed.emit(PortEvent(0, "/dev/ttyUSB0", PortEventKind.OPENED, "at 115200"))
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        assert "! the settings are wrong" in page(app)
+        assert "at 115200" in page(app)
+
+    options = replace(WITHOUT_EVENT_LINES, warnings=("the settings are wrong",))
+    play(feed, scenario, options=options)
+
+
+def test_on_a_low_terminal_the_answer_comes_first(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        app.query_one(NoticeLine).warn(WORRIES[0])
+        await press(app, pilot, "u")
+        assert ANSWER in page(app)
+        assert WORRIES[0] not in page(app)
+        await press(app, pilot, "k")
+        assert WORRIES[0] in page(app)
+
+    play(feed, scenario, (80, 12))
 
 
 def test_trouble_with_the_recording_goes_when_it_is_over(feed: Any) -> None:

@@ -68,7 +68,7 @@ def test_a_line_has_what_its_kind_and_motor_do(feed: Any) -> None:
         await open_top(app, pilot)
         words = line_of(app, "speed", "2").split()
         #                kind   motor  values     target actual rate
-        assert words[:6] == ["speed", "2", "rpm=402", "402", "300", "10.0/s"]
+        assert words[:6] == ["speed", "2", "rpm=402", "402", "300", "ø10.0/s"]
         text = line_of(app, "speed", "2")
         assert "100 ms" in text
         assert "5 ms" in text

@@ -374,6 +374,7 @@ TITLE: Final = later("motors, {span}: line actual, dashes target")
 TITLE_FULL: Final = later("motors, {span}, full range: line actual, dashes target")
 END: Final = later("now")
 AS_OF: Final = later("as of row {row:,}, {time} - G: end")
+AT_END: Final = later("at the end, {time}")
 AS_OF_ROW: Final = later("as of row {row:,} - G: end")
 HINT: Final = later("z Z: time   r: range   J K: scroll   esc: close")
 BEHIND: Final = later("reading: {rows:,} rows to go")
@@ -425,7 +426,9 @@ def _card_row(cards: Sequence[MotorCard], height: int, width: int) -> Iterator[l
 
 
 def _as_of(context: PaneContext) -> str:
-    """The row whose time is shown, and the key to the end; empty while the end is followed."""
+    """The row whose time is shown, and the key to the end; empty while rows come at the end."""
+    if context.following and context.rates_ns is None and context.newest_ns is not None:
+        return _(AT_END).format(time=clock_text(context.newest_ns, 3, context.zone))
     if context.following or context.row is None:
         return ""
     if context.row.t_ns is None:
@@ -487,7 +490,7 @@ class MotorsPane(Pane):
         if _as_of(context):
             end = clock_text(now_ns or 0, 3, context.zone)
         return MotorsView(
-            tuple(motors.states(now_ns)),
+            tuple(motors.states(context.rates_ns if context.following else now_ns)),
             traces,
             now_ns,
             window_ns,

@@ -54,6 +54,8 @@ class PaneContext:
     """The time at the cursor, nanoseconds since 1970 UTC; None without times."""
     newest_ns: int | None
     """The newest row's time plus the time since it came."""
+    rates_ns: int | None
+    """The same while rows still come, for rates; None after the end."""
     store: RowStore
     models: LiveModels
     line_setup: LineSetup

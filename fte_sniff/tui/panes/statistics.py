@@ -75,9 +75,11 @@ def _percentile(percent: float) -> Callable[[StreamStats, TimeText], str]:
     return lambda stream, _when: span_text(stream.periods.percentile_ns(percent))
 
 
+_LATELY: Final = _Column(later("lately"), 8, lambda stream, _when: rate_text(stream.lately_per_s))
+
 COLUMNS: Final = (
     _Column(later("frames"), 9, lambda stream, _when: f"{stream.count:,}"),
-    _Column(later("lately"), 8, lambda stream, _when: rate_text(stream.lately_per_s)),
+    _LATELY,
     _Column(later("mean"), 8, lambda stream, _when: rate_text(stream.per_s)),
     _Column(later("period"), 8, _percentile(50)),
     _Column(later("jitter"), 8, lambda stream, _when: span_text(stream.jitter_ns)),
@@ -98,7 +100,8 @@ class StatisticsPage:
     """The statistics as text."""
 
     models: LiveModels
-    now_ns: int | None
+    rates_ns: int | None
+    """Time of the current rates; None after the end."""
     width: int
     """Cells."""
     palette: Palette
@@ -124,7 +127,7 @@ class StatisticsPage:
             yield self._muted(_(BEHIND).format(rows=models.pending))
         if models.missed:
             yield self._muted(_(MISSED).format(rows=models.missed))
-        ports, streams = statistics.ports(), statistics.streams(self.now_ns)
+        ports, streams = statistics.ports(), statistics.streams(self.rates_ns)
         if not ports:
             yield self._muted(_(NO_ROWS))
             return
@@ -208,8 +211,9 @@ class StatisticsPage:
         yield Text(line)
 
     def _streams(self, streams: Sequence[StreamStats]) -> Iterator[Text]:
-        ends = accumulate((column.width + 1 for column in COLUMNS), initial=_NAME_WIDTH + 2)
-        columns = [one for one, end in zip(COLUMNS, [*ends][1:], strict=True) if end <= self.width]
+        known = [one for one in COLUMNS if one is not _LATELY or self.rates_ns is not None]
+        ends = accumulate((column.width + 1 for column in known), initial=_NAME_WIDTH + 2)
+        columns = [one for one, end in zip(known, [*ends][1:], strict=True) if end <= self.width]
         head = "".join(f" {fit_right(_(column.head), column.width)}" for column in columns)
         yield self._muted(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}")
         for stream in streams:
@@ -262,5 +266,5 @@ class StatisticsPane(Pane):
         """Draw the current numbers."""
         self.set_title(_(TITLE))
         width, palette = self.page_size.width, context.palette
-        page = StatisticsPage(context.models, context.newest_ns, width, palette, context.zone)
+        page = StatisticsPage(context.models, context.rates_ns, width, palette, context.zone)
         self.set_page(page.text)

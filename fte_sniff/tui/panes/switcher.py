@@ -46,7 +46,7 @@ class PaneSwitcher:
         """Shown in place of the table."""
         self._panes = {pane.NAME: pane() for pane in PANES}
         self._open: Pane | None = None
-        self._step_pending = self._postponed = False
+        self._step_pending = self._postponed = self._rows_come = False
         self._drawn_at_ns: dict[Pane | TopView, int] = {}
         self._drawn: dict[Pane | TopView, tuple[object, ...]] = {}
         """What each shows."""
@@ -64,7 +64,8 @@ class PaneSwitcher:
         if before is not pane:
             self._open = pane
             pane.display = True
-            pane.scroll_home(animate=False)
+            if pane.EXPLAINS_ROW:
+                pane.scroll_home(animate=False)
         # The pane has no size before the next layout.
         self._table.call_after_refresh(self.redraw)
 
@@ -129,6 +130,7 @@ class PaneSwitcher:
         """
         self._clock_ns, self._playhead_ns = now_ns, playhead_ns
         self._postponed = False
+        self._rows_come = running or playhead_ns is not None
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
         if self._views or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
@@ -210,6 +212,7 @@ class PaneSwitcher:
             following=following,
             now_ns=newest_ns if following or row is None else row.t_ns,
             newest_ns=newest_ns,
+            rates_ns=newest_ns if self._rows_come else None,
             store=self._store,
             models=self._models,
             line_setup=self._line_setup,

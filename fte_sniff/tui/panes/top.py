@@ -109,6 +109,18 @@ class TopLine:
         return None if reading is None else reading.value
 
     @property
+    def rate(self) -> float | None:
+        """Frames per second lately; after the end the mean."""
+        lately = self.stats.lately_per_s
+        return self.stats.per_s if lately is None else lately
+
+    @property
+    def rate_text(self) -> str:
+        """The rate; a mean is `ø10.0/s`."""
+        is_mean = self.stats.lately_per_s is None and self.rate is not None
+        return ("ø" if is_mean else "") + rate_text(self.rate)
+
+    @property
     def delta_ns(self) -> int | None:
         """The last period, or the longer time since the last frame."""
         recent = self.stats.recent_ns
@@ -231,8 +243,8 @@ _ACTUAL: Final = TopColumn(
 _RATE: Final = TopColumn(
     later("rate"),
     8,
-    lambda line, _width: rate_text(line.stats.lately_per_s),
-    lambda line: line.stats.lately_per_s,
+    lambda line, _width: line.rate_text,
+    lambda line: line.rate,
 )
 _JITTER: Final = TopColumn(
     later("jitter"),
@@ -395,12 +407,12 @@ class TopView(ScrollView, can_focus=True):
     def _streams(self, context: PaneContext) -> list[StreamStats]:
         if context.store.view.filter is None:
             self._shown, self._pending = None, context.models.pending
-            return context.models.statistics.streams(context.newest_ns)
+            return context.models.statistics.streams(context.rates_ns)
         if self._shown is None:
             self._shown = ShownStreams(context.store)
         self._shown.step(STEP_ROWS)
         self._pending = self._shown.pending
-        return self._shown.stats(context.newest_ns)
+        return self._shown.stats(context.rates_ns)
 
     def _line(
         self,
