@@ -99,7 +99,7 @@ _TINY, _LOW = 12, 20
 
 
 class Rank(IntEnum):
-    """What a notice is about; of several informations the highest is shown."""
+    """What a notice is about. Of those that are no warnings, the highest is shown."""
 
     STATE = 0
     """Something that goes on."""

@@ -25,6 +25,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.tui import notices
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
@@ -99,6 +100,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return folder
+
+
+@pytest.fixture(autouse=True)
+def notices_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Notices do not vanish while a slow machine runs a test."""
+    monkeypatch.setattr(notices, "INFO_S", 3600.0)
+    monkeypatch.setattr(notices, "WARNING_S", 3600.0)
 
 
 @pytest.fixture

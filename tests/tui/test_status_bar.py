@@ -410,7 +410,6 @@ def test_a_graver_notice_is_told_at_once_and_then_what_a_key_did(
         feed.emit(PortEvent(0, "one", PortEventKind.LOST, "pulled out"))
         await settle(app, pilot)
         assert "one lost: pulled out" in page(app)
-        assert passing.detail not in page(app)
         await press(app, pilot, "u")
         assert "no row is marked" in page(app)
 
