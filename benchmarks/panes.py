@@ -1,4 +1,4 @@
-"""Benchmark of the panes: their models, the state at past rows, and drawing.
+"""Benchmark of the panes and of the filter's dropdown: models, past rows, drawing, counting.
 
     python -m benchmarks.panes [--rows 300000]
 
@@ -13,8 +13,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
+from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
@@ -86,6 +88,13 @@ def main() -> None:
         took = seconds(lambda window=window: following.traces_at(index, now - window), 3)
         print(f"          {took * 1000:>12.1f} ms for the traces of {window // 10**9} s before it")
     draw(following)
+    values = ValueCounter(store, "rpm")
+    counting = seconds(lambda: all(iter(values.step, False)))
+    print(f"dropdown  {counting * 1000:>12.1f} ms for all {len(values.counts):,} values of rpm")
+    for text in ("motor = 1", "motor = 1 AND rpm > 500"):
+        matching = MatchCounter(store, RowFilter.parse(text).matches, BLOCK_ROWS)
+        counting = seconds(lambda matching=matching: all(iter(matching.step, False)))
+        print(f"          {counting * 1000:>12.1f} ms for the matches of {text}")
 
 
 def draw(models: LiveModels) -> None:
@@ -94,7 +103,7 @@ def draw(models: LiveModels) -> None:
     view = MotorsView(states, models.traces, now, WINDOWS_NS[3], LineSetup())
     for width, height in SIZES:
         motors = seconds(lambda w=width, h=height: grid(view, w, h, DARK), 5)
-        page = StatisticsPage(models.statistics, models.flags.stats(), now, 0, 0, width, DARK)
+        page = StatisticsPage(models, now, width, DARK)
         statistics = seconds(lambda page=page: page.text, 5)
         print(f"draw      {motors * 1000:>12.1f} ms motors, {width}x{height}")
         print(f"          {statistics * 1000:>12.1f} ms statistics, {width}x{height}")

@@ -2,14 +2,16 @@
 
 python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
 python -m benchmarks.screen_speed --idle samples/damaged.mcap [--seconds 30]
+python -m benchmarks.screen_speed --play [--rows 2] [--seconds 5]
 
 The screen runs in another process on a pseudo-terminal of 80 by 24, and is measured at its other
 end: a frame ends with the end of synchronized output, and the delay is the age of the newest time
 of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
 rows, without and with a filter. At the end the whole program runs on a simulated wire.
 
-With `--idle`, `view` shows a file, and the CPU is measured while nothing happens, without a pane
-and with each.
+With `--play`, `view` plays a recording of two full wires at several speeds, without a pane and with
+the motors. With `--idle`, `view` shows a file, and the CPU is measured while nothing happens,
+without a pane and with each.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
 import termios
 import time
 from collections.abc import Callable, Iterator
@@ -131,10 +134,14 @@ def main() -> None:
     parser.add_argument("--rows", type=int, nargs="+", default=[1, 5, 10], help="millions")
     parser.add_argument("--seconds", type=float, default=5)
     parser.add_argument("--idle", type=Path, metavar="FILE")
+    parser.add_argument("--play", action="store_true")
     parser.add_argument("--screen", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.screen:
         _screen(int(options.screen[0]), options.screen[1])
+        return
+    if options.play:
+        _print_playback(options.rows[-1] * MILLION, options.seconds)
         return
     if options.idle:
         _print_idle(options.idle, options.seconds)
@@ -217,6 +224,40 @@ def _print_idle(file: Path, seconds: float) -> None:
         print(f"{name:<12}{took:>6.2f} s of CPU in 30 s", flush=True)
     for terminal, *_ in terminals.values():
         terminal.end()
+
+
+def _print_playback(rows: int, seconds: float) -> None:
+    """Print frames per second and CPU of playback at several speeds."""
+    from benchmarks.recorded_rows import PORTS, rows_of, write_recording
+    from fte_sniff.recording.metadata import PortFacts
+    from fte_sniff.row_batch import RowBatch
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "played.mcap")
+        frames = range(0, rows // len(PORTS), BATCH)
+        batches = (RowBatch.from_rows(rows_of(first, BATCH)) for first in frames)
+        write_recording(file, [PortFacts(port) for port in PORTS], batches)
+        print(f"{rows:,} rows, 80x24, {seconds:g} s each")
+        for speed in ("0.1", "1", "10", "100"):
+            for pane in ("", "motors"):
+                print(_played(file, speed, pane, seconds), flush=True)
+
+
+def _played(file: Path, speed: str, pane: str, seconds: float) -> str:
+    command = [sys.executable, "-m", "fte_sniff", "view", "--play", speed, f"{file}"]
+    terminal = Terminal(command)
+    first = terminal.wait_for(lambda drawn: b"PLAYING" in drawn, 120)
+    terminal.press(PANE_KEYS.get(pane, b""))
+    terminal.read(2)
+    frames, cpu, _ages = _measured(terminal, seconds)
+    terminal.press(b" ")
+    pause = terminal.wait_for(lambda drawn: b"PAUSED AT" in drawn, 60)
+    held = terminal.usage()[1]
+    terminal.end()
+    return (
+        f"{speed:>4}x  {pane or 'no pane':<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"
+        f"  plays after {first:.2f} s, pauses after {pause * 1e3:.0f} ms"
+    )
 
 
 def _live_line(seconds: float) -> str:

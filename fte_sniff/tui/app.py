@@ -351,6 +351,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._notice.pin("recording", printable(_(update.trouble)))
         elif not state.trouble:
             self._notice.unpin("recording")
+        if update.ended and self._notice.asks:
+            self._notice.remove_answer(self._notice.answer)  # nothing is recorded any more
         if update.ended and self._options.leave_at_end:
             self.exit()
         elif update.ended and state.ended:

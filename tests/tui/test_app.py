@@ -219,7 +219,10 @@ def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
     play(feed, scenario)
 
 
-def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, speed_rows: Rows) -> None:
+@pytest.mark.parametrize("ends", [False, True])
+def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(
+    feed: Any, speed_rows: Rows, ends: bool
+) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(40))
         await settle(app, pilot)
@@ -230,6 +233,10 @@ def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, speed_ro
             await press(app, pilot, key)
             assert ("press q again to stop recording" in page(app)) == (key == "q")
             assert not app._exit
+        if ends:
+            feed.end("unplugged")
+            await settle(app, pilot)
+        assert ("press q again" in page(app)) != ends
         await press(app, pilot, "q")
         assert app._exit
 

@@ -839,6 +839,18 @@ def test_an_outlier_is_a_marker_at_the_edge_and_all_else_stays(wave: int, spike:
     assert short_number(abs(spike)) in "".join(full)
 
 
+def test_a_value_that_swings_faster_than_the_columns_is_drawn_in_full() -> None:
+    """The last values of the columns are in the middle of a range that nothing else is near."""
+    swing = _curves(dict.fromkeys(range(40), (-1500, 1499)), {})
+    middle = EnvelopeColumns(
+        swing.feedback.low, swing.feedback.high, np.where(swing.feedback.low < 0, 3.0, np.nan)
+    )
+    lines = _drawn(replace(swing, feedback=middle), full_range=False)
+    assert lines[0].startswith("   1499 ")
+    assert lines[-1].startswith("  -1500 ")
+    assert not {"▲", "▼"} & set("".join(lines))
+
+
 def test_a_step_and_a_target_that_is_sent_once_are_no_outliers() -> None:
     step = _curves(
         {n: (0, 0) if n < 36 else (900, 900) for n in range(40)}, {0: (0, 0), 35: (900, 900)}

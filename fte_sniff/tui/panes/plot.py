@@ -162,7 +162,8 @@ def plot(
     curves = fine.merged(across * ACROSS)
     both = _held_feedback(curves), _held_target(curves)
     # A target counts for as long as it is held, since it may be sent only once.
-    usual = () if full_range else (fine.feedback.last, _held_target(fine).last)
+    feedback = fine.feedback
+    usual = () if full_range else (feedback.low, feedback.high, _held_target(fine).last)
     scale = _scale(both, usual)
     line, dashes = Canvas(across, height), Canvas(across, height)
     above = below = np.zeros(across, np.bool_)
@@ -277,6 +278,8 @@ def _scale(curves: Iterable[EnvelopeColumns], usual: Sequence[Floats]) -> _Scale
     low, high = float(medians.min()), float(medians.max())
     margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
     inside = values[(values >= low - margin) & (values <= high + margin)]
+    if not len(inside):
+        return _Scale(least, most, least, most)
     return _Scale(float(inside.min()), float(inside.max()), least, most)
 
 
