@@ -596,6 +596,8 @@ class FilterField(PromptField):
         before = value[: chosen.start] + chosen.text + " "
         self._line.value = before + (value[cursor:].lstrip() if chosen.start else "")
         self._line.cursor_position = len(before)
+        # At once: the next key may be typed already, and is for the line.
+        self._dropdown.highlighted = None
         return True
 
     def leave_list(self) -> bool:

@@ -290,7 +290,11 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
         screen.type("C")
         screen.until("[x] time")
         screen.type(" \r")
-        screen.type("Q")
+        screen.type("fmotor = 1\x13")
+        screen.until("save the filter as")
+        screen.type("first wheel\r")
+        screen.until("f lists the filter as first wheel")
+        screen.type("FQ")
         assert screen.ended() == 0
     kept = read_settings(settings_file).screen
     assert kept.theme == "textual-light"
@@ -300,6 +304,10 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
     assert "# mine" in settings_file.read_text()
     with terminal(environment, tmp_path, "view", CLEAN) as screen:
         screen.until("reset")
+        screen.type("ffirst")
+        screen.until("first wheel")
+        screen.type("\x1b[B\r\r")
+        screen.until("289 of 1,200 rows")
         screen.type("\x14")
         screen.until("theme contrast-dark")
         screen.type("Q")

@@ -587,7 +587,7 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
         assert "# changes it" in page(app)
 
     async def read(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "U", "U")
+        await press(app, pilot, "U")
         await until(app, pilot, lambda: "note: [red]stall" in page(app))
         assert table(app).viewport.cursor == 38
         await press(app, pilot, "ctrl+p", *"notes", "enter")

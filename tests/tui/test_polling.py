@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from time import monotonic
@@ -129,13 +129,6 @@ def no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(screen, "TICK_S", 3600.0)
 
 
-async def until_holds(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
-    end = monotonic() + BOUND_S
-    while not holds():
-        assert monotonic() < end
-        await pilot.pause(0.005)
-
-
 @pytest.mark.usefixtures("no_clock")
 def test_rows_that_come_are_shown_without_a_clock(
     waking_feed: WakingFeed, speed_rows: Rows
@@ -144,7 +137,7 @@ def test_rows_that_come_are_shown_without_a_clock(
         for count in (1, 2, 3):
             waking_feed.give(speed_rows(1, start=count - 1))
             waking_feed.call()
-            await until_holds(pilot, lambda count=count: f"{count} rows" in page(app))  # type: ignore[misc]
+            await until(app, pilot, lambda count=count: f"{count} rows" in page(app))  # type: ignore[misc]
 
     play(waking_feed, scenario)
 
@@ -154,7 +147,7 @@ def test_a_feed_that_has_ended_wakes_nobody(waking_feed: WakingFeed) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         waking_feed.end("unplugged")
         waking_feed.hang_up()
-        await until_holds(pilot, lambda: "unplugged" in page(app))
+        await until(app, pilot, lambda: "unplugged" in page(app))
         polls = waking_feed.polls
         await pilot.pause(3 * WAKE_INTERVAL_S)
         assert waking_feed.polls == polls
