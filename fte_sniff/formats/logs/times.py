@@ -55,8 +55,9 @@ CLOCK: Final = (
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
-_NUMBER: Final = r"(?<![\w.+-])(?P<n>\d+)(?:\.(?P<f>\d+))?(?![\w.])"
-_BEGIN, _THEN = r"(?<![\w:.])", r"(?:T|[,_ ] *)"
+_NUMBER: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)(?:\.(?P<f>\d+))?(?![\w.])"
+_BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
+_THEN: Final = r"(?:T|[,_ ] *)"
 _COMPACT: Final = (
     r"(?P<y>20\d\d)(?P<mo>0[1-9]|1[0-2])(?P<d>0[1-9]|[12]\d|3[01])"
     r"(?P<h>[01]\d|2[0-3])(?P<mi>[0-5]\d)(?P<s>[0-5]\d)(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
