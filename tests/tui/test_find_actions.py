@@ -208,7 +208,7 @@ def test_every_way_around_the_end_is_reported(
             await press(app, pilot, key)
             await until(app, pilot, lambda: not app._searching)
         assert table(app).viewport.cursor == 123
-        assert "it went on from the other end" in page(app)
+        assert "the search continued from the other end" in page(app)
 
     play(feed, scenario, options=StartOptions(row_filter=wanted, zone=UTC))
 
