@@ -121,7 +121,7 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
     }[sign]
     if state.recording is None or sign is None or short:
         return f" {sign} {words} " if sign else ""
-    fired = "" if not state.fired else _("{count:,} events").format(count=state.fired) + " "
+    fired = "" if not state.fired else _("triggered {count:,}×").format(count=state.fired) + " "
     span = timedelta(seconds=int(elapsed_s))
     return f" {sign} {words} {fired}{span} {size_text(state.recorded_bytes)} "
 
