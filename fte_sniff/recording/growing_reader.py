@@ -163,25 +163,27 @@ class GrowingReader(RecordingReader):
                 path=self.path,
                 size=found.st_size,
             )
-        if self._edge != self._edge_of(stream):
+        if self._edge != self._edge_of(stream, self._complete):
             raise FileError("{path} was overwritten while it was followed", path=self.path)
 
-    def _edge_of(self, stream: BinaryIO) -> bytes:
-        start = max(0, self._complete - _EDGE)
-        return os.pread(stream.fileno(), self._complete - start, start)
+    @staticmethod
+    def _edge_of(stream: BinaryIO, stop: int) -> bytes:
+        start = max(0, stop - _EDGE)
+        return os.pread(stream.fileno(), stop - start, start)
 
     def _advance(self, stream: BinaryIO) -> None:
         """Move `_complete` over the records that are whole; a chunk by its checksum.
 
         Raises FileError if what was read before is not in the file any more.
         """
-        if self._is_followed:
-            self._check(stream)
         descriptor, size = stream.fileno(), os.fstat(stream.fileno()).st_size
-        position = self._complete
+        position = complete = self._complete
         limit = position + _STEP
         while position < min(limit, size - HEAD.size):
-            opcode, length = HEAD.unpack(os.pread(descriptor, HEAD.size, position))
+            head = os.pread(descriptor, HEAD.size, position)
+            if len(head) < HEAD.size:  # cut off since its size was read
+                break
+            opcode, length = HEAD.unpack(head)
             stop = position + HEAD.size + length
             if opcode not in _DATA or length > LARGEST or stop > size:
                 break
@@ -193,8 +195,12 @@ class GrowingReader(RecordingReader):
                     self._read_metadata(body)
             position = stop
             if opcode not in _DEFINITIONS:
-                self._complete = position
-        self._edge = self._edge_of(stream)
+                complete = position
+        edge = self._edge_of(stream, complete)
+        if self._is_followed:
+            # Last: if the file is overwritten at any moment, this or the next check sees it.
+            self._check(stream)
+        self._complete, self._edge = complete, edge
 
     def _read_metadata(self, body: bytes) -> None:
         with suppress(RecordError):

@@ -34,7 +34,7 @@ def test_nothing_is_left_behind_where_the_port_cannot_be_opened(run, tmp_path: P
 
 
 def test_no_serial_port(run, tmp_path: Path) -> None:
-    refused(run("live", tmp_path), 3, "no serial port", "directory")
+    refused(run("live", tmp_path), 3, "directory, not a serial port")
 
 
 def test_unknown_scheme(run) -> None:

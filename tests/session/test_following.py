@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.metadata import PortFacts
@@ -163,3 +165,20 @@ def test_a_writer_that_left_a_port_open_did_not_end_by_itself(
     following.observe(events)
     assert following.open_ports == still_open
     assert ("ended without closing a" in following.end("x")) == bool(still_open)
+
+
+class OverwrittenAfterCheck(GrowingReader):
+    """Its file is overwritten just after it was found to be the same."""
+
+    def _check(self, stream: BinaryIO) -> None:
+        super()._check(stream)
+        self.path.write_bytes(bytes(self.path.stat().st_size))
+
+
+def test_a_file_that_is_overwritten_during_a_check_is_reported(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
+        writer.write([reset_at(0)])
+    reader = OverwrittenAfterCheck(tmp_path / "x.mcap")
+    reader.poll()
+    with pytest.raises(FileError, match="was overwritten while it was followed"):
+        reader.poll()

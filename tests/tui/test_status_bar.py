@@ -481,7 +481,7 @@ def test_trouble_with_the_recording_goes_when_it_is_over(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.state = replace(feed.state, trouble="writing received data: 9 bytes left")
         await settle(app, pilot)
-        assert "9 bytes wait" in page(app)
+        assert "9 bytes left" in page(app)
         feed.state = replace(feed.state, trouble=None)
         await settle(app, pilot)
         assert not app.query_one(NoticeLine).display
