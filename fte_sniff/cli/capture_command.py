@@ -365,7 +365,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
         session.begin()
         _report_pipe(session)
         _report_survivor(plan, session)
-    notes = Notes([(path, None) for path in session.state.recordings if path.is_file()])
+    notes = Notes([path for path in session.state.recordings if path.is_file()])
     try:
         if not session.stopping:
             options = replace(options, notes=notes)

@@ -101,6 +101,7 @@ def command(
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
+    notes = Notes([Path(one.name) for one in reading.inputs])
     session = ReplaySession(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
@@ -108,8 +109,8 @@ def command(
         list(map(str, paths)),
         pages,
         following,
+        notes.origins,
     )
-    notes = Notes(_spans(paths, reading.inputs))
     opening = StartOptions(
         row_filter=wanted or _filter_of(place),
         alert=alert_of(alert_text),
@@ -151,18 +152,6 @@ def _filter_of(place: Place) -> RowFilter | None:
         return row_filter(place.filter or None)
     except FilterError:  # of another version
         return None
-
-
-def _spans(
-    paths: Sequence[Path], inputs: Sequence[Input]
-) -> list[tuple[Path, tuple[int, int] | None]]:
-    """The files, with their times where these decide to which capture a note belongs."""
-    from fte_sniff.session.notes import capture_path
-
-    if len(set(map(capture_path, paths))) == 1:
-        return [(path, None) for path in paths]
-    times = {one.reader.path: one.times for one in inputs if isinstance(one, RecordingInput)}
-    return [(path, times.get(path)) for path in paths]
 
 
 MOST_RECENT: Final = 30

@@ -35,6 +35,8 @@ class Following:
 
     def __init__(self, idle_s: float = DEFAULT_IDLE_S) -> None:
         """Follow nothing yet; `idle_s` is for files without a lock, in seconds."""
+        self.name = ""
+        """The file that is read."""
         self.idle_s = idle_s
         self.has_lock = False
         """Whether locks work: one was seen."""
@@ -54,7 +56,9 @@ class Following:
         """
         from fte_sniff.recording.growing_reader import GrowingReader
 
-        return FollowedInput(GrowingReader(path), self)
+        found = FollowedInput(GrowingReader(path), self)
+        self.name = found.name
+        return found
 
     def observe(self, events: Iterable[PortEvent]) -> None:
         """Update the open ports."""

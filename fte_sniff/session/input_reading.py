@@ -73,6 +73,8 @@ class InputReading:
             progress: shows how far reading has come.
         """
         self.inputs = inputs = _by_first_time(inputs)
+        for number, one in enumerate(inputs):
+            one.number = number
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self.tally = Tally()
@@ -179,6 +181,8 @@ class InputReading:
                 self._last = own
                 # Not kept, so that a long follow of many files needs no more memory.
                 successor, one.successor = one.successor, None
+                if successor is not None:
+                    successor.number = one.number
                 one = successor
 
     def _report(self, gaps: Sequence[Gap]) -> None:
@@ -211,7 +215,7 @@ class InputReading:
             read = one.position
             found = batch if self.row_filter is None else batch.select(self.row_filter)
             changes += detector.changes(found.rows, found.events)
-            yield replace(found, changes=changes)
+            yield replace(found, changes=changes, origin=one.number)
             changes = []
         if one.failure is not None:
             self.skip(one.failure)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.row_batch import RowBatch, Rows
+    from fte_sniff.row_batch import Ints, RowBatch, Rows
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded, unless a reader waits for them."""
@@ -61,6 +61,8 @@ class InputBatch:
     """What could not be read, one line each; may contain text from the input."""
     gaps: Sequence[Gap] = ()
     """Gaps that the input did not report before."""
+    origin: int | Ints = 0
+    """The number of the input, or for each row that of its input."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -92,7 +94,9 @@ class InputBatch:
         if count >= len(self.rows):
             return self
         changes = [change for change in self.changes if change.index <= count]
-        return replace(self, rows=self.rows[:count], reload=None, changes=changes)
+        origin = self.origin if isinstance(self.origin, int) else self.origin[:count]
+        rows = self.rows[:count]
+        return replace(self, rows=rows, reload=None, changes=changes, origin=origin)
 
 
 def decided_spans(
@@ -179,6 +183,8 @@ class Input(ABC):
     def __init__(self, name: str) -> None:
         self.name = name
         """For display; may hold text from outside, so escape it."""
+        self.number = 0
+        """Its place among the inputs that are read together; a successor has the same."""
         self.size: int | None = None
         """Bytes of its file; None if unknown."""
         self.position = 0

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 import stat
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -19,7 +20,7 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from platformdirs import user_state_path
 
@@ -29,7 +30,7 @@ from fte_sniff.protocol import Row, iso_time
 from fte_sniff.session.save import replace_text
 
 if TYPE_CHECKING:
-    from fte_sniff.row_batch import RowBatch
+    from fte_sniff.row_batch import Ints, RowBatch
 
 NOTES_SUFFIX: Final = ".notes.jsonl"
 
@@ -39,11 +40,15 @@ MOST_TEXT: Final = 500
 _MOST_BYTES: Final = 10_000_000
 """Largest notes file that is read."""
 
-RowKey: TypeAlias = tuple[str, int]
-"""Port of a row, and the offset of its first byte."""
 
-Span: TypeAlias = tuple[int, int]
-"""First and last time, nanoseconds since 1970 UTC."""
+class RowKey(NamedTuple):
+    """What identifies a row in a view."""
+
+    port: str
+    offset: int
+    """Of its first byte in the port's stream."""
+    capture: int = 0
+    """Number of its capture among those of the view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +64,8 @@ class Note:
 
     @property
     def key(self) -> RowKey:
-        """What identifies its row."""
-        return self.port, self.offset
+        """What identifies its row in its capture."""
+        return RowKey(self.port, self.offset)
 
     @classmethod
     def on(cls, row: Row, text: str = "") -> Note:
@@ -186,88 +191,117 @@ class _NotesFile:
                     replace_text(path, "".join(f"{note.line()}\n" for note in kept), 0o666)
 
 
+class RowOrigins:
+    """For each row of a view, the number of its capture."""
+
+    def __init__(self, captures: Sequence[int]) -> None:
+        """Know no rows yet; `captures` are the numbers of the captures of the inputs."""
+        self._captures = captures
+        self._several = len(set(captures)) > 1
+        self._starts: list[int] = []
+        self._found: list[int | Ints] = []
+        """For each start, the capture of the rows from there on, or of each of them."""
+        self._rows = 0
+
+    def append(self, rows: int, origin: int | Ints) -> None:
+        """Append rows; `origin` is the number of their input, or of that of each row."""
+        if not self._several or not rows:
+            return
+        if isinstance(origin, int):
+            captures: int | Ints = self._captures[origin]
+        else:
+            import numpy as np
+
+            # A byte for each row where captures overlap, which can be hundreds of millions.
+            kind = np.min_scalar_type(max(self._captures))
+            captures = np.array(self._captures, kind)[origin]
+        self._starts.append(self._rows)
+        self._found.append(captures)
+        self._rows += rows
+
+    def at(self, index: int) -> int:
+        """The capture of a row; `index` counts all rows from 0."""
+        if not self._several:
+            return 0
+        number = bisect_right(self._starts, index) - 1
+        found = self._found[number]
+        return found if isinstance(found, int) else int(found[index - self._starts[number]])
+
+
 class Notes:
     """The notes on the rows of a view."""
 
-    def __init__(self, recordings: Sequence[tuple[Path, Span | None]]) -> None:
-        """Read the notes of recordings, each with its time span; of none for unrecorded rows."""
-        self._files: dict[Path | None, _NotesFile] = {}
-        self._spans: list[tuple[Path, Span | None]] = []
-        for file, span in recordings:
-            capture = capture_path(file)
-            self._files.setdefault(capture, _NotesFile(capture))
-            self._spans.append((capture, span))
-        if not recordings:
-            self._files[None] = _NotesFile(None)
-        self.notes: dict[RowKey, Note] = {}
-        for one in self._files.values():
-            self.notes |= one.read()
+    def __init__(self, inputs: Sequence[Path] = ()) -> None:
+        """Read the notes of the captures to which the inputs belong; none for unrecorded rows."""
+        paths = [capture_path(file) for file in inputs]
+        captures: list[Path | None] = [*dict.fromkeys(paths)] or [None]
+        self.origins = RowOrigins([captures.index(path) for path in paths])
+        self._files = [_NotesFile(capture) for capture in captures]
+        self.notes: dict[RowKey, Note] = {
+            key._replace(capture=number): note
+            for number, one in enumerate(self._files)
+            for key, note in one.read().items()
+        }
         self._changes: dict[RowKey, Note | None] = {}
-        self._changed_at: dict[RowKey, int | None] = {}
         self._lock = Lock()
 
     @property
     def damage(self) -> list[str]:
         """What could not be read, one line each."""
-        return [line for one in self._files.values() for line in one.damaged.values()]
+        return [line for one in self._files for line in one.damaged.values()]
 
     @property
     def written(self) -> list[Path]:
         """Files that were written."""
-        return [one.written for one in self._files.values() if one.written is not None]
+        return [one.written for one in self._files if one.written is not None]
 
-    def set(self, note: Note) -> None:
-        """Add or replace a note; `save` writes it."""
-        self.notes[note.key] = note
-        self._change(note, note)
+    def set(self, note: Note, capture: int = 0) -> None:
+        """Add or replace a note on a row of a capture; `save` writes it."""
+        key = note.key._replace(capture=capture)
+        self.notes[key] = note
+        self._change(key, note)
 
-    def remove(self, note: Note) -> None:
-        """Remove the note on a row; `save` writes it."""
-        self.notes.pop(note.key, None)
-        self._change(note, None)
+    def remove(self, note: Note, capture: int = 0) -> None:
+        """Remove the note on a row of a capture; `save` writes it."""
+        key = note.key._replace(capture=capture)
+        self.notes.pop(key, None)
+        self._change(key, None)
 
-    def _change(self, note: Note, changed: Note | None) -> None:
+    def _change(self, key: RowKey, changed: Note | None) -> None:
         with self._lock:
-            self._changes[note.key], self._changed_at[note.key] = changed, note.t_ns
+            self._changes[key] = changed
 
     def save(self) -> str | None:
         """Write the changes; returns what went wrong, if anything. Any thread may call it."""
         trouble: str | None = None
         with self._lock:
-            by_file: dict[Path | None, dict[RowKey, Note | None]] = {}
+            by_file: dict[int, dict[RowKey, Note | None]] = {}
             for key, note in self._changes.items():
-                by_file.setdefault(self._capture_at(self._changed_at[key]), {})[key] = note
-            self._changes, self._changed_at = {}, {}
+                by_file.setdefault(key.capture, {})[key._replace(capture=0)] = note
+            self._changes = {}
             for capture, changes in by_file.items():
                 trouble = self._files[capture].write(changes) or trouble
         return trouble
 
-    def _capture_at(self, t_ns: int | None) -> Path | None:
-        """The capture that was recorded at a time; the first if none was."""
-        for capture, span in self._spans:
-            if span is not None and t_ns is not None and span[0] <= t_ns <= span[1]:
-                return capture
-        return next(iter(self._files))
-
 
 def located(rows: RowBatch, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
-    """The rows that contain the byte of a key: number in the batch, and key."""
+    """The rows that contain the byte of a key, of any capture: number in the batch, and key."""
     import numpy as np
 
-    offsets: dict[str, list[int]] = {}
-    for port, offset in keys:
-        offsets.setdefault(port, []).append(offset)
+    by_port: dict[str, dict[int, list[RowKey]]] = {}
+    for key in keys:
+        by_port.setdefault(key.port, {}).setdefault(key.offset, []).append(key)
     for code, port in enumerate(rows.codebook.ports):
-        if port not in offsets:
+        if port not in by_port:
             continue
-        wanted = np.sort(np.array(offsets[port], np.int64))
+        wanted = np.sort(np.array(list(by_port[port]), np.int64))
         numbers = np.flatnonzero(rows.port == code)
         starts = rows.offset[numbers]
         first = wanted.searchsorted(starts)
         last = wanted.searchsorted(starts + rows.length[numbers])
         for at in np.flatnonzero(last > first).tolist():
             for offset in wanted[first[at] : last[at]].tolist():
-                yield int(numbers[at]), (port, offset)
+                yield from ((int(numbers[at]), key) for key in by_port[port][offset])
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +347,7 @@ def read_place(files: Iterable[Path]) -> Place:
                     text,
                     None if columns is None else tuple(map(str, columns)),
                     tuple((str(name), int(width)) for name, width in widths),
-                    None if cursor is None else (str(cursor[0]), int(cursor[1])),
+                    None if cursor is None else RowKey(str(cursor[0]), *map(int, cursor[1:3])),
                 )
     return START
 

@@ -18,6 +18,7 @@ from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
+from fte_sniff.session.notes import RowOrigins
 
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
@@ -43,6 +44,7 @@ class ReplaySession:
         files: Sequence[str] = (),
         pages: RecordingPages | None = None,
         following: Following | None = None,
+        origins: RowOrigins | None = None,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
 
@@ -55,8 +57,9 @@ class ReplaySession:
             files: paths of the files.
             pages: gets the batches, which all can be read again.
             following: how the file is followed; None for a file that does not grow.
+            origins: gets the inputs of the rows.
         """
-        self._following = following
+        self._following, self._origins = following, origins
         self._is_live = False
         self._expected_rows, self._files, self._pages = total, files, pages
         self._source = batches
@@ -93,6 +96,8 @@ class ReplaySession:
             self._losses += read.losses
             changes += shifted(read.changes, count)
             count += len(read.rows)
+            if self._origins is not None:
+                self._origins.append(len(read.rows), read.origin)
             if self._pages is not None and read.reload is not None:
                 self._pages.append(read.reload, len(read.rows))
         self._polled_rows |= bool(reads)
@@ -118,7 +123,7 @@ class ReplaySession:
         if self._running and self._expected_rows:
             progress = min(1.0, self._rows / self._expected_rows)
         return FeedState(
-            title=self._title,
+            title=self._title if self._following is None else self._following.name,
             running=self._running,
             ended=None if self._running else self._end(),
             trouble=_damaged(self._losses),

@@ -168,9 +168,12 @@ def _joined(passages: Sequence[_Passage]) -> InputBatch:
         return passages[0].batch
     if not passages:
         return InputBatch([])
+    import numpy as np
+
     slices = [one.rows for one in passages]
     rows, order = _merged_rows([one.batch.rows for one in passages], slices)
     place = order.argsort()
+    lengths = [one.stop - one.start for one in slices]
     changes, base = list[StreamChange](), 0
     for one in passages:
         for change in one.changes:
@@ -178,12 +181,14 @@ def _joined(passages: Sequence[_Passage]) -> InputBatch:
             at = len(rows) if change.index == one.rows.stop else int(place[index])
             changes.append(replace(change, index=at))
         base += one.rows.stop - one.rows.start
+    origins = [np.asarray(one.batch.origin) for one in passages]
     return InputBatch(
         rows,
         sorted((event for one in passages for event in one.events), key=attrgetter("t_ns")),
         reload=None if any(one.reload is None for one in slices) else partial(_reread, slices),
         changes=sorted(changes, key=attrgetter("index")),
         losses=[loss for one in passages for loss in one.batch.losses if one.is_whole],
+        origin=np.repeat(origins, lengths)[order],
     )
 
 

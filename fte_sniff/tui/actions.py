@@ -420,10 +420,14 @@ class NavigationActions(ScreenActions):
         self._table.sync()
         if self._notes is not None:
             if text is None:
-                self._notes.remove(note)
+                self._notes.remove(note, self._capture_at(index))
             else:
-                self._notes.set(note)
+                self._notes.set(note, self._capture_at(index))
             self._start_worker("notes", self._save_notes)
+
+    def _capture_at(self, index: int) -> int:
+        """The number of a row's capture among those of the view."""
+        return 0 if self._notes is None else self._notes.origins.at(index)
 
     async def _save_notes(self) -> None:
         """Write the notes in a thread, since a disk may be slow."""
@@ -456,6 +460,8 @@ class NavigationActions(ScreenActions):
         if not (wanted and len(rows)):
             return
         for number, key in located(RowBatch.from_rows(rows), wanted):
+            if self._capture_at(first + number) != key.capture:
+                continue
             note = self._missing.pop(key, None)
             if note is not None:
                 self._table.marks.set(first + number, note.text)

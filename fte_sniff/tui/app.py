@@ -26,7 +26,7 @@ from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
-from fte_sniff.session.notes import Place
+from fte_sniff.session.notes import Place, RowKey
 from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
 from fte_sniff.tui.export_actions import ExportActions
 from fte_sniff.tui.goto import GotoField, parse_goal
@@ -262,11 +262,12 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def place(self) -> Place:
         """Where the view is now."""
         row, choice = self._table.cursor_row, self._table.view.choice
+        capture = self._capture_at(self._table.last_index)
         return Place(
             self._filter_field.current,
             None if choice is None else choice.names,
             () if choice is None else choice.widths,
-            None if row is None else (row.port, row.offset),
+            None if row is None else RowKey(row.port, row.offset, capture),
         )
 
     @property

@@ -342,7 +342,9 @@ def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path:
             writer.send_signal(signal.SIGINT)
             assert ended(writer)[0] == 0
             screen.until("frames/s mean")  # of all rows, at the end
-            rows = sum(map(rows_in, tmp_path.glob("c_*.mcap")))
+            files = sorted(tmp_path.glob("c_*.mcap"))
+            assert f" {files[-1].name} ".encode() in screen.drawn  # the title names what is read
+            rows = sum(map(rows_in, files))
             assert f"{rows:,} rows ".encode() in screen.drawn
             screen.type("Q")
             assert screen.ended() == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,6 +18,7 @@ from fte_sniff.session.notes import (
     Note,
     Notes,
     Place,
+    RowKey,
     capture_path,
     located,
     read_place,
@@ -72,26 +74,26 @@ def test_a_damaged_file_is_one_warning_and_is_not_overwritten(
 ) -> None:
     good = Note(T_NS, "p", 0, "kept").line()
     beside(recording).write_text(f"{good}\n{line}\n")
-    notes = Notes([(recording, None)])
+    notes = Notes([recording])
     (damage,) = notes.damage
     assert str(beside(recording)) in damage
     assert "line 2" in damage
-    assert notes.notes["p", 0].text == "kept"
+    assert notes.notes[RowKey("p", 0)].text == "kept"
     notes.set(Note(None, "p", 10, "new"))
     assert notes.save() is None
     assert beside(recording).read_text() == f"{good}\n{line}\n"
     assert state in notes.written[0].parents
-    assert set(Notes([(recording, None)]).notes) == {("p", 0), ("p", 10)}
+    assert set(Notes([recording]).notes) == {RowKey("p", 0), RowKey("p", 10)}
 
 
 def test_notes_of_two_screens_are_merged_and_removed(recording: Path) -> None:
-    one, other = Notes([(recording, None)]), Notes([(recording, None)])
+    one, other = Notes([recording]), Notes([recording])
     one.set(Note(T_NS, "p", 0, "one"))
     other.set(Note(T_NS, "p", 10, "other"))
     assert one.save() is other.save() is None
-    assert {key: note.text for key, note in Notes([(recording, None)]).notes.items()} == {
-        ("p", 0): "one",
-        ("p", 10): "other",
+    assert {key: note.text for key, note in Notes([recording]).notes.items()} == {
+        RowKey("p", 0): "one",
+        RowKey("p", 10): "other",
     }
     one.remove(Note(T_NS, "p", 10))
     one.save()
@@ -104,7 +106,7 @@ def test_notes_of_two_screens_are_merged_and_removed(recording: Path) -> None:
 @pytest.mark.parametrize("name", ["run.mcap", "run_00001.mcap", "run_00017.mcap"])
 def test_the_files_of_a_capture_share_one_file_of_notes(recording: Path, name: str) -> None:
     assert capture_path(recording.with_name(name)) == recording
-    notes = Notes([(recording.with_name(name), None)])
+    notes = Notes([recording.with_name(name)])
     notes.set(Note(T_NS, "p", 0))
     notes.save()
     assert beside(recording).exists()
@@ -115,40 +117,58 @@ def test_without_a_recording_or_in_a_folder_that_takes_none_they_are_in_the_stat
 ) -> None:
     # A folder in place of the file refuses it, also for root.
     beside(recording).mkdir()
-    for recordings in ([], [(recording, None)]):
+    for recordings in ([], [recording]):
         notes = Notes(recordings)
         notes.set(Note(T_NS, "p", 0, "here"))
         assert notes.save() is None
         assert notes.written[0].parent == state / "fte-sniff" / "notes"
-    assert Notes([(recording, None)]).notes["p", 0].text == "here"
+    assert Notes([recording]).notes[RowKey("p", 0)].text == "here"
 
 
 def test_where_nothing_can_be_written_that_is_reported(recording: Path, state: Path) -> None:
     beside(recording).mkdir()
     state.write_text("no folder")
-    notes = Notes([(recording, None)])
+    notes = Notes([recording])
     notes.set(Note(T_NS, "p", 0, "here"))
     assert "not saved" in str(notes.save())
 
 
-def test_of_several_captures_a_note_goes_to_the_one_of_its_time(tmp_path: Path) -> None:
-    files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    notes = Notes([(files[0], (0, 99)), (files[1], (100, 199))])
-    notes.set(Note(150, "p", 0))
-    notes.save()
-    assert [beside(file).exists() for file in files] == [False, True]
+def test_a_note_belongs_to_the_capture_of_its_row(tmp_path: Path) -> None:
+    inputs = [tmp_path / name for name in ("a_00001.mcap", "b.mcap", "a_00002.mcap")]
+    notes = Notes(inputs)
+    notes.origins.append(2, 0)
+    notes.origins.append(3, np.array([0, 1, 2]))
+    notes.origins.append(0, 2)
+    notes.origins.append(1, 1)
+    captures = [notes.origins.at(index) for index in range(6)]
+    assert captures == [0, 0, 0, 1, 0, 1]
+    for capture, text in enumerate(("of a", "of b")):
+        notes.set(Note(None, "p", 0, text), capture)
+        notes.set(Note(None, "p", 10), capture)
+    assert notes.save() is None
+    assert {path.name for path in notes.written} == {
+        "a.mcap.notes.jsonl",
+        "b.mcap.notes.jsonl",
+    }
+    again = Notes(inputs)
+    assert again.notes == notes.notes
+    assert [again.notes[RowKey("p", 0, number)].text for number in (0, 1)] == ["of a", "of b"]
+    again.remove(Note(None, "p", 0), 1)
+    again.save()
+    assert Notes(inputs).notes.keys() == notes.notes.keys() - {RowKey("p", 0, 1)}
 
 
 def test_the_row_that_contains_the_byte_is_found() -> None:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     rows = RowBatch.from_rows([Frame(port, 10 * n, raw, T_NS) for n in range(4) for port in "pq"])
-    keys = [("p", 0), ("q", 25), ("q", 40), ("r", 0), ("p", 30)]
-    assert sorted(located(rows, keys)) == [(0, ("p", 0)), (5, ("q", 25)), (6, ("p", 30))]
+    keys = [RowKey("p", 0), RowKey("q", 25), RowKey("q", 40), RowKey("r", 0), RowKey("p", 30, 1)]
+    keys.append(RowKey("p", 30))
+    assert sorted(located(rows, keys)) == [(0, keys[0]), (5, keys[1]), (6, keys[5]), (6, keys[4])]
 
 
 def test_a_view_reopens_where_it_was_left(recording: Path, state: Path) -> None:
     assert read_place([recording]) == START
-    place = Place("motor = 1", ("time", "raw"), (("time", 20),), ("p", 30))
+    place = Place("motor = 1", ("time", "raw"), (("time", 20),), RowKey("p", 30, 1))
     save_place([recording], place)
     assert read_place([recording]) == place
     assert read_place([recording, recording]) == START

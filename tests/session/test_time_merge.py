@@ -49,7 +49,11 @@ def batch_of(rows: Sequence[Row], *, as_list: bool, at: int) -> InputBatch:
         changes.append(StreamChange(len(rows) - 1, gap))
     batch = RowBatch.from_rows(rows)
     return InputBatch(
-        list(rows) if as_list else batch, events, reload=lambda: batch, changes=changes
+        list(rows) if as_list else batch,
+        events,
+        reload=lambda: batch,
+        changes=changes,
+        origin=int(rows[0].port) if rows else 0,
     )
 
 
@@ -95,6 +99,14 @@ def test_every_split_of_rows_gives_the_sorted_rows(given_: list[list[InputBatch]
     assert [row for batch in merged for row in batch.rows] == sorted(
         rows, key=lambda row: row.t_ns or 0
     )
+
+
+@given(inputs(), st.integers(0, 20))
+def test_each_row_keeps_the_number_of_its_input(given_: list[list[InputBatch]], count: int) -> None:
+    for batch in merge(given_)[1]:
+        for part in (batch, batch.first(count)):
+            origins = np.broadcast_to(part.origin, len(part.rows)).tolist()
+            assert origins == [int(row.port) for row in part.rows]
 
 
 @given(inputs(falling=True))

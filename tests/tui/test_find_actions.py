@@ -12,9 +12,17 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.protocol import Damage, Fault, Frame, Row
-from fte_sniff.session.notes import Notes
+from fte_sniff.formats.input_kind import raw_chunks
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import Input, LogInput, RecordingInput
+from fte_sniff.session.notes import Notes, Place
+from fte_sniff.session.replay import ReplaySession
 from fte_sniff.tui import actions
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.modals import Picker
@@ -601,7 +609,7 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
     for scenario in (write, read):
         feed = ListFeed()
         feed.give(speed_rows(40))
-        play(feed, scenario, options=StartOptions(notes=Notes([(recording, None)])))
+        play(feed, scenario, options=StartOptions(notes=Notes([recording])))
     (line,) = recording.with_name("run.mcap.notes.jsonl").read_text().splitlines()
     assert json.loads(line)["offset"] == 390
 
@@ -623,4 +631,66 @@ def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
         await press(app, pilot, "G")
         assert rpms(app)[-1] == 44
 
-    play(feed, scenario, options=StartOptions(notes=Notes([(recording, None)])))
+    play(feed, scenario, options=StartOptions(notes=Notes([recording])))
+
+
+def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
+    """A capture of ten rows whose RPM begin at a hundred times its number; all have port `p`."""
+    rows = [
+        encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100 * number + at}) for at in range(10)
+    ]
+    if not timed:
+        path.write_bytes(b"".join(rows))
+        return LogInput(raw_chunks(path), "p")
+    if not path.exists():
+        frames = [
+            Frame("p", 10 * at, raw, NOON_NS + 2 * at + number, ()) for at, raw in enumerate(rows)
+        ]
+        write_recording(path, [PortFacts("p")], [RowBatch.from_rows(frames)])
+    return RecordingInput(RecordingReader(path))
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
+    tmp_path: Path, timed: bool
+) -> None:
+    files = [tmp_path / "a", tmp_path / "b"]
+    wanted = {3: "of a", 103: "of b", 105: "b alone"}
+    left = list[Place]()
+
+    async def at(app: SniffApp, pilot: Pilot[None], rpm: int) -> None:
+        await press(app, pilot, "slash")
+        await type_line(app, pilot, f"rpm={rpm} ")
+        await press(app, pilot, "enter")
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.values["rpm"] == rpm
+
+    async def write(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "20 rows" in page(app))
+        for rpm, text in wanted.items():
+            await at(app, pilot, rpm)
+            await press(app, pilot, "number_sign")
+            await type_line(app, pilot, text)
+            await press(app, pilot, "enter")
+
+    async def read(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "20 rows" in page(app))
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.values["rpm"] == 105
+        marks, store = table(app).marks, app._model.store
+        assert {store.row(one).values["rpm"]: marks.text(one) for one in marks} == wanted
+
+    for scenario in (write, read):
+        inputs = [_opened_capture(file, number, timed=timed) for number, file in enumerate(files)]
+        notes = Notes(files)
+        reading = InputReading(inputs)
+        session = ReplaySession(reading, "a b", origins=notes.origins)
+        place = left[0] if left else Place()
+        options = StartOptions(notes=notes, place=place, zone=UTC)
+        left.append(play(session, scenario, options=options).place)
+    counts = [
+        len(file.with_name(f"{file.name}.notes.jsonl").read_text().splitlines()) for file in files
+    ]
+    assert counts == [1, 2]
