@@ -9,6 +9,7 @@ Modules:
     evidence      Frames, directions and lanes in a sample, and the scores of extractors.
     layout        What a sample decides: extractor, lanes, times and labels.
     times         The table of time forms, where lines have their times, and their clock.
-    evidence_log  A log with a layout: groups of lines that are read at once.
+    evidence_log  A log with a layout: from its lines to the bytes of its streams.
+    shapes        Lines that differ only in digits, read at once by numpy.
     streams       Each direction or port as a stream with its own framer; their rows merged.
 """

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 from typing import Final, NamedTuple
 
 from fte_sniff.formats.logs.evidence import Hypothesis, folded, frames_in, label_of, without_labels
+from fte_sniff.formats.logs.streams import NO_TIME
 from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
@@ -16,22 +17,28 @@ _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
+_LABELS: Final = (*product(("before", "above", "after"), ("both", "word", "arrow", "port")),)
 _LONE: Final = ("word before", "word above", "word after", "given after", "arrow above")
 """Labels of which a single one is no accident."""
 
 
 class Found(NamedTuple):
-    """A run of bytes in a line, with what the line says of it."""
+    """Bytes in a line, with what the line says of them; a heading has no bytes."""
 
-    data: bytes
-    start: int
-    stop: int
-    key: bytes
+    data: bytes = b""
+    start: int = 0
+    stop: int = 0
+    key: bytes = b""
     """Of its lane."""
-    cut: slice
+    cut: slice = slice(None)
     """Which of its numbers are data."""
-    gap: bool
+    gap: bool = False
     """Whether the log leaves out bytes after it."""
+    label: str | None = None
+    """Of its stream."""
+    fields: Fields | None = None
+    """Of its time."""
+    stamp: Stamp = Stamp(NO_TIME)
 
 
 class Layout:
@@ -46,46 +53,44 @@ class Layout:
         """The labels in the sample."""
         self._names: dict[bytes, str] = {}
         """By lane, the label of its stream."""
+        self.times = time_rule([])
         texts, runs = self._sampled(lines)
         self.times = time_rule(texts)
         bytewise = all(len(run.data) == 1 for run in runs)
         self.times.first_byte = self.times.kind == "since" and bytewise
-        rules = product(("before", "above", "after"), ("both", "word", "arrow", "port"))
-        for where, kind in [("after", "given")] if given else [*rules, ("before", "lane")]:
+        for where, kind in [("after", "given")] if given else [*_LABELS, ("before", "lane")]:
             if self._separates(kind, where, texts, runs):
                 break
 
-    def runs(self, line: bytes) -> tuple[list[Found], bool]:
-        """The bytes of a line, by its lanes; whether other runs look like bytes too."""
+    def read(self, line: bytes) -> tuple[list[Found], bool]:
+        """The bytes of a line, or what a heading says; whether other runs look like bytes too."""
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), False
         for run in self.hypothesis.extractor.runs(hidden):
             key = folded(hidden[: run.start])
             cut = self.hypothesis.cuts.get(without_labels(key))
-            if cut is not None:
-                gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
-                found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
-            others |= cut is None and len(run.data) >= _LIKE_BYTES
+            if cut is None:
+                others |= len(run.data) >= _LIKE_BYTES
+                continue
+            gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
+            one = Found(run.data[cut], run.start, run.stop, key, cut, gap)
+            found.append(self._described(one, line, before=(0, run.start), after=(run.stop, None)))
+        if not found and "above" in (self.labelled, self.times.where):
+            heading = self._described(Found(), line, above=(0, None))
+            found = [heading] * bool(heading.fields or heading.label)
         return found, others
 
-    def stamp_of(self, line: bytes, found: Found | None) -> tuple[Fields, Stamp] | None:
-        """The fields of the time of a run, or of a heading without runs, and the time."""
-        spans = {"above": (0, len(line))}
-        if found is not None:
-            spans = {"before": (0, found.start), "after": (found.stop, len(line))}
-        span = spans.get(self.times.where)
-        fields = self.times.find(line, *span) if span else None
+    def _described(self, found: Found, line: bytes, **parts: tuple[int, int | None]) -> Found:
+        """The bytes with the label and the time that are in these parts of the line."""
+        label = self._names.get(found.key)
+        if self.labelled in parts and not self._names:
+            label = label_of(self.labels, line[slice(*parts[self.labelled])])
+        found = found._replace(label=label)
+        fields = None
+        if self.times.where in parts:
+            fields = self.times.find(line, *parts[self.times.where])
         stamp = self.times.stamp(line, fields) if fields else None
-        return (fields, stamp) if fields and stamp else None
-
-    def label_of(self, line: bytes, found: Found | None) -> str | None:
-        """The label of the stream that a run, or the runs below a heading, belong to."""
-        if found is None:
-            return label_of(self.labels, line) if self.labelled == "above" else None
-        if self.labels == "lane":
-            return self._names.get(found.key, "")
-        around = {"before": line[: found.start], "after": line[found.stop :]}.get(self.labelled)
-        return None if around is None else label_of(self.labels, around)
+        return found._replace(fields=fields, stamp=stamp) if stamp else found
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
@@ -101,7 +106,7 @@ class Layout:
     def _sampled(self, lines: Sequence[bytes]) -> tuple[list[Text], list[Found]]:
         texts, runs, above, headings, below = list[Text](), list[Found](), b"", list[bytes](), True
         for line in lines:
-            found, _ = self.runs(line)
+            found, _ = self.read(line)
             if not found and line.strip():
                 above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
                 headings = [*headings, line][:_MOST_HEADINGS]
@@ -145,14 +150,6 @@ class Layout:
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
-
-
-def unread_words(line: bytes, found: Sequence[Found]) -> str:
-    """The words of a line before and between its bytes that are no time and no direction."""
-    hidden = masked(line).replace(b"~", b" ")
-    gaps = b" ".join(hidden[one.stop : two.start] for one, two in pairwise(found))
-    text = without_labels(hidden[: found[0].start]) + " " + gaps.decode("utf-8", "replace")
-    return " ".join(re.findall(r"\w+", text))
 
 
 def left_out(cut: slice) -> str:

@@ -44,6 +44,11 @@ class TextBlock:
     """Whether the last line goes on in the next block."""
 
     @cached_property
+    def count(self) -> int:
+        """How many lines end in it."""
+        return self.text.count(b"\n")
+
+    @cached_property
     def lines(self) -> list[bytes]:
         """The lines without their ends."""
         return self.text.removesuffix(b"\n").split(b"\n") if self.text else []
@@ -130,9 +135,10 @@ class TextBlocks:
                 text = _clean(pending[:end])
                 if not unfinished and not text.endswith(b"\n"):
                     text += b"\n"
-                yield TextBlock(text, number, column, unfinished)
+                block = TextBlock(text, number, column, unfinished)
+                yield block
                 column = column + end if unfinished else 0
-                number += text.count(b"\n")
+                number += block.count
                 pending = pending[end:]
             if data:
                 data = self._read(BLOCK_BYTES)

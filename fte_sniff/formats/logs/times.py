@@ -369,9 +369,8 @@ class LogClock:
         import numpy as np
 
         if (missing := ns == NO_TIME).any():
-            self._note(
-                "none", missing, lines, "has no time; it gets the time of the line before it"
-            )
+            alone = missing & (self._rule.where != "above")
+            self._note("none", alone, lines, "has no time; it gets the time of the line before it")
             last = np.maximum.accumulate(np.arange(1, len(ns) + 1) * ~missing)
             ns, zones = (np.append(self._last[at], own)[last] for at, own in enumerate((ns, zones)))
         wrong = ns % self._rule.resolution_ns != 0

@@ -164,6 +164,19 @@ def test_many_lines_at_once_are_as_one_by_one(name: str, monkeypatch: pytest.Mon
     assert notes == same
 
 
+@pytest.mark.parametrize("form", ["port {} {}", "ch-{}: {}", "{} us COM{}: {}", "{1} channel {0}"])
+def test_lines_that_differ_in_the_number_of_a_port_are_of_different_streams(form: str) -> None:
+    frames = [frame_of(kind, random.Random(1)).hex(" ") for kind in (KINDS[1], KINDS[4])]
+    lines = [
+        form.format(*[1000 + number] * (form.count("{") - 2), port + 1, frames[port])
+        for number in range(600)
+        for port in (0, 1)
+    ]
+    rows, _ = rows_of("\n".join(lines).encode())
+    assert [row.raw.hex(" ") for row in rows] == frames * 600
+    assert len({(row.port, row.raw[0]) for row in rows}) == len({row.port for row in rows}) == 2
+
+
 def test_every_form_names_its_programs() -> None:
     assert all(extractor.tools for extractor in EXTRACTORS)
     assert len({extractor.name for extractor in EXTRACTORS}) == len(EXTRACTORS)

@@ -1,0 +1,138 @@
+"""Lines of one shape: they have the same length and differ only in digits.
+
+One of them is parsed; numpy reads the bytes and times of the others at the same offsets.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache, partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
+from fte_sniff.formats.logs.layout import Layout
+from fte_sniff.formats.logs.streams import NO_TIME
+from fte_sniff.formats.logs.times import Fields, Stamp, TimeRule
+
+_MOST_SHAPES: Final = 24
+"""Of one length; the lines of others are parsed one by one."""
+_LONGEST_SHAPE: Final = 4096
+_ZERO: Final = np.uint8(ord("0"))
+_NEXT_DIGIT: Final = bytes.maketrans(b"0123456789", b"1234567890")
+
+
+class AlikeLines(NamedTuple):
+    """Lines of one shape."""
+
+    rows: Any
+    """Their indices in the text, int64."""
+    data: bytes
+    """Their bytes; of each line the same number."""
+    label: str | None
+    stamp: Stamp
+    """Their times: int64 columns, or one for all."""
+
+
+class _Shape(NamedTuple):
+    """A line, and where others of its shape may differ from it."""
+
+    line: bytes
+    label: str | None
+    fields: Fields
+    """Of its time."""
+    digits: list[int]
+    """Offsets of the decimal digits of times and other numbers."""
+    pairs: list[int]
+    """Offsets of pairs of hexadecimal digits, those of the data first."""
+    size: int
+    """Of the data."""
+
+
+def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
+    """The lines of a text that have the shape of another line, shape by shape."""
+    ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+    starts = np.append(0, ends[:-1] + 1)
+    lengths = ends - starts
+    for length in np.flatnonzero(np.bincount(lengths)[: _LONGEST_SHAPE + 1]).tolist():
+        rows = np.flatnonzero(lengths == length)
+        lines = np.ndarray((len(text) - length + 1,), f"V{max(length, 1)}", text, 0, (1,))
+        for _ in range(_MOST_SHAPES if length else 0):
+            if len(rows) < 2:
+                break
+            same = np.arange(len(rows)) == 0
+            if shape := _shape_of(lines[starts[rows[0]]].tobytes(), layout):
+                table = lines[starts[rows]].view(np.uint8).reshape(len(rows), -1)
+                same, data, stamp = _read(shape, np.ascontiguousarray(table.T), layout.times)
+                if stamp is not None:
+                    yield AlikeLines(rows[same], data, shape.label, stamp)
+            rows = rows[~same]
+
+
+def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
+    """The shape of a line; None if lines like it must be parsed one by one."""
+    found, others = layout.read(line)
+    if others or len({one.label for one in found}) != 1 or any(one.gap for one in found):
+        return None
+    around, pairs, skipped = bytearray(line), list[int](), list[int]()
+    for one in found:
+        around[one.start : one.stop] = b" " * (one.stop - one.start)
+        run = re.finditer(b"[0-9A-Fa-f]{2}", line[one.start : one.stop])
+        starts = [one.start + pair.start() for pair in run]
+        pairs += starts[one.cut]
+        skipped += sorted({*starts} - {*starts[one.cut]})
+    data = b"".join(one.data for one in found)
+    digits_of_data = b"".join(line[at : at + 2] for at in pairs)
+    untimed = found[0].fields is None and layout.times.where in ("before", "after")
+    if not data or untimed or data.hex().encode() != digits_of_data.lower():
+        return None
+    fields = found[0].fields or {}
+    timed = {at for name in fields.keys() - {"zone"} for at in range(*fields[name])}
+    numbers = {at for token in re.finditer(NUMBER_TOKEN, around) for at in range(*token.span())}
+    numbers -= timed | {*range(*fields.get("zone", (0, 0)))}
+    digits = {at for at in timed | numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
+    other = bytearray(line)
+    for at in digits & numbers:
+        other[at] = _NEXT_DIGIT[line[at]]
+    if layout.read(bytes(other)) != (found, False):
+        digits &= timed  # the numbers are labels
+    return _Shape(line, found[0].label, fields, sorted(digits), pairs + skipped, len(data))
+
+
+def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Stamp | None]:
+    """Which lines have a shape, their bytes and times; no times if one of them is impossible.
+
+    `table` has a column for each line, uint8.
+    """
+    fixed = np.ones(len(table), np.bool_)
+    fixed[[*shape.digits, *shape.pairs, *(at + 1 for at in shape.pairs)]] = False
+    same = (table[fixed] == table[fixed, :1]).all(0)
+    same &= (table[shape.digits] - _ZERO < 10).all(0)
+    high, low = (_hex_digits().take(table[[at + n for at in shape.pairs]]) for n in (0, 1))
+    same &= ((high | low) < 16).all(0)
+    if not same.all():
+        table, high, low = (own[:, same] for own in (table, high, low))
+    data = (high << np.uint8(4) | low)[: shape.size].T.tobytes()
+    read = partial(_number, table)
+    stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else Stamp(NO_TIME)
+    return same, data, stamp
+
+
+@cache
+def _hex_digits() -> Any:
+    """By character, the value of a hexadecimal digit; 255 of others."""
+    values = np.full(256, 0xFF, np.uint8)
+    for digit in "0123456789ABCDEFabcdef":
+        values[ord(digit)] = int(digit, 16)
+    return values
+
+
+def _number(table: Any, start: int, stop: int) -> Any:
+    """The number in some columns of a table of lines; one for all while their digits are equal."""
+    number: Any = 0
+    for digits in table[start:stop]:
+        equal = (digits == digits[0]).all()
+        number = number * 10 + (int(digits[0]) if equal else digits.astype("int64")) - ord("0")
+    return number
