@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -15,10 +15,10 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.evidence import Hypothesis, Sample, without_labels
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Found, Layout, left_out
-from fte_sniff.formats.logs.streams import LogForm, LogStreams
+from fte_sniff.formats.logs.streams import LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol import FRAME_LENGTH, byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.reader import LogOptions
@@ -54,6 +54,8 @@ class EvidenceLog(LogForm):
         if not self.frames:
             form = found[0].extractor.name
             self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
+        self._start_ns, self._byte_ns = options.start_ns, byte_time_ns(options.baud)
+        """When the next bytes of a log without times begin, by `--start`."""
         self._labels: list[str | None] = [None]
         self._label = 0
         """Of the labels so far, that of the last line."""
@@ -112,7 +114,7 @@ class EvidenceLog(LogForm):
         labels = self.layout.streams
         return [f"{name}:{label}" for label in labels] if len(labels) > 1 else [name]
 
-    def read(self, block: TextBlock, streams: LogStreams) -> None:
+    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         if block.column or block.unfinished:
             self._count("hold no bytes", block.first, block.text[:80])
@@ -121,10 +123,10 @@ class EvidenceLog(LogForm):
         many = block.count >= _COLUMNAR and self._pattern is None
         rest = self._read_shapes(block, tables, data) if many else range(block.count)
         found = [(block.first + at, one) for at in rest for one in self._found(block, at)]
-        if streams.direct and not tables:
+        if self.is_one_stream and not tables:
             for _, one in found:
-                stream = streams.stream(streams.name, one.label)
-                stream.append(one.data, (), (), gaps=(len(one.data),) * one.gap)
+                gaps = (len(one.data),) * one.gap
+                yield StreamBytes(name, one.data, gaps=gaps, label=one.label)
         elif found or tables:
             import numpy as np
 
@@ -134,7 +136,9 @@ class EvidenceLog(LogForm):
             ]
             tables.append(np.array(rows, np.int64).reshape(-1, 6).T)
             data += [one.data for _, one in found]
-            self._append(np.hstack(tables), np.frombuffer(b"".join(data), np.uint8), streams)
+            yield from self._streams(
+                np.hstack(tables), np.frombuffer(b"".join(data), np.uint8), name
+            )
 
     def _read_shapes(self, block: TextBlock, tables: list[Any], data: list[bytes]) -> Sequence[int]:
         """Read the lines that have the shape of others; the indices of the other lines."""
@@ -157,8 +161,8 @@ class EvidenceLog(LogForm):
             self._labels.append(label)
         return self._labels.index(label)
 
-    def _append(self, table: Array, text: Any, streams: LogStreams) -> None:
-        """Append the bytes of lines in their order, each to the stream of its label.
+    def _streams(self, table: Array, text: Any, name: str) -> Iterator[StreamBytes]:
+        """The bytes of lines in their order, by the labels of their streams.
 
         Args:
             table: for each line its number, size, label, time, zone, and whether a gap follows.
@@ -176,8 +180,9 @@ class EvidenceLog(LogForm):
         self._label, times = int(labels[-1]), None
         if self.resolution_ns is not None:
             times = self.clock.times(ns, zones, lines)
-        elif streams.start_ns is not None:
-            times = streams.start_ns + (streams.size + np.cumsum(sizes)) * streams.byte_ns
+        elif self._start_ns is not None:
+            times = self._start_ns + np.cumsum(sizes) * self._byte_ns
+            self._start_ns = int(times[-1])
         for label in np.flatnonzero(np.bincount(labels)).tolist():
             mine = np.flatnonzero((labels == label) & ((sizes > 0) | (gaps > 0)))
             own, stops = sizes[mine], np.cumsum(sizes[mine])
@@ -185,11 +190,10 @@ class EvidenceLog(LogForm):
                 data = text.reshape(-1, sizes[0])[order][mine]
             else:
                 data = text[np.repeat(begins[mine] - stops + own, own) + np.arange(own.sum())]
-            name = self._labels[label]
-            streams.stream(self._port(streams.name, name), name).append(
-                data.tobytes(), own, lines[mine], None if times is None else times[mine],
-                gaps=stops[gaps[mine] > 0].tolist(), first=self.layout.times.first_byte,
-            )  # fmt: skip
+            at = None if times is None else times[mine]
+            left_out, first = stops[gaps[mine] > 0].tolist(), self.layout.times.first_byte
+            port, word = self._port(name, self._labels[label]), self._labels[label]
+            yield StreamBytes(port, data.tobytes(), own, lines[mine], at, left_out, first, word)
 
     def _port(self, name: str, label: str | None) -> str:
         known = self.layout.streams

@@ -18,7 +18,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.evidence import direction_of, frames_in, label_of
-from fte_sniff.formats.logs.streams import LATEST_NS, NO_TIME, LogForm, LogStreams
+from fte_sniff.formats.logs.streams import LATEST_NS, NO_TIME, LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import SECOND, masked
 from fte_sniff.protocol import FRAME_LENGTH, KINDS
@@ -113,7 +113,7 @@ class PlainLog(LogForm):
         plain = cls(data)
         return None if not plain.frames and names > max(2, len(lines) // 2) else plain
 
-    def read(self, block: TextBlock, streams: LogStreams) -> None:
+    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         data = bytearray()
         with suppress(ValueError):
@@ -123,7 +123,7 @@ class PlainLog(LogForm):
                 data += bytes_of_line(line, number, block.column * (number == block.first))
         finally:
             if data:
-                streams.stream(streams.name).append(bytes(data), [len(data)], [block.first])
+                yield StreamBytes(name, bytes(data), [len(data)], [block.first])
 
     def notes(self) -> list[str]:
         """That there are no frames, in a log of more than a few bytes."""
@@ -172,11 +172,11 @@ class OwnLog(LogForm):
         """Those of the first rows."""
         return [*self._ports] or [name]
 
-    def read(self, block: TextBlock, streams: LogStreams) -> None:
+    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         for number, (data, t_ns, port) in enumerate(self._rows(block.lines, block.first)):
-            stream = streams.stream(port or streams.name)
-            stream.append(data, [len(data)], [block.first + number], [t_ns], first=True)
+            lines = [block.first + number]
+            yield StreamBytes(port or name, data, [len(data)], lines, [t_ns], first=True)
 
     def explain(self) -> list[str]:
         """What it is."""

@@ -131,7 +131,8 @@ class LogReader:
         streams = LogStreams(self.name, form, options, ports)
         try:
             for block in self._blocks():
-                form.read(block, streams)
+                for new in form.read(block, self.name):
+                    streams.append(new)
                 yield from streams.drain()
         except InputTextError as error:
             failed = InputTextError(f"{self._where}{error}")

@@ -43,6 +43,25 @@ _WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.
 """By label, what the host, which writes the log, does with the frames, and their direction."""
 
 
+class StreamBytes(NamedTuple):
+    """Bytes of consecutive lines of one stream of a log."""
+
+    port: str
+    data: bytes
+    sizes: Sequence[int] | Array = ()
+    """How many bytes are of each line."""
+    lines: Sequence[int] | Array = ()
+    """The numbers of the lines; none if the log is one stream without times."""
+    times: Sequence[int] | Array | None = None
+    """The times of the lines, nanoseconds since 1970 or `NO_TIME`; None if none has one."""
+    gaps: Sequence[int] = ()
+    """Offsets in the bytes where the log leaves out others, so that no frame goes on."""
+    first: bool = False
+    """Whether the first byte of a line began at its time; else the last one had arrived."""
+    label: str | None = None
+    """Of the stream: a direction, which its frames can contradict, or any other."""
+
+
 class LogForm(ABC):
     """A kind of log: how blocks of lines become the bytes of streams."""
 
@@ -59,9 +78,14 @@ class LogForm(ABC):
         """The ports of its rows, as far as the sample shows."""
         return [name]
 
+    @property
+    def is_one_stream(self) -> bool:
+        """Whether its bytes follow each other, in one stream without times."""
+        return self.single and self.resolution_ns is None
+
     @abstractmethod
-    def read(self, block: TextBlock, streams: LogStreams) -> None:
-        """Append the bytes of a block to the streams; raises InputTextError."""
+    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
+        """The bytes of a block of the log of this name; raises InputTextError after the others."""
 
     def notes(self) -> list[str]:
         """How it was read, one line each."""
@@ -103,26 +127,10 @@ class LogStream:
         self.key = -1
         """Of its last row."""
 
-    def append(
-        self,
-        data: bytes,
-        sizes: Sequence[int] | Array,
-        lines: Sequence[int] | Array,
-        times: Sequence[int] | Array | None = None,
-        *,
-        gaps: Sequence[int] = (),
-        first: bool = False,
-    ) -> None:
-        """Append the bytes of lines.
-
-        Args:
-            data: the bytes of all of them.
-            sizes: how many are of each line, at least one.
-            lines: the numbers of the lines.
-            times: their times, or `NO_TIME`; None if none has one.
-            gaps: offsets in `data` where the log leaves out bytes, so that no frame goes on.
-            first: whether the first byte of a line began then; else the last one had arrived.
-        """
+    def append(self, new: StreamBytes) -> None:
+        """Append the bytes of lines."""
+        data, times, gaps = new.data, new.times, new.gaps
+        self.label = new.label if not self.frames or self.label == new.label else None
         log = self._log
         log.size += len(data)
         if log.direct or not data:
@@ -130,19 +138,20 @@ class LogStream:
             return
         import numpy as np
 
-        sizes, t_ns = np.asarray(sizes, np.int64), np.full(len(sizes), NO_TIME)
+        sizes = np.asarray(new.sizes, np.int64)
+        t_ns = np.full(len(sizes), NO_TIME)
         took, stops = sizes * log.byte_ns, np.cumsum(sizes)
         silences, floors = np.zeros((2, len(sizes)), np.int64)
         if times is not None:
             t_ns = np.array(times, np.int64)
-            if first:
+            if new.first:
                 t_ns[t_ns != NO_TIME] += np.minimum(took, LATEST_NS - t_ns)[t_ns != NO_TIME]
             at_ns = np.maximum(t_ns, 0)
             before = np.append(max(self._last_ns, -_FAR_NS), at_ns[:-1])
             passed = at_ns - before
             log.set_back |= bool(passed.min() < -_FAR_NS)
             silences = passed - (took + log.resolution_ns)
-            floors = floors if first else np.maximum(before, 0) * (passed >= 0)
+            floors = floors if new.first else np.maximum(before, 0) * (passed >= 0)
             self._last_ns = int(at_ns[-1])
             text = np.frombuffer(data, np.uint8)
             whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
@@ -151,7 +160,7 @@ class LogStream:
             silences[1:][whole[1:] & whole[:-1]] = 0  # silence between two frames is no news
         at = np.flatnonzero(silences >= log.pause_ns)
         cuts = zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True)
-        columns = np.stack([stops + self._size, lines, t_ns, floors])
+        columns = np.stack([stops + self._size, new.lines, t_ns, floors])
         self._columns = columns if self._columns is None else np.hstack([self._columns, columns])
         self._size += len(data)
         self._push(data, dict(cuts), gaps)
@@ -226,17 +235,15 @@ class LogStreams:
         """Bytes of all streams, and rows so far."""
         self.set_back = False
         """Whether times fell far within a stream."""
-        self.direct = form.single and form.resolution_ns is None
+        self.direct = form.is_one_stream
         """Whether rows come as the framer makes them: bytes follow each other, in one stream."""
         self._streams = {port: LogStream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         self._held: list[_Piece] = []
 
-    def stream(self, port: str, label: str | None = None) -> LogStream:
-        """The stream of a port; its label may be a direction, which its frames can contradict."""
-        stream = self._streams.setdefault(port, LogStream(port, self))
-        stream.label = label if not stream.frames or stream.label == label else None
-        return stream
+    def append(self, new: StreamBytes) -> None:
+        """Append bytes to their stream."""
+        self._streams.setdefault(new.port, LogStream(new.port, self)).append(new)
 
     def notes(self, *, ends: bool) -> Iterator[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
