@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer
-from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.formats.logs.reader import LogOptions
     from fte_sniff.formats.logs.text import TextBlock
+    from fte_sniff.protocol.framer.segments import DecidedSpan
     from fte_sniff.row_batch import RowBatch, Rows
 
     Array = npt.NDArray[np.int64]
@@ -96,129 +96,96 @@ class LogForm(ABC):
         """The form, lanes, times and directions, one line each."""
 
 
-class _Piece(NamedTuple):
-    """Rows of one stream, with their order in the log."""
-
-    keys: Array
-    """Rising: times, or the numbers of lines."""
-    lines: Array
-    rows: RowBatch
-
-
 class LogStream:
-    """The bytes of one wire, and the rows that they make.
+    """The bytes of one wire.
 
-    The framer gets chunks with the silence between them, but not their times: silence shorter than
-    the resolution of the stamps is none. The times of rows come from the stamps.
+    The framer gets the silence between lines, but not their times: silence shorter than the
+    resolution of the stamps is none. The times of rows come from the stamps.
     """
 
     def __init__(self, port: str, log: LogStreams) -> None:
         self.port, self._log, self._framer = port, log, Framer(port, log.baud)
-        self._clock_ns, self._size, self._last_ns = 0, 0, NO_TIME
-        self._columns: Any = None
-        """Of each line: the offset after its bytes, its number, its time, and the earliest time
-        at which one of its bytes can have begun; int64, shape (4, lines)."""
+        self._clock_ns, self._size, self._last_ns = log.start_ns or 0, 0, NO_TIME
+        self._lines: Any = None
+        """Of each line with undecided bytes: the offset after them, its number, its time, and when
+        one of its bytes can have begun at the earliest; int64, shape (4, lines)."""
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
         self.frames = Counter[int]()
         """By header."""
+        self.last_key_ns = -1
+        """The latest time of its rows so far."""
         self.cut_frame: str | None = None
         """The note that it ends in a frame."""
-        self.key = -1
-        """Of its last row."""
 
     def append(self, new: StreamBytes) -> None:
         """Append the bytes of lines."""
-        data, times, gaps = new.data, new.times, new.gaps
         self.label = new.label if not self.frames or self.label == new.label else None
-        log = self._log
-        log.size += len(data)
-        if log.direct or not data:
-            self._push(data, {}, gaps)
-            return
+        log, size, silences = self._log, len(new.data), dict[int, int]()
+        if not log.is_one and len(new.lines):
+            silences = self._append_lines(new)
+        for start, stop in pairwise([*sorted({0, *silences, *new.gaps}), size]):
+            if start in new.gaps:
+                self._framer.finish()
+            self._clock_ns += silences.get(start, 0) + (stop - start) * log.byte_ns
+            t_ns = None if log.start_ns is None else self._clock_ns
+            self._framer.push(Chunk(self.port, t_ns, new.data[start:stop]))
+        self._size += size
+
+    def _append_lines(self, new: StreamBytes) -> dict[int, int]:
+        """Append the columns of lines; returns the pauses before them, by offset in the data."""
         import numpy as np
 
-        sizes = np.asarray(new.sizes, np.int64)
-        t_ns = np.full(len(sizes), NO_TIME)
-        took, stops = sizes * log.byte_ns, np.cumsum(sizes)
-        silences, floors = np.zeros((2, len(sizes)), np.int64)
-        if times is not None:
-            t_ns = np.array(times, np.int64)
-            if new.first:
-                t_ns[t_ns != NO_TIME] += np.minimum(took, LATEST_NS - t_ns)[t_ns != NO_TIME]
-            at_ns = np.maximum(t_ns, 0)
-            before = np.append(max(self._last_ns, -_FAR_NS), at_ns[:-1])
-            passed = at_ns - before
-            log.set_back |= bool(passed.min() < -_FAR_NS)
-            silences = passed - (took + log.resolution_ns)
-            floors = floors if new.first else np.maximum(before, 0) * (passed >= 0)
-            self._last_ns = int(at_ns[-1])
-            text = np.frombuffer(data, np.uint8)
-            whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
-            head = text[np.minimum(stops - sizes, len(text) - 1)]
-            whole &= np.logical_or.reduce([head == header for header in HEADERS.values()])
-            silences[1:][whole[1:] & whole[:-1]] = 0  # silence between two frames is no news
+        log, sizes = self._log, np.asarray(new.sizes, np.int64)
+        stops, took = np.cumsum(sizes), sizes * log.byte_ns
+        t_ns = np.full(len(sizes), NO_TIME) if new.times is None else np.array(new.times, np.int64)
+        if new.first:
+            t_ns = np.where(t_ns == NO_TIME, t_ns, np.minimum(t_ns, LATEST_NS - took) + took)
+        now = np.maximum(t_ns, 0)
+        before = np.append(max(self._last_ns, -_FAR_NS), now[:-1])
+        passed, self._last_ns = now - before, int(now[-1])
+        log.by_time &= bool(passed.min() >= -_FAR_NS)
+        floors = np.maximum(before, 0) * (not new.first) * (passed >= 0)
+        columns = np.stack([self._size + stops, new.lines, t_ns, floors])
+        self._lines = columns if self._lines is None else np.hstack([self._lines, columns])
+        text = np.frombuffer(new.data + b"\0", np.uint8)
+        whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
+        whole &= np.isin(text[stops - sizes], [*HEADERS.values()])
+        silences = passed - (took + log.resolution_ns)
+        silences[1:][whole[1:] & whole[:-1]] = 0  # silence between two frames is no news
         at = np.flatnonzero(silences >= log.pause_ns)
-        cuts = zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True)
-        columns = np.stack([stops + self._size, new.lines, t_ns, floors])
-        self._columns = columns if self._columns is None else np.hstack([self._columns, columns])
-        self._size += len(data)
-        self._push(data, dict(cuts), gaps)
+        return dict(zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True))
 
-    def _push(self, data: bytes, silences: Mapping[int, int], gaps: Sequence[int]) -> None:
-        for start, stop in pairwise([*sorted({0, *silences, *gaps}), len(data)]):
-            if start in gaps:
-                self._framer.finish()
-            self._clock_ns += silences.get(start, 0) + (stop - start) * self._log.byte_ns
-            began = self._log.start_ns if self._log.direct else 0
-            t_ns = None if began is None else began + self._clock_ns
-            self._framer.push(Chunk(self.port, t_ns, data[start:stop]))
-
-    def drain(self, *, final: bool, few: int) -> Rows:
-        """The rows that are decided since the last time."""
+    def drain(self, *, final: bool) -> DecidedSpan:
+        """The bytes that are decided since the last time."""
         if final:
             self._framer.finish()
         span = self._framer.drain()
         self.cut_frame = cut_frame_note(span) if final else None
-        if self._log.direct and len(span) <= few:
-            self.frames.update(header for _, header in span.headers())
-            return span.rows()
+        return span
+
+    def placed(self, batch: RowBatch) -> tuple[Array, RowBatch]:
+        """Lines and rising times of rows, shape (2, rows), and the rows with their times."""
         import numpy as np
 
-        from fte_sniff.row_batch import RowBatch
-
-        times = span.times if self._log.direct else []
-        batch = RowBatch.from_span(
-            DecidedSpan(span.port, span.data, span.start, span.segments, times)
-        )
-        found = np.bincount(batch.raw[batch.framed, 0])
-        self.frames.update({header: int(count) for header, count in enumerate(found) if count})
-        return batch
-
-    def placed(self, batch: Any) -> _Piece:
-        """Rows with their times and their order; the lines of earlier rows are forgotten."""
-        import numpy as np
-
-        own = np.searchsorted(self._columns[0], batch.offset, "right")
-        stops, lines, times, floors = self._columns[:, own]
+        own = np.searchsorted(self._lines[0], batch.offset, "right")
+        stops, lines, times, floors = self._lines[:, own]
         t_ns = np.maximum(times - (stops - batch.offset) * self._log.byte_ns, floors)
         delay_ns = np.maximum(times - t_ns, 0)
         t_ns[times == NO_TIME] = delay_ns[times == NO_TIME] = NO_TIME
         end = batch.offset[-1] + batch.length[-1]
-        self._columns = self._columns[:, np.searchsorted(self._columns[0], end, "right") :]
-        keys = lines
-        if self._log.by_time:
-            keys = np.maximum.accumulate(np.append(self.key, t_ns))[1:]
-        self.key = int(keys[-1])
-        return _Piece(keys, lines, replace(batch, t_ns=t_ns, delay_ns=delay_ns))
+        self._lines = self._lines[:, np.searchsorted(self._lines[0], end, "right") :]
+        keys = np.maximum.accumulate(np.append(self.last_key_ns, t_ns))[1:]
+        self.last_key_ns = int(keys[-1])
+        headers = batch.raw[batch.framed, 0].tobytes()
+        self.frames.update({header: headers.count(header) for header in HEADERS.values()})
+        return np.stack([lines, keys]), replace(batch, t_ns=t_ns, delay_ns=delay_ns)
 
-    def pending_line(self) -> int:
-        """The line of the first undecided byte; a large number without one."""
-        return (
-            LATEST_NS
-            if self._columns is None or not self._columns.size
-            else int(self._columns[1, 0])
-        )
+    def reached(self) -> int:
+        """The time, or the line, before which no row of the stream is to come."""
+        if self._log.by_time:
+            return self.last_key_ns
+        return LATEST_NS if self._lines is None or not self._lines.size else self._lines[1, 0]
 
 
 class LogStreams:
@@ -227,23 +194,22 @@ class LogStreams:
     def __init__(self, name: str, form: LogForm, options: LogOptions, ports: Iterable[str]) -> None:
         """No stream of the log has bytes yet; those of `ports` are expected and merged by time."""
         self.name, self.resolution_ns = name, form.resolution_ns or 1
-        self.start_ns = options.start_ns if form.resolution_ns is None else None
+        self.start_ns = options.start_ns if form.resolution_ns is None else 0
         """When the bytes of a log without times began; None to have no times."""
         self.baud, self.byte_ns = options.baud, byte_time_ns(options.baud)
         self.pause_ns = round(PAUSE_BYTES * self.byte_ns)
         self.size = self._count = 0
         """Bytes of all streams, and rows so far."""
-        self.set_back = False
-        """Whether times fell far within a stream."""
-        self.direct = form.is_one_stream
-        """Whether rows come as the framer makes them: bytes follow each other, in one stream."""
+        self.is_one = form.is_one_stream
         self._streams = {port: LogStream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
-        self._held: list[_Piece] = []
+        """Whether rows are merged by time; else by line."""
+        self._held: list[tuple[Array, RowBatch]] = []
 
     def append(self, new: StreamBytes) -> None:
         """Append bytes to their stream."""
         self._streams.setdefault(new.port, LogStream(new.port, self)).append(new)
+        self.size += len(new.data)
 
     def notes(self, *, ends: bool) -> Iterator[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
@@ -266,43 +232,48 @@ class LogStreams:
             if stream.cut_frame:
                 yield where + stream.cut_frame
 
-    def drain(self, *, final: bool = False) -> list[Rows]:
-        """The rows that are decided and in order."""
-        few, streams = max(FEW - self._count, _FEW_AT_ONCE), [*self._streams.values()]
-        batches: list[RowBatch] = []
-        if self.set_back and self.by_time:
-            self.by_time, batches = False, self._ready(LATEST_NS + 1)
-            for stream in streams:
-                stream.key = -1
-        rows = [stream.drain(final=final, few=few) for stream in streams]
-        if not self.direct:
-            found = zip(streams, rows, strict=True)
-            self._held += [stream.placed(own) for stream, own in found if len(own)]
-            limit = LATEST_NS + 1
-            waiting = sum(len(piece.rows) for piece in self._held)
-            if len(streams) > 1 and not final and waiting <= _MOST_HELD:
-                limit = min(one.key if self.by_time else one.pending_line() for one in streams)
-            batches += self._ready(limit)
-            rows = [list(one) if len(one) <= few else one for one in batches]
-        self._count += sum(map(len, rows))
-        return [own for own in rows if len(own)]
+    def drain(self, *, final: bool = False) -> Iterator[Rows]:
+        """The rows that are decided and in order, if there are any."""
+        few = max(FEW - self._count, _FEW_AT_ONCE)
+        rows: Rows = []
+        for stream in self._streams.values():
+            span = stream.drain(final=final)
+            if self.is_one and len(span) <= few:
+                rows = span.rows()
+            elif len(span):
+                from fte_sniff.row_batch import RowBatch
 
-    def _ready(self, limit: int) -> list[RowBatch]:
-        """The rows before a time or line, in order; the others are held."""
-        if not self._held or (len(self._held) == 1 and limit > LATEST_NS):
-            ready, self._held = [piece.rows for piece in self._held], []
-            return ready
+                rows = RowBatch.from_span(span)
+                if not self.is_one:
+                    self._held.append(stream.placed(rows))
+        if self._held:
+            rows = self._merged(final=final)
+            rows = list(rows) if len(rows) <= few else rows
+        self._count += len(rows)
+        if len(rows):
+            yield rows
+
+    def _merged(self, *, final: bool) -> RowBatch:
+        """The rows that are in order; the others are held."""
         import numpy as np
 
         from fte_sniff.row_batch import RowBatch
 
-        keys = np.concatenate([piece.keys for piece in self._held])
-        lines = np.concatenate([piece.lines for piece in self._held])
-        rows = RowBatch.concat([piece.rows for piece in self._held])
-        order = np.lexsort((lines, keys))
-        now, later = np.split(order, np.searchsorted(keys[order], [limit]))
-        self._held = [_Piece(keys[later], lines[later], rows.select(later))] if len(later) else []
-        return [rows.select(now)]
+        places = np.hstack([own for own, _ in self._held])
+        rows = RowBatch.concat([own for _, own in self._held])
+        self._held = []
+        if len(self._streams) == 1:
+            return rows
+        keys = places[int(self.by_time)]
+        order = np.lexsort((places[0], keys))
+        count = len(order)
+        if not final and count <= _MOST_HELD:
+            reached = min(stream.reached() for stream in self._streams.values())
+            count = int(np.searchsorted(keys[order], reached))
+        now, later = order[:count], order[count:]
+        if len(later):
+            self._held = [(places[:, later], rows.select(later))]
+        return rows.select(now)
 
 
 def cut_frame_note(last: DecidedSpan) -> str | None:
