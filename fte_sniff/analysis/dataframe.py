@@ -10,7 +10,8 @@ cmd and the values       as wide as on the wire; null where the row has no such 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -120,7 +121,7 @@ def _status(rows: RowBatch) -> pl.Series:
 
 
 def _faults(rows: RowBatch) -> pl.Series:
-    words = [[fault.value for fault in faults] for faults in rows.codebook.faults]
+    words = [tuple(fault.value for fault in faults) for faults in rows.codebook.faults]
     return _looked_up(words, rows.faults, TABLE_SCHEMA["faults"])
 
 
@@ -166,8 +167,14 @@ def _with_nulls(name: str, numbers: Array, known: Bools) -> pl.Series:
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
 
 
-def _looked_up(words: Sequence[object], codes: Array, dtype: pl.DataType) -> pl.Series:
-    found = pl.Series(words, dtype=dtype)
+@lru_cache(maxsize=64)
+def _words(words: Sequence[object], dtype: pl.DataType) -> pl.Series:
+    """The words as a series; a file may have many small batches."""
+    return pl.Series(words, dtype=dtype)
+
+
+def _looked_up(words: Iterable[object], codes: Array, dtype: pl.DataType) -> pl.Series:
+    found = _words(tuple(words), dtype)
     if len(codes) and (codes == codes[0]).all():
         return found.new_from_index(int(codes[0]), len(codes))
     return found.gather(pl.Series(codes.astype(np.uint32)))

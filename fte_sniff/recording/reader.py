@@ -239,7 +239,8 @@ class RecordingReader:
         if self._all_metadata is None:
             self._all_metadata = []
             with self._open() as stream:
-                for record in RecordStream(stream, self._summary, chunks=False):
+                records = RecordStream(stream, self._summary, None, self._found, chunks=False)
+                for record in records:
                     if record.opcode == Opcode.METADATA:
                         with suppress(RecordError):
                             self._all_metadata.append(parse(Metadata, record.body))

@@ -55,6 +55,8 @@ _CHUNK_CLAIMS = struct.Struct("<QQQ")
 """First and last time and unpacked size, at the start of a chunk's body."""
 _CRC_LENGTH = 4
 _BLOCK = 1024 * 1024
+_FIRST_BLOCK = 4096
+"""Bytes that a search for a chunk reads first, because most are close."""
 _MARKS = re.compile(rb"[\x03\x04]\0\0\0(?:lz4|zstd)")
 _NAMES = b"\0\0\0zstd", b"\0\0\0lz4"
 _MARK_OFFSET = CHUNK_HEAD.size - 4
@@ -384,6 +386,8 @@ class RecordStream:
         """The first intact chunk whose mark is from `start` to `stop`, and that ends by `limit`."""
         for mark in self._marks(start, stop):
             position = mark - _MARK_OFFSET - HEAD.size
+            if position in self._found and position > self._last:
+                return position  # an earlier pass found it
             length = self._intact_length(position, limit)
             if length is not None:
                 self._found[position] = length
@@ -391,12 +395,14 @@ class RecordStream:
         return None
 
     def _marks(self, start: int, stop: int) -> Iterator[int]:
+        size = _FIRST_BLOCK
         while start < stop:
-            block = self._bytes_at(start, min(_BLOCK, stop - start + _LONGEST_MARK))
+            block = self._bytes_at(start, min(size, stop - start + _LONGEST_MARK))
             yield from (start + mark.start() for mark in _MARKS.finditer(block))
             if len(block) <= _LONGEST_MARK:
                 return
             start += len(block) - _LONGEST_MARK + 1
+            size = _BLOCK
 
     def _intact_length(self, position: int, limit: int) -> int | None:
         """Bytes of the body of the chunk at `position` if it is intact; needs no record head."""

@@ -14,6 +14,8 @@ from itertools import compress, product
 from typing import Any, NamedTuple
 
 from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL
 
@@ -170,41 +172,67 @@ class WireLayout:
         return int.from_bytes(message) & mask == expected
 
 
+_Form = tuple[int, frozenset[str]]
+"""The number of faults of a message, and the fields that it lacks."""
+
+
 class WireLayouts:
     """The layouts that messages of one schema can have."""
 
     def __init__(self, descriptor: Any) -> None:
         """Take the message's protobuf descriptor; a schema of another form has no layouts."""
         self._fields = list(descriptor.fields)
+        self._message = GetMessageClass(descriptor)
         self._has_damage = "framed" in descriptor.fields_by_name
-        self._usable = _is_usable(descriptor)
-        self._cached: dict[int, tuple[WireLayout, ...]] = {}
-        names = [name for name in _MAY_LACK if name in descriptor.fields_by_name]
-        self._lacking = [
-            frozenset(compress(names, lacks))
-            for lacks in product(*(_MAY_LACK[name] for name in names))
+        self._cached: dict[tuple[_Form, int], tuple[WireLayout, ...]] = {}
+        self._optional = [name for name in _MAY_LACK if name in descriptor.fields_by_name]
+        lacking = [
+            frozenset(compress(self._optional, lacks))
+            for lacks in product(*(_MAY_LACK[name] for name in self._optional))
         ]
+        usable = _is_usable(descriptor)
+        self._forms = list(product(range(_MOST_FAULTS + 1), lacking)) if usable else []
 
-    def of_length(self, length: int) -> tuple[WireLayout, ...]:
+    def of_length(self, length: int) -> Iterator[WireLayout]:
         """The layouts of messages of this length."""
-        if length not in self._cached:
+        for form in self._forms:
+            yield from self._of_form(form, length)
+
+    def like(self, message: bytes) -> Iterator[WireLayout]:
+        """The layouts of the message's length; its own layout is the first.
+
+        A layout is made when it is needed: a file may have messages of hundreds of lengths.
+        """
+        own = self._form_of(message)
+        for form in sorted(self._forms, key=lambda one: one != own):
+            layouts = self._of_form(form, len(message))
+            yield from sorted(layouts, key=lambda one: not one.fits(message))
+
+    def _form_of(self, message: bytes) -> _Form | None:
+        """The form of a message; None if it does not fit its schema."""
+        try:
+            found: Any = self._message.FromString(message)
+            lacking = frozenset(name for name in self._optional if not found.HasField(name))
+        except (DecodeError, ValueError):
+            return None
+        return len(found.faults), lacking
+
+    def _of_form(self, form: _Form, length: int) -> tuple[WireLayout, ...]:
+        found = self._cached.get((form, length))
+        if found is None:
             if len(self._cached) >= _MOST_CACHED:
                 self._cached.clear()
-            self._cached[length] = tuple(self._layouts(length)) if self._usable else ()
-        return self._cached[length]
+            found = self._cached[form, length] = tuple(self._layouts(form, length))
+        return found
 
-    def like(self, message: bytes) -> list[WireLayout]:
-        """The layouts of the message's length; its own layout is the first."""
-        return sorted(self.of_length(len(message)), key=lambda one: not one.fits(message))
-
-    def _layouts(self, length: int) -> Iterator[WireLayout]:
-        for faults, lacking in product(range(_MOST_FAULTS + 1), self._lacking):
-            raw_length = self._raw_length(length, faults, lacking)
-            if self._has_damage and 0 < raw_length < _MOST_IN_TWO:
-                yield self._layout(raw_length, faults, lacking, None)
-            if raw_length == FRAME_LENGTH:
-                for header in HEADERS.values():
-                    yield self._layout(raw_length, faults, lacking, header)
+    def _layouts(self, form: _Form, length: int) -> Iterator[WireLayout]:
+        faults, lacking = form
+        raw_length = self._raw_length(length, faults, lacking)
+        if self._has_damage and 0 < raw_length < _MOST_IN_TWO:
+            yield self._layout(raw_length, faults, lacking, None)
+        if raw_length == FRAME_LENGTH:
+            for header in HEADERS.values():
+                yield self._layout(raw_length, faults, lacking, header)
 
     def _raw_length(self, length: int, faults: int, lacking: frozenset[str]) -> int:
         """Bytes of the row in a message of this length; 0 if it cannot be."""

@@ -176,3 +176,4 @@ def test_every_row_that_the_framer_makes_has_one_fixed_layout(
         assert len(fitting) == 1
         assert fitting[0].raw_length == len(row.raw)
         assert fitting[0].fault_count == len(row.faults)
+        assert next(layouts.like(data)) == fitting[0]
