@@ -56,10 +56,10 @@ def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
     ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
     starts = np.append(0, ends[:-1] + 1)
     lengths = ends - starts
-    for length in np.flatnonzero(np.bincount(lengths)[: _LONGEST_SHAPE + 1]).tolist():
+    for length in np.unique(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)]).tolist():
         rows = np.flatnonzero(lengths == length)
-        lines = np.ndarray((len(text) - length + 1,), f"V{max(length, 1)}", text, 0, (1,))
-        for _ in range(_MOST_SHAPES if length else 0):
+        lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
+        for _ in range(_MOST_SHAPES):
             if len(rows) < 2:
                 break
             same = np.arange(len(rows)) == 0

@@ -55,7 +55,7 @@ CLOCK: Final = (
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
-_NUMBER: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)(?:\.(?P<f>\d+))?(?![\w.])"
+_NUMBER: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)(?:\.(?P<f>\d{1,9})\d*)?(?![\w.])"
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
 _THEN: Final = r"(?:T|[,_ ] *)"
 _COMPACT: Final = (

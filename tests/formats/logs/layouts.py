@@ -149,6 +149,14 @@ def saleae2(log: Sequence[Sent]) -> str:
     return text
 
 
+def dsview(log: Sequence[Sent]) -> str:
+    text = "Id,Time[ns],0:UART: RX/TX\n"
+    for number, sent in enumerate(log):
+        for at, byte in enumerate(sent.data):
+            text += f"{10 * number + at},{sent.ms * 10**6 + at * 86_806}.{0:020},{byte:02X}\n"
+    return text
+
+
 def two_columns(log: Sequence[Sent]) -> str:
     text = "Time [s],RX,TX\n"
     for sent in log:
@@ -209,7 +217,7 @@ def c_array(log: Sequence[Sent]) -> str:
 
 ONE_LINE: dict[str, Layout] = {
     "CoolTerm": line("{s} {TX}: {spaced}"),
-    "Docklight": line("5/3/2024 {t} [{TX}] - {spaced} "),
+    "Docklight": line("5/3/2024 {t} [{TX}] - {spaced} \n"),
     "HTerm": line("{TX} {x}"),
     "CuteCom": line("[{t}] {sign} {h}"),
     "Termite": line("{TX}: {angle}"),
@@ -304,6 +312,7 @@ OTHERS: dict[str, Layout] = {
     "ROS echo": yaml,
     "Eltima": heading_above,
     "Saleae 2": saleae2,
+    "DSView": dsview,
     "two columns": two_columns,
     "hexdump -C": hexdump,
     "C array": c_array,
