@@ -182,7 +182,7 @@ def test_a_pane_about_rows_that_stay_is_drawn_once(feed: Any, key: str) -> None:
         await settle(app, pilot)
         await press(app, pilot, key)
         await settle(app, pilot)
-        await until(app, pilot, lambda: not app._panes._models.pending)
+        await until(app, pilot, lambda: not app._panes.models_pending)
         for _ in range(10):  # the statistics are complete some drawings after the last row
             app._panes._drawn_at_ns.clear()
             await settle(app, pilot)

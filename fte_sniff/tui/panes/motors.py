@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import Final
@@ -178,12 +178,26 @@ class MotorCard:
         """What the motor has values of in the window, above each other or side by side."""
         if height < 1 or dots_across(width) < 1 or self.view.now_ns is None:
             return []
-        fine = {name: self._curves(name, width) for name in QUANTITIES}
-        shown = {name: curves for name, curves in fine.items() if has_values(curves)}
-        shown = shown or {self._quantity: fine[self._quantity]}
-        if len(shown) > 1 and height < len(shown) * (PLOT_LINES + 1) + 1:
-            return self._side_by_side(shown, height, width)
+        each = (width + 1) // len(QUANTITIES) - 1
+        low = height < len(QUANTITIES) * (PLOT_LINES + 1) + 1
+        names: Iterable[str] = QUANTITIES
+        if low and dots_across(each) >= LEAST_DOTS:
+            shown = self._shown(names, each)
+            if len(shown) > 1:
+                parts = (self._stacked({name: shown[name]}, height, each) for name in shown)
+                return [Text(" ").join(line) for line in zip(*parts, strict=True)]
+            names = list(shown)
+        shown = self._shown(names, width)
+        if low and len(shown) > 1:
+            name = self._quantity if self._quantity in shown else next(iter(shown))
+            shown = {name: shown[name]}
         return self._stacked(shown, height, width)
+
+    def _shown(self, names: Iterable[str], width: int) -> dict[str, Curves]:
+        """The quantities with values in the window, or else that of the mode."""
+        fine = {name: self._curves(name, width) for name in names}
+        shown = {name: curves for name, curves in fine.items() if has_values(curves)}
+        return shown or {self._quantity: self._curves(self._quantity, width)}
 
     def _stacked(self, shown: Mapping[str, Curves], height: int, width: int) -> list[Text]:
         """Plots above each other, with one time axis."""
@@ -196,14 +210,6 @@ class MotorCard:
             lines += caption
             lines += self._plot(name, shown[name], each - len(caption), width, not caption)
         return lines + axis
-
-    def _side_by_side(self, shown: Mapping[str, Curves], height: int, width: int) -> list[Text]:
-        each = (width + 1) // len(shown) - 1
-        if dots_across(each) < LEAST_DOTS:
-            name = self._quantity if self._quantity in shown else next(iter(shown))
-            return self._stacked({name: shown[name]}, height, width)
-        plots = (self._stacked({name: self._curves(name, each)}, height, each) for name in shown)
-        return [Text(" ").join(parts) for parts in zip(*plots, strict=True)]
 
     def _caption(self, name: str) -> Text:
         text = CAPTION.format(kind=_KIND[name].name, unit=_FIELD[name].unit)

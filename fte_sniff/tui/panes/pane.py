@@ -208,9 +208,12 @@ class Pane(VerticalScroll, can_focus=False):
     def set_page(self, page: Text) -> None:
         """Show the page, where it is not shown already."""
         page.no_wrap = True
-        if page != self._drawn or page.spans != (self._drawn and self._drawn.spans):
+        before = self._drawn
+        if before is None or page != before or page.spans != before.spans:
             self._drawn = page
-            self._page.update(page)
+            # A layout of the whole screen takes twice as long as the drawing.
+            lines_stay = before is not None and before.plain.count("\n") == page.plain.count("\n")
+            self._page.update(page, layout=not lines_stay)
 
 
 BESIDE_CELLS: Final = 160

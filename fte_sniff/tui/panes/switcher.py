@@ -133,11 +133,16 @@ class PaneSwitcher:
         self._rows_come = running or playhead_ns is not None
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
-        if self._views or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
+        due = [view for view in self._views if self._is_due(view)]
+        # Few large steps cost less than many small ones.
+        wanted = due and self._models_shown
+        if wanted or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
             self._update_models()
-        for view in self._views:
-            if now_ns - self._drawn_at_ns.get(view, 0) >= view.REDRAW_S * 1e9:
-                self._redraw_changed(view)
+        for view in due:
+            self._redraw_changed(view)
+
+    def _is_due(self, view: Pane | TopView) -> bool:
+        return self._clock_ns - self._drawn_at_ns.get(view, 0) >= view.REDRAW_S * 1e9
 
     @property
     def _views(self) -> list[Pane | TopView]:
@@ -146,12 +151,17 @@ class PaneSwitcher:
         views: list[Pane | TopView] = [self.top] if self.top.display and not paused else []
         return views if self._open is None else [*views, self._open]
 
+    @property
+    def _models_shown(self) -> bool:
+        """Whether anything is shown that draws the models."""
+        return bool(self._views) and not self.explains_row
+
     def postpone_models(self) -> None:
         """Update the models no more before the next tick."""
         self._postponed = True
 
     def _update_models(self) -> None:
-        until = perf_counter() + (OPEN_BUDGET_S if self._views else CLOSED_BUDGET_S)
+        until = perf_counter() + (OPEN_BUDGET_S if self._models_shown else CLOSED_BUDGET_S)
         while not (done := self._models.step(STEP_ROWS)) and perf_counter() < until:
             pass
         if not (done or self._step_pending):
@@ -166,7 +176,7 @@ class PaneSwitcher:
     @property
     def models_pending(self) -> bool:
         """Whether the models will observe more rows although none comes."""
-        return bool(self._models.pending) and (bool(self._views) or self.models_late)
+        return bool(self._models.pending) and (self._models_shown or self.models_late)
 
     @property
     def models_late(self) -> bool:
@@ -180,6 +190,8 @@ class PaneSwitcher:
     def redraw(self) -> None:
         """Draw the open pane and the top view, where they have a size."""
         self._drawn.clear()
+        if self._models_shown and not self._postponed:
+            self._update_models()
         for view in self._views:
             self._redraw_changed(view)
 
