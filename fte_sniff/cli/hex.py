@@ -17,6 +17,7 @@ from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Row
+from fte_sniff.session.log_rows import rows_of_log
 
 PORT_NAME = "hex"
 """The port of rows from the command line."""
@@ -64,7 +65,7 @@ def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[list[Row]]:
     """Rows of the input; an input without bytes is a UsageError."""
     log = _log_of(text)
     try:
-        yield from map(list, log.rows(notes.append))
+        yield from map(list, rows_of_log(log, notes.append))
     except FileError as error:
         if "--input raw" in str(error):
             raw = "try: fte-sniff decode - --input raw"

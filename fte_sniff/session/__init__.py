@@ -13,6 +13,7 @@ Modules:
                      time, with the gaps found.
     inputs           Recordings, logs, raw bytes and standard input.
     live_session     LiveSession: start, poll, stop.
+    log_rows         The rows of a log: its streams are framed and merged.
     notes            Notes on rows beside the recording, and the place of a view.
     port_merge       Order rows of several ports; detect swapped wiring.
     progress         Progress: how far the reading of files has come.

@@ -140,7 +140,7 @@ def decided_spans(
     if empty:
         raise FileError(f"{name}: is empty; there is nothing to decode")
     framer.finish()
-    from fte_sniff.formats.logs.streams import cut_frame_note
+    from fte_sniff.session.log_rows import cut_frame_note
 
     last = framer.drain()
     yield last
@@ -422,7 +422,8 @@ class LogInput(Input):
         """The time of the first row that has one; reads the start of a text log."""
         try:
             if self._log is not None:
-                return self._log.first_ns
+                rows: Rows = next(self._log_rows(self._log.again()), [])
+                return next((row.t_ns for row in rows if row.t_ns is not None), None)
             return self._first_ns()
         except FteSniffError:
             return None  # raised again by `batches`
@@ -433,7 +434,7 @@ class LogInput(Input):
         tally = Tally()
         if self._log is not None:
             with suppress(InputTextError):  # raised when the rows are read
-                for rows in self._log.again().rows(lambda _note: None):
+                for rows in self._log_rows(self._log.again()):
                     tally.update(rows)
         return tally.times
 
@@ -454,7 +455,7 @@ class LogInput(Input):
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
         if self._log is not None:
-            rows = self._log.rows(note)
+            rows = self._log_rows(self._log, note)
         else:
             chunks = self._counted(self._chunks)
             spans = decided_spans(chunks, self.name, note, self._drained, self._baud)
@@ -463,6 +464,11 @@ class LogInput(Input):
             if self._log is not None:
                 self.position = self._log.position
             yield InputBatch(found)
+
+    def _log_rows(self, log: LogReader, note: Note = lambda _note: None) -> Iterator[Rows]:
+        from fte_sniff.session.log_rows import rows_of_log
+
+        return rows_of_log(log, note)
 
     def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         for chunk in chunks:

@@ -10,10 +10,11 @@ from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.input_kind import raw_stream_chunks
 from fte_sniff.formats.logs import text as log_text
 from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.session.log_rows import rows_of_log
 
 
 def hex_bytes(text: bytes) -> bytes:
-    rows = LogReader("f", stream=io.BytesIO(text)).rows(lambda _: None)
+    rows = rows_of_log(LogReader("f", stream=io.BytesIO(text)), lambda _: None)
     return b"".join(row.raw for some in rows for row in some)
 
 

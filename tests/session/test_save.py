@@ -35,6 +35,7 @@ from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
+from fte_sniff.session.log_rows import rows_of_log
 from fte_sniff.session.save import ExportSource, FileExport, SaveJob, SaveTarget
 from tests.recording.conftest import entries_in
 
@@ -84,7 +85,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             assert all(spaced_hex(row.raw) in text for row in taken)
             assert "port" in text
         case ".hex":
-            again = LogReader(str(path)).rows(lambda _: None)
+            again = rows_of_log(LogReader(str(path)), lambda _: None)
             assert b"".join(row.raw for some in again for row in some) == whole
         case _:
             assert b"".join(chunk.data for chunk in raw_chunks(path)) == whole

@@ -15,14 +15,14 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.evidence import Hypothesis, Sample, without_labels
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Found, Layout, left_out
-from fte_sniff.formats.logs.streams import LogForm, StreamBytes
+from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
 from fte_sniff.protocol import FRAME_LENGTH, byte_time_ns
 
 if TYPE_CHECKING:
+    from fte_sniff.formats.logs.log_form import Array
     from fte_sniff.formats.logs.reader import LogOptions
-    from fte_sniff.formats.logs.streams import Array
 
 _AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""

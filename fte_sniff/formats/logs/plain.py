@@ -18,7 +18,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.evidence import direction_of, frames_in, label_of
-from fte_sniff.formats.logs.streams import LATEST_NS, NO_TIME, LogForm, StreamBytes
+from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import SECOND, masked
 from fte_sniff.protocol import FRAME_LENGTH, KINDS

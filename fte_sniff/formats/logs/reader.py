@@ -12,8 +12,8 @@ from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
 from fte_sniff.formats.logs.evidence import chance_level, frames_in
+from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
 from fte_sniff.formats.logs.plain import OwnLog, PlainLog, bytes_of_line, is_plain
-from fte_sniff.formats.logs.streams import LogForm, LogStreams
 from fte_sniff.formats.logs.text import (
     TextBlock,
     TextBlocks,
@@ -26,7 +26,6 @@ from fte_sniff.protocol import DEFAULT_BAUD
 if TYPE_CHECKING:
     from datetime import date, tzinfo
 
-    from fte_sniff.row_batch import Rows
 
 Note = Callable[[str], None]
 
@@ -80,7 +79,7 @@ class LogReader:
         """
         self.name, self.options = name, options or LogOptions()
         self._stream = stream
-        self._where = f"{name}: " if where is None else where
+        self.where = f"{name}: " if where is None else where
         self._blocks: Callable[[], Iterator[TextBlock]] = self._file_blocks
         self._form: LogForm | None = None
         self._file: BinaryIO | None = None
@@ -93,22 +92,11 @@ class LogReader:
     @property
     def ports(self) -> list[str]:
         """The ports of its rows; reads the first lines."""
-        return self._prepared().ports(self.name)
-
-    @property
-    def first_ns(self) -> int | None:
-        """The time of the first row that has one, for which its start is read once more.
-
-        None if no row near the start has one, or the log can be read only once.
-        """
-        if not self._is_file:
-            return None
-        rows = next(self.again().rows(lambda _note: None), [])
-        return next((row.t_ns for row in rows if row.t_ns is not None), None)
+        return self.form.ports(self.name)
 
     def again(self) -> LogReader:
         """The same log from its start; raises UsageError if it can be read only once."""
-        if not self._is_file:
+        if not self.is_file:
             raise UsageError(
                 f"{self.name} can be read only once, so its first and last time are not known"
                 " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
@@ -117,55 +105,45 @@ class LogReader:
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions of the log, one line each."""
-        return self._prepared().explain()
+        return self.form.explain()
 
-    def rows(self, note: Note) -> Iterator[Rows]:
-        """Read the rows once; note at the end how the log was read.
-
-        Raises:
-            FileError: it cannot be read, or is empty.
-            InputTextError: no bytes are found in it, or something in plain hex is not hex.
-        """
-        form, options, failed = self._prepared(), self.options, None
-        ports = form.ports(self.name) if self._is_file else ()
-        streams = LogStreams(self.name, form, options, ports)
+    def read(self) -> Iterator[Iterator[StreamBytes]]:
+        """Read the bytes once, a block of lines at a time; raises FileError."""
+        form = self.form
         try:
             for block in self._blocks():
-                for new in form.read(block, self.name):
-                    streams.append(new)
-                yield from streams.drain()
-        except InputTextError as error:
-            failed = InputTextError(f"{self._where}{error}")
+                yield form.read(block, self.name)
         except OSError as error:
             raise unreadable(Path(self.name), error) from error
-        yield from streams.drain(final=True)
-        if failed is not None:
-            raise failed
-        if not streams.size:
-            raise FileError(f"{self._where}is empty; there is nothing to decode")
-        for text in (*streams.notes(ends=options.whole), *form.notes()):
-            note(f"{self._where}{text}")
 
     @property
-    def _is_file(self) -> bool:
+    def is_file(self) -> bool:
+        """Whether it can be read again."""
         return self._stream is None and Path(self.name).is_file()
 
     def _file_blocks(self) -> Iterator[TextBlock]:
         with Path(self.name).open("rb") as self._file:
             yield from TextBlocks(self._file)
 
-    def _prepared(self) -> LogForm:
+    @property
+    def form(self) -> LogForm:
+        """What it is; reads the first lines.
+
+        Raises:
+            FileError: it cannot be read.
+            InputTextError: no bytes are found in it.
+        """
         try:
             self._form = self._form or self._prepare()
         except InputTextError as error:
-            raise InputTextError(f"{self._where}{error}") from error
+            raise InputTextError(f"{self.where}{error}") from error
         except OSError as error:
             raise unreadable(Path(self.name), error) from error
         return self._form
 
     def _prepare(self) -> LogForm:
         path = Path(self.name)
-        if self._is_file:
+        if self.is_file:
             return self._decided(_sample(path), path.stat().st_mtime_ns)
         self._stream = self._stream or path.open("rb")
         blocks, seen, lines = iter(TextBlocks(self._stream)), list[TextBlock](), list[bytes]()
@@ -196,7 +174,7 @@ class LogReader:
         """Whether plain hex has no frames in the sample, and few in the first block."""
         if not (self.options.whole and plain.is_chance):
             return False
-        block = next(iter(self._file_blocks()), None) if self._is_file else None
+        block = next(iter(self._file_blocks()), None) if self.is_file else None
         digits = re.sub(rb"[^0-9A-Fa-f]", b"", block.text if block else b"")
         data = bytes.fromhex(digits[: len(digits) & ~1].decode())
         return len(frames_in(data)) <= 2 * chance_level(data) + 2
@@ -213,7 +191,7 @@ class LogReader:
             return plain
         from fte_sniff.formats.logs.evidence_log import EvidenceLog
 
-        blocks = self._file_blocks if self._is_file else lambda: iter(())
+        blocks = self._file_blocks if self.is_file else lambda: iter(())
         found = EvidenceLog.by_sample(lines, self.options, self.name, written_ns, blocks)
         if isinstance(plain, PlainLog) and not (
             found and found.better_than(plain.frames, plain.size)
@@ -225,7 +203,7 @@ class LogReader:
                 )
             return plain
         if found is None and not looks_like_text(b"\n".join(lines)):
-            raise FileError(f"{self._where}holds no text; if it holds raw bytes, add --input raw")
+            raise FileError(f"{self.where}holds no text; if it holds raw bytes, add --input raw")
         if found is None:
             raise InputTextError(f"no frames found{_nothing_found(lines, self.options)}")
         return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
 from fte_sniff.formats.logs.layout import Layout
-from fte_sniff.formats.logs.streams import NO_TIME
+from fte_sniff.formats.logs.log_form import NO_TIME
 from fte_sniff.formats.logs.times import Fields, Stamp, TimeRule
 
 _MOST_SHAPES: Final = 24

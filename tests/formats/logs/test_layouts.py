@@ -17,6 +17,7 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
+from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent
 
@@ -58,7 +59,7 @@ def a_log(seed: int, frames: int = 30) -> list[Sent]:
 def rows_of(content: bytes, options: LogOptions | None = None) -> tuple[list[Row], list[str]]:
     notes: list[str] = []
     reader = LogReader("log.txt", options, BytesIO(content))
-    return [row for rows in reader.rows(notes.append) for row in rows], notes
+    return [row for rows in rows_of_log(reader, notes.append) for row in rows], notes
 
 
 def frames_of(log: Sequence[Sent]) -> dict[str, list[bytes]]:
@@ -142,7 +143,7 @@ def test_the_way_a_file_is_split_changes_nothing(name: str, size: int) -> None:
     whole, _ = rows_of(content)
     notes: list[str] = []
     reader = LogReader("log.txt", None, Trickle(content, size))
-    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert {row.port: [] for row in rows} == {row.port: [] for row in whole}
     key = lambda row: (row.port, row.offset)  # noqa: E731
     assert sorted(rows, key=key) == sorted(whole, key=key)
@@ -232,11 +233,11 @@ def test_random_hex_is_refused_as_chance(tmp_path: Path, separator: str) -> None
         text += f"{data[at : at + 32].hex(separator) if separator else data[at : at + 32].hex()}\n"
     path.write_text(text)
     with pytest.raises(FteSniffError, match=r"no frames found in [\d,]+ bytes of plain hex"):
-        list(LogReader(str(path)).rows(lambda note: None))
+        list(rows_of_log(LogReader(str(path)), lambda note: None))
     name = "hex pairs" if separator else "hex digits"
     rows = [
         row
-        for rows in LogReader(str(path), LogOptions(form=name)).rows(lambda note: None)
+        for rows in rows_of_log(LogReader(str(path), LogOptions(form=name)), lambda note: None)
         for row in rows
     ]
     assert b"".join(row.raw for row in rows) == data
@@ -247,7 +248,7 @@ def test_plain_hex_whose_first_bytes_are_no_frames_is_read(tmp_path: Path) -> No
     data = bytes(5000) + frame_of(KINDS[1], random.Random(1)) * 2000
     path = tmp_path / "idle.hex"
     path.write_text(data.hex(" "))
-    rows = [row for rows in LogReader(str(path)).rows(lambda note: None) for row in rows]
+    rows = [row for rows in rows_of_log(LogReader(str(path)), lambda note: None) for row in rows]
     assert b"".join(row.raw for row in rows) == data
     assert sum(isinstance(row, Frame) for row in rows) >= 1999
 

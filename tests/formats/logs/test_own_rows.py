@@ -13,6 +13,7 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 
 FORMS = (OutputFormat.TABLE, OutputFormat.CSV, OutputFormat.JSONL)
@@ -30,7 +31,7 @@ def written(rows: list[Row], form: OutputFormat, *, ports: bool = False) -> str:
 def read_back(text: str) -> list[Row]:
     notes: list[str] = []
     reader = LogReader("again", stream=io.BytesIO(text.encode()))
-    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert notes == []
     return rows
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.session.log_rows import rows_of_log
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
 
@@ -57,7 +58,7 @@ PASTES = {
 def bytes_of(text: str | bytes, *, whole: bool = False) -> bytes:
     content = text.encode() if isinstance(text, str) else text
     reader = LogReader("x", LogOptions(whole=whole), BytesIO(content))
-    return b"".join(row.raw for rows in reader.rows(lambda _: None) for row in rows)
+    return b"".join(row.raw for rows in rows_of_log(reader, lambda _: None) for row in rows)
 
 
 @pytest.mark.parametrize("text", PASTES.values(), ids=PASTES.keys())
@@ -149,6 +150,6 @@ F = "55 01 01 00 64 00 00 00 0F EE"
 def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) -> None:
     notes: list[str] = []
     reader = LogReader("x", LogOptions(whole=False), BytesIO(text.encode()))
-    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert [row.raw for row in rows] == [bytes.fromhex(A), bytes.fromhex(F)]
     assert notes == [f"x: line 1 holds words that are not read as bytes: {words!r}"]

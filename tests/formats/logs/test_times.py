@@ -14,6 +14,7 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import Row, iso_time
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.session.log_rows import rows_of_log
 
 BYTES = "AA 01 01 03 E8 00 00 00 00 EE"
 FRAME_NS = 10 * byte_time_ns(DEFAULT_BAUD)
@@ -24,7 +25,7 @@ CHINA = timezone(timedelta(hours=8))
 def read(text: str, options: LogOptions | None = None) -> tuple[list[Row], list[str]]:
     notes: list[str] = []
     reader = LogReader("log", options or LogOptions(DAY, UTC), BytesIO(text.encode()))
-    return [row for rows in reader.rows(notes.append) for row in rows], notes
+    return [row for rows in rows_of_log(reader, notes.append) for row in rows], notes
 
 
 def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
@@ -86,12 +87,12 @@ def test_a_start_comes_from_the_name_or_the_modification_time(tmp_path: Path) ->
     text = "".join(f"{second}.5 RX: {BYTES}\n" for second in (1, 2, 3))
     named = tmp_path / "capture_20260131_120000.log"
     named.write_text(text)
-    rows = [row for rows in LogReader(str(named)).rows(lambda _: None) for row in rows]
+    rows = [row for rows in rows_of_log(LogReader(str(named)), lambda _: None) for row in rows]
     assert iso_time((rows[0].t_ns or 0) + FRAME_NS)[:21] == "2026-01-31T12:00:01.5"
     other = tmp_path / "x.log"
     other.write_text(text)
     os.utime(other, ns=(10**18, 10**18))
-    rows = [row for rows in LogReader(str(other)).rows(lambda _: None) for row in rows]
+    rows = [row for rows in rows_of_log(LogReader(str(other)), lambda _: None) for row in rows]
     assert (rows[-1].t_ns or 0) + FRAME_NS == 10**18
 
 
@@ -205,7 +206,7 @@ def test_what_fills_a_screen_is_not_quoted_whole() -> None:
 def file_of(path: Path, lines: list[str]) -> tuple[list[Row], list[str]]:
     path.write_text("".join(f"{line} RX: {BYTES}\n" for line in lines))
     notes: list[str] = []
-    rows = [row for rows in LogReader(str(path)).rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(LogReader(str(path)), notes.append) for row in rows]
     return rows, notes
 
 
@@ -229,7 +230,9 @@ def test_a_time_anywhere_in_a_file_decides_the_resolution(tmp_path: Path) -> Non
     for other, frames in (("12:00:00.000", 6001), ("12:00:00.007", 6000)):
         cut[1000] = f"2026-01-31 {other}Z RX: {BYTES}"
         (tmp_path / "x.log").write_text("\n".join(cut))
-        rows = [row for some in LogReader(str(tmp_path / "x.log")).rows(len) for row in some]
+        rows = [
+            row for some in rows_of_log(LogReader(str(tmp_path / "x.log")), len) for row in some
+        ]
         assert sum(row.raw == bytes.fromhex(BYTES) for row in rows) == frames
 
 
@@ -260,7 +263,7 @@ def test_the_date_of_times_of_day(
     os.utime(path, ns=(10**18, 10**18))
     notes: list[str] = []
     reader = LogReader(str(path), LogOptions(day, UTC))
-    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert iso_time((rows[0].t_ns or 0) + FRAME_NS)[:21] == f"{found}T12:00:05.5"
     bases = [note for note in notes if "its times have no date" in note]
     assert len(bases) == (source is not None)

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.formats.logs import streams, text
+from fte_sniff.formats.logs import text
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, byte_time_ns, encode
+from fte_sniff.session import log_rows
+from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 
 TX = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
@@ -26,7 +28,7 @@ def line(way: str, us: int, data: bytes) -> str:
 
 
 def rows_of(reader: LogReader) -> list[Row]:
-    return [row for rows in reader.rows(lambda _: None) for row in rows]
+    return [row for rows in rows_of_log(reader, lambda _: None) for row in rows]
 
 
 def times_of(rows: list[Row]) -> list[int]:
@@ -46,7 +48,7 @@ SECTIONS = "".join(
 def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few: int, size: int
 ) -> None:
-    monkeypatch.setattr(streams, "FEW", few)
+    monkeypatch.setattr(log_rows, "FEW", few)
     monkeypatch.setattr(text, "BLOCK_BYTES", size)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
@@ -58,11 +60,11 @@ def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
 def test_rows_that_wait_for_a_direction_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(streams, "_MOST_HELD", 100)
+    monkeypatch.setattr(log_rows, "_MOST_HELD", 100)
     monkeypatch.setattr(text, "BLOCK_BYTES", 3000)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
-    batches = LogReader(str(path)).rows(lambda _: None)
+    batches = rows_of_log(LogReader(str(path)), lambda _: None)
     assert len(next(batches)) < 200
     assert sum(len(rows) for rows in batches) > 1000
 
@@ -84,7 +86,7 @@ def test_after_the_clock_was_set_back_the_order_is_that_of_the_lines(tmp_path: P
         line("TX", 100_000 * at, TX) + line("RX", 100_000 * at + 5000, RX) for at in steps
     ))  # fmt: skip
     notes: list[str] = []
-    rows = [row for rows in LogReader(str(path)).rows(notes.append) for row in rows]
+    rows = [row for rows in rows_of_log(LogReader(str(path)), notes.append) for row in rows]
     assert [row.port[-2:] for row in rows] == ["tx", "rx"] * 200
     assert any("line 201: the time goes back by 5.905 s" in note for note in notes)
 
@@ -110,7 +112,7 @@ def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
     assert times_of(whole) == sorted(times_of(whole))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(text, "BLOCK_BYTES", size)
-        patch.setattr(streams, "FEW", few)
+        patch.setattr(log_rows, "FEW", few)
         assert rows_of(LogReader(str(path))) == whole
         split = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
     piped = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))

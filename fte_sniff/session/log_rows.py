@@ -1,4 +1,4 @@
-"""The streams of a log: each direction or port with its own framer; their rows merged.
+"""The rows of a log: each direction or port is a stream with its own framer; they are merged.
 
 In a file with times, rows are merged by time: a row waits until every other stream has passed its
 time. Without times, from a pipe, and after the clock was set back, they are merged by line: a row
@@ -7,31 +7,24 @@ waits while another stream has undecided bytes of an earlier line.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
+from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, StreamBytes
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from fte_sniff.formats.logs.reader import LogOptions
-    from fte_sniff.formats.logs.text import TextBlock
+    from fte_sniff.formats.logs.log_form import Array
+    from fte_sniff.formats.logs.reader import LogReader
     from fte_sniff.protocol.framer.segments import DecidedSpan
     from fte_sniff.row_batch import RowBatch, Rows
 
-    Array = npt.NDArray[np.int64]
-
-LATEST_NS: Final = 2**63 - 1
-"""In 2262: a table's times are 64 bits, nanoseconds since 1970."""
-NO_TIME: Final = -(2**63)
 FEW: Final = 20_000
 """Rows of a log that come as lists, so that few are written without polars."""
 _FEW_AT_ONCE: Final = 100
@@ -43,67 +36,37 @@ _WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.
 """By label, what the host, which writes the log, does with the frames, and their direction."""
 
 
-class StreamBytes(NamedTuple):
-    """Bytes of consecutive lines of one stream of a log."""
+def rows_of_log(log: LogReader, note: Callable[[str], None]) -> Iterator[Rows]:
+    """Read the rows of a log once; note at the end how it was read.
 
-    port: str
-    data: bytes
-    sizes: Sequence[int] | Array = ()
-    """How many bytes are of each line."""
-    lines: Sequence[int] | Array = ()
-    """The numbers of the lines; none if the log is one stream without times."""
-    times: Sequence[int] | Array | None = None
-    """The times of the lines, nanoseconds since 1970 or `NO_TIME`; None if none has one."""
-    gaps: Sequence[int] = ()
-    """Offsets in the bytes where the log leaves out others, so that no frame goes on."""
-    first: bool = False
-    """Whether the first byte of a line began at its time; else the last one had arrived."""
-    label: str | None = None
-    """Of the stream: a direction, which its frames can contradict, or any other."""
-
-
-class LogForm(ABC):
-    """A kind of log: how blocks of lines become the bytes of streams."""
-
-    resolution_ns: int | None = None
-    """Of its times; None if it has none."""
-    single: bool = False
-    """Whether its rows have one port, whatever it says of directions."""
-    frames: int = 0
-    """Whole frames in its sample."""
-    is_certain: bool = False
-    """Whether its sample shows that no other kind of log is better."""
-
-    def ports(self, name: str) -> list[str]:
-        """The ports of its rows, as far as the sample shows."""
-        return [name]
-
-    @property
-    def is_one_stream(self) -> bool:
-        """Whether its bytes follow each other, in one stream without times."""
-        return self.single and self.resolution_ns is None
-
-    @abstractmethod
-    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
-        """The bytes of a block of the log of this name; raises InputTextError after the others."""
-
-    def notes(self) -> list[str]:
-        """How it was read, one line each."""
-        return []
-
-    @abstractmethod
-    def explain(self) -> list[str]:
-        """The form, lanes, times and directions, one line each."""
+    Raises:
+        FileError: it cannot be read, or is empty.
+        InputTextError: no bytes are found in it, or something in plain hex is not hex.
+    """
+    streams, failed = _Streams(log), None
+    try:
+        for block in log.read():
+            streams.append(block)
+            yield from streams.drain()
+    except InputTextError as error:
+        failed = InputTextError(f"{log.where}{error}")
+    yield from streams.drain(final=True)
+    if failed is not None:
+        raise failed
+    if not streams.size:
+        raise FileError(f"{log.where}is empty; there is nothing to decode")
+    for text in (*streams.notes(ends=log.options.whole), *log.form.notes()):
+        note(f"{log.where}{text}")
 
 
-class LogStream:
+class _Stream:
     """The bytes of one wire.
 
     The framer gets the silence between lines, but not their times: silence shorter than the
     resolution of the stamps is none. The times of rows come from the stamps.
     """
 
-    def __init__(self, port: str, log: LogStreams) -> None:
+    def __init__(self, port: str, log: _Streams) -> None:
         self.port, self._log, self._framer = port, log, Framer(port, log.baud)
         self._clock_ns, self._size, self._last_ns = log.start_ns or 0, 0, NO_TIME
         self._lines: Any = None
@@ -177,8 +140,6 @@ class LogStream:
         self._lines = self._lines[:, np.searchsorted(self._lines[0], end, "right") :]
         keys = np.maximum.accumulate(np.append(self.last_key_ns, t_ns))[1:]
         self.last_key_ns = int(keys[-1])
-        headers = batch.raw[batch.framed, 0].tobytes()
-        self.frames.update({header: headers.count(header) for header in HEADERS.values()})
         return np.stack([lines, keys]), replace(batch, t_ns=t_ns, delay_ns=delay_ns)
 
     def reached(self) -> int:
@@ -188,12 +149,13 @@ class LogStream:
         return LATEST_NS if self._lines is None or not self._lines.size else self._lines[1, 0]
 
 
-class LogStreams:
+class _Streams:
     """All streams of a log."""
 
-    def __init__(self, name: str, form: LogForm, options: LogOptions, ports: Iterable[str]) -> None:
-        """No stream of the log has bytes yet; those of `ports` are expected and merged by time."""
-        self.name, self.resolution_ns = name, form.resolution_ns or 1
+    def __init__(self, log: LogReader) -> None:
+        """No stream has bytes yet; those of a file are known, and merged by time."""
+        form, options = log.form, log.options
+        self.resolution_ns = form.resolution_ns or 1
         self.start_ns = options.start_ns if form.resolution_ns is None else 0
         """When the bytes of a log without times began; None to have no times."""
         self.baud, self.byte_ns = options.baud, byte_time_ns(options.baud)
@@ -201,15 +163,17 @@ class LogStreams:
         self.size = self._count = 0
         """Bytes of all streams, and rows so far."""
         self.is_one = form.is_one_stream
-        self._streams = {port: LogStream(port, self) for port in ports}
+        ports = log.ports if log.is_file else ()
+        self._streams = {port: _Stream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         """Whether rows are merged by time; else by line."""
         self._held: list[tuple[Array, RowBatch]] = []
 
-    def append(self, new: StreamBytes) -> None:
-        """Append bytes to their stream."""
-        self._streams.setdefault(new.port, LogStream(new.port, self)).append(new)
-        self.size += len(new.data)
+    def append(self, block: Iterable[StreamBytes]) -> None:
+        """Append bytes to their streams."""
+        for new in block:
+            self._streams.setdefault(new.port, _Stream(new.port, self)).append(new)
+            self.size += len(new.data)
 
     def notes(self, *, ends: bool) -> Iterator[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
@@ -240,12 +204,15 @@ class LogStreams:
             span = stream.drain(final=final)
             if self.is_one and len(span) <= few:
                 rows = span.rows()
-            elif len(span):
+                headers = bytes(header for _, header in span.headers())
+            else:
                 from fte_sniff.row_batch import RowBatch
 
                 rows = RowBatch.from_span(span)
-                if not self.is_one:
+                headers = rows.raw[rows.framed, 0].tobytes()
+                if not self.is_one and len(rows):
                     self._held.append(stream.placed(rows))
+            stream.frames.update({one: headers.count(one) for one in HEADERS.values()})
         if self._held:
             rows = self._merged(final=final)
             rows = list(rows) if len(rows) <= few else rows

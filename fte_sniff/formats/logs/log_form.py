@@ -1,0 +1,72 @@
+"""What a log is read as: its kind, and the bytes of its streams."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from fte_sniff.formats.logs.text import TextBlock
+
+    Array = npt.NDArray[np.int64]
+
+LATEST_NS: Final = 2**63 - 1
+"""In 2262: a table's times are 64 bits, nanoseconds since 1970."""
+NO_TIME: Final = -(2**63)
+
+
+class StreamBytes(NamedTuple):
+    """Bytes of consecutive lines of one stream of a log."""
+
+    port: str
+    data: bytes
+    sizes: Sequence[int] | Array = ()
+    """How many bytes are of each line."""
+    lines: Sequence[int] | Array = ()
+    """The numbers of the lines; none if the log is one stream without times."""
+    times: Sequence[int] | Array | None = None
+    """The times of the lines, nanoseconds since 1970 or `NO_TIME`; None if none has one."""
+    gaps: Sequence[int] = ()
+    """Offsets in the bytes where the log leaves out others, so that no frame goes on."""
+    first: bool = False
+    """Whether the first byte of a line began at its time; else the last one had arrived."""
+    label: str | None = None
+    """Of the stream: a direction, which its frames can contradict, or any other."""
+
+
+class LogForm(ABC):
+    """A kind of log: how blocks of lines become the bytes of streams."""
+
+    resolution_ns: int | None = None
+    """Of its times; None if it has none."""
+    single: bool = False
+    """Whether its rows have one port, whatever it says of directions."""
+    frames: int = 0
+    """Whole frames in its sample."""
+    is_certain: bool = False
+    """Whether its sample shows that no other kind of log is better."""
+
+    def ports(self, name: str) -> list[str]:
+        """The ports of its rows, as far as the sample shows."""
+        return [name]
+
+    @property
+    def is_one_stream(self) -> bool:
+        """Whether its bytes follow each other, in one stream without times."""
+        return self.single and self.resolution_ns is None
+
+    @abstractmethod
+    def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
+        """The bytes of a block of the log of this name; raises InputTextError after the others."""
+
+    def notes(self) -> list[str]:
+        """How it was read, one line each."""
+        return []
+
+    @abstractmethod
+    def explain(self) -> list[str]:
+        """The form, lanes, times and directions, one line each."""
