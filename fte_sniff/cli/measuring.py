@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, Model
     from fte_sniff.session.input_reading import InputReading
 
-LEAST_BYTES: Final = 20_000_000
-"""Size of files for which one more process starts by default: reading them takes as long as that
-start."""
-
 _WAITING_PER_WORKER: Final = 2
 
 jobs_options = all_of(
@@ -36,8 +32,7 @@ jobs_options = all_of(
         "--jobs",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Processes that read the files.  [default: the usable cores, but 20 MB of files or"
-        " more for each; 1 for a single file]",
+        help="Processes that read the files.  [default: the usable cores; 1 for a single file]",
     ),
     click.option(
         "--cluster",
@@ -151,10 +146,13 @@ def measure(
         merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
         try:
             with (
-                _executor(jobs or default_jobs(todo), cluster) as (executor, waiting),
+                _executor(processes_for(jobs, todo), cluster) as (executor, waiting),
                 _delayed_interrupt() as interrupts,
             ):
-                results = finished_jobs(todo, executor, waiting, interrupts, line.progress)
+                here = cluster is None
+                results = finished_jobs(
+                    todo, executor, waiting, interrupts, line.progress, helps=here
+                )
                 for job, result in results:
                     interrupts.hold()
                     measured.add(job, result, merger)
@@ -172,12 +170,12 @@ def _absolute(path: Path) -> Path:
     return path.absolute()
 
 
-def default_jobs(todo: list[FileJob[Model]]) -> int:
-    """The number of processes without `--jobs`."""
+def processes_for(jobs: int | None, todo: list[FileJob[Model]]) -> int:
+    """The number of processes that read, this one included."""
     from fte_sniff.recording.mcap.records import cores
 
-    sizes = [job.size or 0 for job in todo if isinstance(job.source, Path)]
-    return max(1, min(cores(), len(sizes), sum(sizes) // LEAST_BYTES))
+    files = sum(isinstance(job.source, Path) for job in todo)
+    return max(1, min(jobs or cores(), files))
 
 
 @contextmanager
@@ -191,7 +189,7 @@ def _executor(jobs: int, cluster: str | None) -> Iterator[tuple[Executor | None,
     else:
         from fte_sniff.session.worker_pool import WorkerPool
 
-        with WorkerPool(jobs) as pool:
+        with WorkerPool(jobs - 1) as pool:
             yield pool, _WAITING_PER_WORKER * jobs
 
 

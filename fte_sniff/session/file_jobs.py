@@ -232,6 +232,8 @@ def finished_jobs(
     most_waiting: int = 1,
     interrupts: Interrupts | None = None,
     progress: Progress | None = None,
+    *,
+    helps: bool = False,
 ) -> Iterator[Finished[Model]]:
     """Do the jobs and yield their results in order; an unreadable file is a FileError.
 
@@ -241,46 +243,89 @@ def finished_jobs(
         most_waiting: most jobs that are submitted and not yielded yet.
         interrupts: delays Ctrl-C for jobs of this process.
         progress: shows how far they have come.
+        helps: whether this process does jobs that the executor has not begun.
 
     Raises:
         FteSniffError: a file cannot be read with these options, or the executor failed.
     """
-    waiting: deque[tuple[FileJob[Model], Future[FileResult[Model]] | None]] = deque()
+    waiting: deque[_Submitted[Model]] = deque()
     for job in jobs:
         if executor is None or isinstance(job.source, Input):
-            waiting.append((job, None))
+            waiting.append(_Submitted(job))
         else:
-            waiting.append((job, executor.submit(count_file, job)))
+            waiting.append(_Submitted(job, executor.submit(count_file, job)))
         if len(waiting) >= most_waiting:
-            yield _finished(*waiting.popleft(), interrupts, progress)
+            yield _finished(waiting, helps, interrupts, progress)
     while waiting:
-        yield _finished(*waiting.popleft(), interrupts, progress)
+        yield _finished(waiting, helps, interrupts, progress)
+
+
+@dataclass(slots=True)
+class _Submitted(Generic[Model]):
+    """A job that is waiting, under way or done."""
+
+    job: FileJob[Model]
+    future: Future[FileResult[Model]] | None = None
+    """Of the executor; None if this process does the job."""
+    finished: Finished[Model] | None = None
+    """Of this process."""
+
+    def take(self) -> bool:
+        """Whether this process does the job now, as the executor has not begun it."""
+        if self.future is None or not self.future.cancel():
+            return False
+        self.future = None
+        return True
 
 
 def _finished(
-    job: FileJob[Model],
-    future: Future[FileResult[Model]] | None,
+    waiting: deque[_Submitted[Model]],
+    helps: bool,
     interrupts: Interrupts | None,
     progress: Progress | None,
 ) -> Finished[Model]:
+    """The first job; while the executor works on it, this process does later ones."""
+    first, *later = waiting
+    if helps and not first.take():
+        for other in later:
+            if first.future is None or first.future.done():
+                break
+            if other.take():
+                other.finished = _done_here(other.job, None, progress)
+    waiting.popleft()
+    if first.finished is not None:
+        return first.finished
+    if first.future is None:
+        return _done_here(first.job, interrupts, progress)
+    return _done_elsewhere(first.job, first.future, progress)
+
+
+def _done_here(
+    job: FileJob[Model], interrupts: Interrupts | None, progress: Progress | None
+) -> Finished[Model]:
     try:
-        if future is None:
-            return job, count_file(job, interrupts, progress)
-        result = future.result()
-        if progress is not None:
-            progress.files_done += 1
-            progress.advance(job.size or 0, result.counts.tally.rows)
-        return job, result
+        return job, count_file(job, interrupts, progress)
     except FileError as error:
-        return job, error if future is None else FileError(f"{error} (as its worker sees it)")
+        return job, error
+
+
+def _done_elsewhere(
+    job: FileJob[Model], future: Future[FileResult[Model]], progress: Progress | None
+) -> Finished[Model]:
+    try:
+        result = future.result()
+    except FileError as error:
+        return job, FileError(f"{error} (as its worker sees it)")
     except FteSniffError:
         raise
-    except Exception as error:
-        if future is None:
-            raise
+    except Exception as error:  # noqa: BLE001
         # What an executor raises is its own business; which file is concerned is known here.
         reason = str(error) or type(error).__name__
         return job, FileError(f"{job.name}: no worker could read it: {reason}")
+    if progress is not None:
+        progress.files_done += 1
+        progress.advance(job.size or 0, result.counts.tally.rows)
+    return job, result
 
 
 def check(paths: Paths, rules: Sequence[str], *, executor: Executor | None = None) -> list[Verdict]:

@@ -14,17 +14,23 @@ from concurrent.futures import Executor, Future
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from fte_sniff.errors import FileError
 from fte_sniff.session.worker_process import start_worker
 
 _Result = TypeVar("_Result")
+_Worker = tuple[subprocess.Popen[bytes], Connection]
 _Call = tuple["Future[Any]", Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+
+_NOT_STARTED: Final = FileError("a worker process cannot be started; try --jobs 1")
 
 
 class WorkerPool(Executor):
-    """Calls functions in other processes, which start when there is work for them."""
+    """Calls functions in other processes, which start when there is work for them.
+
+    A process takes a call when it is ready; until then the call can be cancelled.
+    """
 
     def __init__(self, workers: int) -> None:
         """`workers` is the largest number of processes, at least 1."""
@@ -32,6 +38,7 @@ class WorkerPool(Executor):
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
         self._threads: list[threading.Thread] = []
         self._processes: set[subprocess.Popen[bytes]] = set()
+        self._starting: set[subprocess.Popen[bytes]] = set()
         self._killed = False
 
     def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
@@ -45,19 +52,24 @@ class WorkerPool(Executor):
         return future
 
     def _serve(self) -> None:
-        worker: tuple[subprocess.Popen[bytes], Connection] | None = None
-        while (call := self._calls.get()) is not None and not self._killed:
+        worker: _Worker | None = None
+        while not self._killed:
+            worker = worker or self._start()
+            call = self._calls.get()
+            if call is None:
+                break
             future, fn, args, kwargs = call
             if not future.set_running_or_notify_cancel():
                 continue
+            if worker is None:
+                future.set_exception(_NOT_STARTED)
+                continue
+            process, connection = worker
             try:
-                if worker is None:
-                    worker = self._start()
-                _, connection = worker
                 connection.send((fn, args, kwargs))
                 done, value = connection.recv()
             except (EOFError, OSError):
-                future.set_exception(self._ended(worker))
+                future.set_exception(self._ended(process, connection))
                 worker = None
                 continue
             except Exception as error:  # noqa: BLE001  # it cannot be pickled
@@ -69,19 +81,26 @@ class WorkerPool(Executor):
                 future.set_exception(value)
         if worker is not None:
             worker[1].close()
+            worker[0].kill()  # it is idle
             worker[0].wait()
 
-    def _start(self) -> tuple[subprocess.Popen[bytes], Connection]:
-        worker = start_worker(answer_calls)
-        self._processes.add(worker[0])
+    def _start(self) -> _Worker | None:
+        """A worker that is ready, or that has ended already; None if it cannot be started."""
+        try:
+            worker = start_worker(answer_calls)
+        except OSError:
+            return None
+        process, connection = worker
+        self._processes.add(process)
+        self._starting.add(process)
         if self._killed:  # while it started
-            worker[0].kill()
+            process.kill()
+        with suppress(EOFError, OSError):  # the caller notices it
+            connection.recv()
+        self._starting.discard(process)
         return worker
 
-    def _ended(self, worker: tuple[subprocess.Popen[bytes], Connection] | None) -> Exception:
-        if worker is None:
-            return FileError("a worker process cannot be started; try --jobs 1")
-        process, connection = worker
+    def _ended(self, process: subprocess.Popen[bytes], connection: Connection) -> Exception:
         connection.close()
         code = process.wait()
         self._processes.discard(process)
@@ -96,18 +115,27 @@ class WorkerPool(Executor):
         """End the processes after their work; with `cancel_futures`, kill them."""
         if cancel_futures:
             self._killed = True
-            for process in list(self._processes):
-                process.kill()
+        for process in list(self._processes) if self._killed else self._unneeded():
+            process.kill()
         for _ in self._threads:
             self._calls.put(None)
         if wait:
             for thread in self._threads:
                 thread.join()
 
+    def _unneeded(self) -> list[subprocess.Popen[bytes]]:
+        """The processes that still start although no call is left for them."""
+        calls = [self._calls.get() for _ in range(self._calls.qsize())]
+        for call in calls:
+            self._calls.put(call)
+        left = any(not call[0].cancelled() for call in calls if call is not None)
+        return [] if left else list(self._starting)
+
 
 def answer_calls(connection: Connection) -> None:
     """Call the functions that come through a pipe, in a worker process, until it is closed."""
     with suppress(EOFError, OSError):
+        connection.send(None)  # it is ready
         while True:
             fn, args, kwargs = connection.recv()
             try:

@@ -16,7 +16,7 @@ from distributed import Client
 import fte_sniff
 from benchmarks.many_files import cluster, make_recordings
 from fte_sniff.analysis.summary import StatisticsSummary
-from fte_sniff.cli.measuring import LEAST_BYTES, default_jobs
+from fte_sniff.cli.measuring import processes_for
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
@@ -63,18 +63,15 @@ def test_stats_in_python_are_those_of_the_command_with_any_executor(run, recordi
 
 
 @pytest.mark.parametrize(
-    ("sizes", "processes"),
-    [([], 1), ([9], 1), ([0.1] * 5, 1), ([1, 1], 2), ([4, 1], 2), ([0.5] * 6, 3), ([1] * 9, 4)],
+    ("jobs", "files", "processes"),
+    [(None, 1, 1), (None, 2, 2), (None, 4, 4), (None, 9, 4), (3, 2, 2), (3, 9, 3), (9, 9, 9)],
 )
-def test_by_default_each_core_has_a_process_unless_the_files_are_few_or_small(
-    monkeypatch: pytest.MonkeyPatch, sizes: list[float], processes: int
+def test_each_core_has_a_process_but_never_more_than_files(
+    monkeypatch: pytest.MonkeyPatch, jobs: int | None, files: int, processes: int
 ) -> None:
     monkeypatch.setattr("fte_sniff.recording.mcap.records.cores", lambda: 4)
-    jobs = [
-        FileJob(Path("x"), RecordingInput, StatisticsSummary, size=round(LEAST_BYTES * size))
-        for size in sizes
-    ]
-    assert default_jobs(jobs) == processes
+    job = FileJob(Path("x"), RecordingInput, StatisticsSummary)
+    assert processes_for(jobs, [job] * files) == processes
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -140,32 +137,18 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(run, recordings
     assert run("stats", "-", "--cluster", "x").returncode == 2
 
 
-def test_a_killed_worker_is_one_line_and_the_others_are_counted(
-    environment: dict[str, str], tmp_path: Path, recordings: Path
-) -> None:
-    arguments = ["stats", str(recordings), "--format", "json", "--jobs", "2"]
-    with started(environment, tmp_path, *arguments) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        wait_until(lambda: bool(children_of(process.pid)))
-        os.kill(children_of(process.pid)[0], signal.SIGKILL)
-        told = json.loads(process.stdout.read())
-        (line,) = process.stderr.read().decode().splitlines()
-        assert process.wait(BOUND_S) == 4
-    assert told["rows"] == (FILES - 1) * 4000
-    assert "was killed by signal 9" in line
-    assert str(recordings) in line
-
-
 def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
     environment: dict[str, str], tmp_path: Path, recordings: Path
 ) -> None:
-    arguments = ["stats", str(recordings), "--jobs", "2"]
+    os.mkfifo(tmp_path / "waits.hex")
+    writer = os.open(tmp_path / "waits.hex", os.O_RDWR)  # nothing is written
+    arguments = ["stats", str(recordings), "waits.hex", "--jobs", "3"]
     with started(environment, tmp_path, *arguments) as process:
         wait_until(lambda: len(children_of(process.pid)) == 2)
         workers = children_of(process.pid)
         process.send_signal(signal.SIGINT)
         code, _, line = ended(process)
+    os.close(writer)
     assert code == 130
     assert line.startswith("fte-sniff: interrupted; ")
     assert line.count("\n") == 1

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
+import signal
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -22,12 +26,14 @@ from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.file_jobs import FileJob, FileMerger, finished_jobs
+from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, finished_jobs
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import Input, RecordingInput
+from fte_sniff.session.worker_pool import WorkerPool
 from tests.analysis.pieces import Step, captures, pieces_of, state_of
 from tests.analysis.test_measures import EXPECTED
 from tests.analysis.test_statistics import SECOND, frame
+from tests.cli.processes import wait_until
 from tests.examples import examples
 
 START = "2026-01-31T12:00:00.000000000Z"
@@ -42,7 +48,7 @@ def measured(paths: Sequence[Path], model, executor=None):
     make = partial(StatisticsSummary, LineSetup()) if model is None else partial(RuleCheck, model)
     merger = FileMerger(make(), InputReading([]))
     jobs = [FileJob(path, opened, make) for path in paths]
-    for job, result in finished_jobs(jobs, executor, 3):
+    for job, result in finished_jobs(jobs, executor, 3, helps=True):
         assert not isinstance(result, FileError), result
         merger.add(job, result)
     return merger.model
@@ -124,6 +130,39 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
     assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: there is no such file")
     assert "as its worker sees it" in str(lost)
     assert not isinstance(found, FileError)
+
+
+def test_this_process_reads_files_while_the_executor_is_not_ready(tmp_path: Path) -> None:
+    paths = write_parts(tmp_path / "parts", [[reset_at(number)] for number in range(7)])
+    release = threading.Event()
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(release.wait)
+        try:
+            model = measured(paths, None, executor)
+        finally:
+            release.set()
+    assert model.total.rows == 7
+
+
+def opened_or_killed(path: Path, reader: int, mark: Path) -> Input:
+    """The input in this process, once a worker process has died of it."""
+    if os.getpid() != reader:
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    wait_until(mark.exists)
+    return opened(path)
+
+
+def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
+    paths = write_parts(tmp_path / "parts", [[reset_at(0)], [reset_at(1)]])
+    opens = partial(opened_or_killed, reader=os.getpid(), mark=tmp_path / "mark")
+    make = partial(StatisticsSummary, LineSetup())
+    with WorkerPool(1) as pool:
+        jobs = [FileJob(path, opens, make) for path in paths]
+        (_, read), (_, lost) = finished_jobs(jobs, pool, 2, helps=True)
+    assert isinstance(read, FileResult)
+    assert isinstance(lost, FileError)
+    assert re.fullmatch(rf"{re.escape(str(paths[1]))}: .* was killed by signal 9; .*", str(lost))
 
 
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
