@@ -43,20 +43,34 @@ class MeasureKind:
     unit: str
     """Of its value; empty for a field's own unit, and for shares."""
     example: str
+    needs: str
+    """What it needs to have a value."""
 
 
 MEASURES: Final = {
-    "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0"),
-    "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001"),
-    "rate": MeasureKind(Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30"),
-    "max_gap": MeasureKind(Argument.FILTER, "s", "max_gap(motor = 1) < 0.5"),
-    "delay": MeasureKind(Argument.PERCENTILE, "ms", "delay(p95) < 20"),
-    "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0"),
-    "online": MeasureKind(Argument.MOTOR, "", "online(1) >= 0.99"),
-    "min": MeasureKind(Argument.FIELD, "", "min(rpm, motor = 1) >= -300"),
-    "max": MeasureKind(Argument.FIELD, "", "max(rpm) <= 300"),
-    "mean": MeasureKind(Argument.FIELD, "", "mean(rpm, motor = 1) > 0"),
-    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60"),
+    "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0", "a row"),
+    "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001", "a row"),
+    "rate": MeasureKind(
+        Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30", "two different times"
+    ),
+    "max_gap": MeasureKind(
+        Argument.FILTER, "s", "max_gap(motor = 1) < 0.5", "two matching rows with times"
+    ),
+    "delay": MeasureKind(
+        Argument.PERCENTILE, "ms", "delay(p95) < 20", "an answered command with times"
+    ),
+    "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0", "a row"),
+    "online": MeasureKind(
+        Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor, with times"
+    ),
+    "min": MeasureKind(
+        Argument.FIELD, "", "min(rpm, motor = 1) >= -300", "a matching row with the field"
+    ),
+    "max": MeasureKind(Argument.FIELD, "", "max(rpm) <= 300", "a matching row with the field"),
+    "mean": MeasureKind(
+        Argument.FIELD, "", "mean(rpm, motor = 1) > 0", "a matching row with the field"
+    ),
+    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60", "two rows with times"),
 }
 """The measures by name."""
 

@@ -14,7 +14,7 @@ from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.measures import RowPosition, measure_of
-from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.rules import MEASURES, Rule
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.row_batch import Bools, RowBatch
@@ -39,6 +39,8 @@ class Verdict:
     result: RuleResult
     row: RowPosition | None = None
     """The first row that violates a failed rule, if one row can show it."""
+    needs: str = ""
+    """What the measure needs to have a value, if the rows lack it."""
 
     @property
     def refuses(self) -> bool:
@@ -125,9 +127,18 @@ class RuleCheck:
         for rule, measure in zip(self.rules, self._measures, strict=True):
             value = None if self.unseen else measure.value(self.total)
             if value is None:
-                found.append(Verdict(rule, None, RuleResult.NOT_COVERED))
+                needs = "" if self.unseen else self._needs(rule)
+                found.append(Verdict(rule, None, RuleResult.NOT_COVERED, None, needs))
             elif rule.holds(value):
                 found.append(Verdict(rule, value, RuleResult.PASS))
             else:
                 found.append(Verdict(rule, value, RuleResult.FAIL, measure.row))
         return found
+
+    def _needs(self, rule: Rule) -> str:
+        if not self.total.rows:
+            return "a row"
+        needs = MEASURES[rule.measure].needs
+        if "times" in needs and self.total.first_ns is None:
+            return f"{needs}; no row has a time, try --start"
+        return needs

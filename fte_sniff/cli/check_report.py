@@ -70,7 +70,7 @@ def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> N
 
 
 def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:
-    """A line for each rule; below it the first row that violates it."""
+    """A line for each rule; below it the first row that violates it, or what the rule needs."""
     from rich.text import Text
 
     from fte_sniff.cli.stats_report import TextTable
@@ -86,6 +86,8 @@ def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Te
         yield line
         if one.row is not None:
             yield Text(f"    first at {_row_text(one.row)}")
+        if one.needs:
+            yield Text(f"    needs {one.needs}")
 
 
 def _word(verdict: Verdict) -> str:
@@ -136,6 +138,7 @@ def _rule(verdict: Verdict) -> dict[str, Any]:
         "unit": rule.unit or None,
         "operator": rule.operator,
         "number": rule.number,
+        "needs": verdict.needs or None,
         "row": row and {"time": _time(row), "port": row.port, "offset": row.offset},
     }
 
@@ -152,9 +155,10 @@ def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
                 details += f"; first at {_row_text(one.row)}"
+            details += _needs(one)
             ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
         elif one.result == "not covered":
-            ET.SubElement(case, "skipped", message="not covered")
+            ET.SubElement(case, "skipped", message=f"not covered{_needs(one)}")
     for error in errors:
         case = ET.SubElement(suite, "testcase", classname="fte-sniff", name=_xml(error))
         ET.SubElement(case, "error", type="file", message=_xml(error))
@@ -163,6 +167,10 @@ def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
     suite.set("errors", str(len(errors)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _needs(verdict: Verdict) -> str:
+    return f"; needs {verdict.needs}" if verdict.needs else ""
 
 
 def _xml(text: str) -> str:

@@ -6,6 +6,7 @@ import itertools
 import math
 import pickle
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -224,6 +225,34 @@ def test_a_verdict_and_the_first_row_that_violates_it(
         expected = RowPosition(THREE[row].t_ns or 0, "p", THREE[row].offset)
     assert found.row == expected
     assert found.refuses is (result != "pass")
+
+
+NO_TIMES = "two different times; no row has a time, try --start"
+
+
+@pytest.mark.parametrize(
+    ("times", "value", "needs"),
+    [
+        ([5], None, "two different times"),
+        ([5, 5], None, "two different times"),
+        ([None], None, NO_TIMES),
+        ([None, None], None, NO_TIMES),
+        ([5, None], None, "two different times"),
+        ([0, SECOND // 2], 4, ""),
+    ],
+)
+def test_a_rate_needs_two_different_times_unless_no_row_matches(
+    times: list[int | None], value: float | None, needs: str
+) -> None:
+    rows = [
+        replace(frame("speed", 0, motor=1, rpm=1), t_ns=t_ns, offset=10 * number)
+        for number, t_ns in enumerate(times)
+    ]
+    matching, other = verdict("rate(motor = 1) == 4", *rows), verdict("rate(motor = 2) == 0", *rows)
+    assert (matching.value, matching.needs) == (value, needs)
+    assert matching.result == ("not covered" if value is None else "pass")
+    assert (other.value, other.result, other.needs) == (0, "pass", "")
+    assert verdict("rate(motor = 2) == 0").needs == "a row"
 
 
 @pytest.mark.parametrize("text", EXPECTED)

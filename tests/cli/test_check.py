@@ -50,11 +50,12 @@ def test_exit_codes(run, samples: Path, rules: list[str], code: int) -> None:
 
 def test_the_table(run, samples: Path) -> None:
     done = run("check", samples / "damaged.mcap", "--expect", BAD, "--expect", UNCOVERED)
-    head, bad, first, uncovered = done.stdout.splitlines()
+    head, bad, first, uncovered, needs = done.stdout.splitlines()
     assert head.split() == ["rule", "measured", "expected", "verdict"]
     assert re.fullmatch(rf"! {re.escape(BAD)} +66 rows +== 0 +fail", bad)
     assert first.startswith("    first at 2026-01-31T12:00:00.066938325Z, offset 20 of sim://")
     assert re.fullmatch(rf"! {re.escape(UNCOVERED)} +– +< 9 +not covered", uncovered)
+    assert needs == "    needs a matching row with the field"
 
 
 def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path) -> None:
@@ -277,7 +278,7 @@ def test_a_terminal_of_any_width_shows_every_verdict_on_one_line(
     with terminal(environment, tmp_path, "check", file, *rules, size=(columns, 24)) as one:
         assert one.ended() == 1
         lines = re.sub(r"\x1b\[[0-9;]*m", "", one.drawn.decode()).splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 5
     assert max(map(cell_len, lines)) <= columns
     assert "fail" in lines[1]
     assert "not covered" in lines[3]
