@@ -170,24 +170,26 @@ class EvidenceLog(LogForm):
         """
         import numpy as np
 
-        begins = np.cumsum(table[1]) - table[1]
-        rising = (table[0, 1:] > table[0, :-1]).all()
-        order: Any = slice(None) if rising else table[0].argsort(kind="stable")
-        (lines, sizes, labels, ns, zones, gaps), begins = table[:, order], begins[order]
-        if not labels.all():  # a line without a label has that of the line before
-            known = np.maximum.accumulate(np.arange(1, len(labels) + 1) * (labels > 0))
-            labels = np.append(self._label, labels)[known]
-        self._label, times = int(labels[-1]), None
-        if self.resolution_ns is not None:
+        table = np.vstack([table, np.cumsum(table[1]) - table[1]])
+        if (table[0, 1:] < table[0, :-1]).any():
+            table = table[:, table[0].argsort(kind="stable")]
+        if not table[2].all():  # a line without a label has that of the line before
+            known = np.maximum.accumulate(np.arange(1, table.shape[1] + 1) * (table[2] > 0))
+            table[2] = np.append(self._label, table[2])[known]
+        self._label, times = int(table[2, -1]), None
+        read = (table[1] > 0) | (table[5] > 0) | (self.layout.times.where == "above")
+        table = table if read.all() else table[:, read]
+        lines, sizes, labels, ns, zones, gaps, begins = table
+        if self.resolution_ns is not None and lines.size:
             times = self.clock.times(ns, zones, lines)
         elif self._start_ns is not None:
             times = self._start_ns + np.cumsum(sizes) * self._byte_ns
-            self._start_ns = int(times[-1])
+            self._start_ns += int(sizes.sum()) * self._byte_ns
         for label in np.flatnonzero(np.bincount(labels)).tolist():
             mine = np.flatnonzero((labels == label) & ((sizes > 0) | (gaps > 0)))
             own, stops = sizes[mine], np.cumsum(sizes[mine])
-            if own.size and (sizes == sizes[0]).all():
-                data = text.reshape(-1, sizes[0])[order][mine]
+            if own.size and (sizes == own[0]).all():
+                data = text.reshape(-1, own[0])[begins[mine] // own[0]]
             else:
                 data = text[np.repeat(begins[mine] - stops + own, own) + np.arange(own.sum())]
             at = None if times is None else times[mine]

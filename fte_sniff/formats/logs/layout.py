@@ -19,7 +19,7 @@ _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
 _LABELS: Final = (*product(("before", "above", "after"), ("both", "word", "arrow", "port")),)
 _LONE: Final = ("word before", "word above", "word after", "given after", "arrow above")
-"""Labels of which a single one is no accident."""
+"""Labels of which a single one is no accident, if no others separate streams."""
 
 
 class Found(NamedTuple):
@@ -58,8 +58,9 @@ class Layout:
         self.times = time_rule(texts)
         bytewise = all(len(run.data) == 1 for run in runs)
         self.times.first_byte = self.times.kind == "since" and bytewise
-        for where, kind in [("after", "given")] if given else [*_LABELS, ("before", "lane")]:
-            if self._separates(kind, where, texts, runs):
+        rules = [("after", "given")] if given else [*_LABELS, ("before", "lane")]
+        for least, (where, kind) in product((2, 1), rules):
+            if self._separates(kind, where, texts, runs, least):
                 break
 
     def read(self, line: bytes) -> tuple[list[Found], bool]:
@@ -116,7 +117,7 @@ class Layout:
         return texts, runs
 
     def _separates(
-        self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found]
+        self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found], least: int
     ) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
         labels: list[str | None] = [
@@ -132,6 +133,7 @@ class Layout:
             not 0 < len(known) <= _MOST_STREAMS
             or labels.count(None) > (1 - _COVERED) * len(labels)
             or (where == "above" and len({text.above for text in texts}) < 2)
+            or len(named) < least
             or (len(named) < 2 and f"{kind} {where}" not in _LONE)
         ):
             return False

@@ -368,12 +368,13 @@ class LogClock:
         """The times of consecutive lines, by their stamps; without one, that before."""
         import numpy as np
 
-        if (missing := ns == NO_TIME).any():
+        missing = ns == NO_TIME
+        if missing.any():
             alone = missing & (self._rule.where != "above")
             self._note("none", alone, lines, "has no time; it gets the time of the line before it")
             last = np.maximum.accumulate(np.arange(1, len(ns) + 1) * ~missing)
             ns, zones = (np.append(self._last[at], own)[last] for at, own in enumerate((ns, zones)))
-        wrong = ns % self._rule.resolution_ns != 0
+        wrong = ~missing & (ns % self._rule.resolution_ns != 0)
         self._note("finer", wrong, lines, "its time is finer than those of the first lines")
         t_ns = ns + self._base_ns
         if self._rule.kind == "clock":

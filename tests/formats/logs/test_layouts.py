@@ -179,6 +179,23 @@ def test_lines_that_differ_in_the_number_of_a_port_are_of_different_streams(form
     assert len({(row.port, row.raw[0]) for row in rows}) == len({row.port for row in rows}) == 2
 
 
+def test_labels_that_separate_streams_are_better_than_a_lone_one() -> None:
+    log = a_log(1)
+    way = {"tx": "PC -> ctrl", "rx": "ctrl -> PC"}
+    rows, _ = rows_of("".join(f"{way[one.way]}: {one.data.hex(' ')}\n" for one in log).encode())
+    assert found_in(rows) == frames_of(log)
+    assert len({row.port for row in rows}) == 2
+
+
+def test_headings_without_a_time_are_no_lines_without_one() -> None:
+    log = a_log(0)
+    lines = [
+        f"way {one.way}\n12:00:0{at % 10}.5 {one.data.hex(' ')}\n" for at, one in enumerate(log)
+    ]
+    _, notes = rows_of("".join(lines).encode())
+    assert not any("has no time" in note for note in notes)
+
+
 def test_every_form_names_its_programs() -> None:
     assert all(extractor.tools for extractor in EXTRACTORS)
     assert len({extractor.name for extractor in EXTRACTORS}) == len(EXTRACTORS)
