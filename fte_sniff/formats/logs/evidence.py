@@ -35,12 +35,12 @@ _CUTS: Final = [(first, last) for first, last in product(range(5), range(3)) if 
 """Numbers of each run that are no data: offsets before the others, a count or sum after them."""
 _WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
 _SENT: Final = (
-    r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc"
+    r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc|dte"
     r"|t(?=\s?:))(?![a-z])|(?<![a-z])(?:on|serial)?_?(?:send|sent|writ(?:e|es|ten|ing))(?![a-z]))"
     r"|[a-z](?:Send|Sent|Write)|发[送出]?|写入?"
 )
 _RECEIVED: Final = (
-    r"(?i:(?<![a-z])(?:rx\d?|rxd|in(?:coming|put)?|reply|response|device|slave|mcu|r(?=\s?:))(?![a-z])"
+    r"(?i:(?<![a-z])(?:rx\d?|rxd|in(?:coming|put)?|reply|response|device|slave|mcu|controller|dce|r(?=\s?:))(?![a-z])"
     r"|(?<![a-z])(?:on|serial)?_?(?:recv|receiv(?:e|es|ed|ing)|reads?|reading)(?![a-z]))"
     r"|on(?:New)?Data|[a-z](?:Recv|Receiv|Read)|接?收到?|读取?"
 )
@@ -77,15 +77,20 @@ def chance_level(data: bytes) -> float:
 
 @lru_cache(maxsize=4096)
 def label_of(kind: str, text: bytes) -> str | None:
-    """The last label of a kind in a text: `word`, `arrow`, `port`, `both`, or all the text."""
+    """The label of a kind in a text.
+
+    `word`, `arrow` and `port` are the last of their kind, `first word` is the first word, `both` a
+    port with a direction, and `given` is all the text.
+    """
     readable = text.decode("utf-8", "replace").strip(" \x01").lower()
     if kind == "given":
         return direction_of(text) or readable
     if kind == "both":
         port, direction = label_of("port", text), direction_of(text)
         return f"{port}-{direction}" if port and direction else None
-    found = list(re.finditer(_PATTERNS[kind], text.decode("utf-8", "replace")))
-    return (found[-1].lastgroup or found[-1][1].lower()) if found else None
+    found = list(re.finditer(_PATTERNS[kind.split()[-1]], text.decode("utf-8", "replace")))
+    label = found[0 if kind == "first word" else -1] if found else None
+    return label and (label.lastgroup or label[1].lower())
 
 
 def direction_of(text: bytes) -> str | None:

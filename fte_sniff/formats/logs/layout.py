@@ -17,7 +17,7 @@ _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
-_LABELS: Final = (*product(("before", "above", "after"), ("both", "word", "arrow", "port")),)
+_LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _LONE: Final = ("word before", "word above", "word after", "given after", "arrow above")
 """Labels of which a single one is no accident, if no others separate streams."""
 
@@ -58,7 +58,9 @@ class Layout:
         self.times = time_rule(texts)
         bytewise = all(len(run.data) == 1 for run in runs)
         self.times.first_byte = self.times.kind == "since" and bytewise
-        rules = [("after", "given")] if given else [*_LABELS, ("before", "lane")]
+        rules = [("after", "given")]
+        if not given:
+            rules = [*product(("before", "above", "after"), _LABELS), ("before", "lane")]
         for least, (where, kind) in product((2, 1), rules):
             if self._separates(kind, where, texts, runs, least):
                 break

@@ -179,9 +179,10 @@ def test_lines_that_differ_in_the_number_of_a_port_are_of_different_streams(form
     assert len({(row.port, row.raw[0]) for row in rows}) == len({row.port for row in rows}) == 2
 
 
-def test_labels_that_separate_streams_are_better_than_a_lone_one() -> None:
+@pytest.mark.parametrize("words", ["PC -> ctrl/ctrl -> PC", "Write Request/Read Request"])
+def test_labels_that_separate_streams_are_better_than_a_lone_one(words: str) -> None:
     log = a_log(1)
-    way = {"tx": "PC -> ctrl", "rx": "ctrl -> PC"}
+    way = dict(zip(WAYS, words.split("/"), strict=True))
     rows, _ = rows_of("".join(f"{way[one.way]}: {one.data.hex(' ')}\n" for one in log).encode())
     assert found_in(rows) == frames_of(log)
     assert len({row.port for row in rows}) == 2
