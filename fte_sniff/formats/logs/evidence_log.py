@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from itertools import pairwise
+from itertools import chain, pairwise
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
 
@@ -84,15 +84,9 @@ class EvidenceLog(LogForm):
             return None
         log = cls(lines, found, options)
         times = log.layout.times
-        for block in blocks() if times.is_open else ():
-            times.learn(block.text)
-            if not times.is_open:
-                break
+        texts = chain([b"\n".join(lines)], (block.text for block in blocks()))
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
-        note = times.settle_order(near, given=options.day is not None)
-        if times.kind == "unread":
-            note = "numbers in the lines above the bytes may be times; they are not read"
-        log._notes += [note] if note else []
+        log._notes += times.decide(texts, near, given=options.day is not None)
         read = (log.layout.read(line)[0][:1] for line in lines)
         stamps = [one.stamp for found in read for one in found if one.fields]
         if stamps and log._paste and times.kind not in ("date", "epoch"):

@@ -15,7 +15,7 @@ import numpy as np
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
 from fte_sniff.formats.logs.layout import Layout
 from fte_sniff.formats.logs.log_form import NO_TIME
-from fte_sniff.formats.logs.times import Fields, Stamp, TimeRule
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, Stamp, TimeRule
 
 _MOST_SHAPES: Final = 24
 """Of one length; the lines of others are parsed one by one."""
@@ -89,9 +89,9 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     if not data or untimed or data.hex().encode() != digits_of_data.lower():
         return None
     fields = found[0].fields or {}
-    timed = {at for name in fields.keys() - {"zone"} for at in range(*fields[name])}
+    timed = {at for name in fields.keys() & OF_CLOCK for at in range(*fields[name])}
     numbers = {at for token in re.finditer(NUMBER_TOKEN, around) for at in range(*token.span())}
-    numbers -= timed | {*range(*fields.get("zone", (0, 0)))}
+    numbers -= {at for span in fields.values() for at in range(*span)}
     digits = {at for at in timed | numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
     other = bytearray(line)
     for at in digits & numbers:

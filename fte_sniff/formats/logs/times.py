@@ -6,14 +6,12 @@ A time is a date with a clock, a clock alone, or a number: since 1970, or since 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from functools import cache
 from itertools import pairwise
-from math import gcd
 from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -25,17 +23,21 @@ if TYPE_CHECKING:
     from fte_sniff.formats.logs.reader import LogOptions
 
 SECOND: Final = 10**9
-DAY_NS: Final = 86_400 * SECOND
+_DAY_NS: Final = 86_400 * SECOND
+_QUARTER_NS: Final = 900 * SECOND
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
 _NAMED: Final = rf"(?P<name>(?i:{_MONTHS}))[a-z]*"
 _MONTH: Final = "1[0-2]|0?[1-9]"
 _DAY: Final = r"3[01]|[12]\d|0?[1-9]"
+_EITHER: Final = "day or month first"
 DATES: Final = {
     # ISO 8601: Python, Go, Java, ROS, socat; tools in Chinese
     "date": rf"(?P<y>\d{{4}})(?:[-/.]|年)(?P<mo>{_MONTH})(?:[-/.]|月)(?P<d>{_DAY})(?:日)?",
+    # tools in German and Russian
+    "day first": r"(?P<d>\d{1,2})\.(?P<mo>\d{1,2})\.(?P<y>\d{4}|\d\d)",
     # Docklight, Eltima, Windows tools in the order of the country
-    "day or month first": r"(?P<a>\d{1,2})(?P<sep>[-/.])(?P<b>\d{1,2})[-/.](?P<y>\d{4}|\d\d)",
+    _EITHER: r"(?P<a>\d{1,2})[-/](?P<b>\d{1,2})[-/](?P<y>\d{4}|\d\d)",
     # embedded loggers, file names
     "digits": r"(?P<y>20\d\d)(?P<mo>\d\d)(?P<d>\d\d)",
     # git, Apache
@@ -52,38 +54,47 @@ CLOCK: Final = (
     r"(?P<h>2[0-4]|[01]?\d)(?::|时)(?P<mi>[0-5]\d)(?::|分)(?P<s>[0-5]\d|60)(?:秒)?"
     r"(?:(?:\.|[:,](?=\d{3}(?!\d)))(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"
     rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?"
-    r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
+    r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
 _NUMBER: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)(?:\.(?P<f>\d{1,9})\d*)?(?![\w.])"
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
 _THEN: Final = r"(?:T|[,_ ] *)"
-_COMPACT: Final = (
-    r"(?P<y>20\d\d)(?P<mo>0[1-9]|1[0-2])(?P<d>0[1-9]|[12]\d|3[01])"
-    r"(?P<h>[01]\d|2[0-3])(?P<mi>[0-5]\d)(?P<s>[0-5]\d)(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
-)
+_SOCAT: Final = r" (?P<h>\d\d):(?P<mi>\d\d):(?P<s>\d\d)\.000(?P<f>\d{6})(?=  length=)"
+_DAY_DIGITS: Final = r"(?P<y>20\d\d){0}(?P<mo>0[1-9]|1[0-2]){0}(?P<d>0[1-9]|[12]\d|3[01])"
+_CLOCK_DIGITS: Final = r"(?P<h>[01]\d|2[0-3]){0}(?P<mi>[0-5]\d){0}(?P<s>[0-5]\d)"
+_COMPACT: Final = f"{_DAY_DIGITS}{_CLOCK_DIGITS}".format("") + r"(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
+_IN_NAME: Final = rf"(?<!\d){_DAY_DIGITS}(?:[-_ T.]+{_CLOCK_DIGITS})?(?!\d)".format("[-_.hm]?")
 FORMS: Final = {
+    "padded": _BEGIN + DATES["date"] + _SOCAT,  # socat 1.7.4.4: microseconds as nine digits
     **{name: f"{_BEGIN}{dates}{_THEN}{CLOCK}" for name, dates in DATES.items()},
     "compact": _BEGIN + _COMPACT,  # file names, PLCs
     "clock": _BEGIN + CLOCK,
     "number": _NUMBER,
 }
 """Regular expressions of times; an earlier one is preferred."""
+OF_CLOCK: Final = frozenset({"h", "mi", "s", "f", "us", "n"})
+"""Fields that may differ in lines of the same shape; their dates and zones are equal."""
 _EPOCHS: Final = {10: SECOND, 13: 10**6, 16: 1000, 19: 1}
 """By digits of a number since 1970, nanoseconds in one: `time`, candump, JavaScript, ROS."""
-_SCALES: Final = {"": SECOND, "m": 10**6, "u": 1000, "µ": 1000, "n": 1}
-_TIME_WORD: Final = r"(?i)time|stamp|start|\bts\b|时间"
+_UNITS: Final = {"m": 10**6, "u": 1000, "µ": 1000, "n": 1}
+_UNIT_AFTER: Final = rb" ?([num])s\b"
 _UNIT_IN_HEADING: Final = r"(?i)[\[(_ ]([nuµm])s(?:ec(?:onds)?)?(?:[\])]|\b)"
-_LIMITS: Final = {"y": 2261, "h": 24, "mi": 59, "s": 60, "mo": 12, "d": 31, "n": 0}
-_NAMED_DAY: Final = (
-    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
-    r"(?:[-_ T.]+([01]\d|2[0-3])[-_.h]?([0-5]\d)[-_.m]?([0-5]\d))?(?!\d)"
-)
+_TIME_WORD: Final = r"(?i)time|stamp|start|\bts\b|时间"
+_ESP_IDF: Final = rb"\b[EWIDV] \($"
+"""What ESP-IDF writes before milliseconds."""
+_LACKING: Final = {
+    "since": "count seconds from a start, which is {:%Y-%m-%dT%H:%M:%SZ} by {}; --start"
+    " 2026-01-31T12:00:00Z",
+    "clock": "have no date: the date is {:%Y-%m-%d} by {}; --date 2026-01-31",
+    "year-less": "have no date: the year is {:%Y} by {}; --date 2026-01-31",
+}
+"""By kind of time, what it lacks, and where that comes from."""
 
 Fields = Mapping[str, tuple[int, int]]
 """By name, where a field of a time begins and ends in the line."""
 Read = Callable[[int, int], Any]
-"""Reads the number between two offsets of a line, or of many lines at once."""
+"""Reads the number between two offsets of many lines at once."""
 
 
 class Stamp(NamedTuple):
@@ -123,19 +134,7 @@ def _form(name: str) -> re.Pattern[bytes]:
 
 def masked(line: bytes) -> bytes:
     """The line with its first date or time hidden, which cannot be bytes."""
-    found = _form("any").search(line)
-    if found is None:
-        return line
-    return line[: found.start()] + b"~" * (found.end() - found.start()) + line[found.end() :]
-
-
-def days_of(year: Any, month: Any, day: Any) -> Any:
-    """Days from 1970 of a date; the arguments may be columns. (Howard Hinnant's algorithm.)"""
-    year = year - (month <= 2)
-    of_year = (153 * ((month + 9) % 12) + 2) // 5 + day - 1
-    era = year // 400
-    of_era = year - era * 400
-    return era * 146097 + of_era * 365 + of_era // 4 - of_era // 100 + of_year - 719468
+    return _form("any").sub(lambda found: b"~" * len(found[0]), line, count=1)
 
 
 @dataclass(slots=True)
@@ -146,24 +145,19 @@ class TimeRule:
     """`before` or `after` the bytes, `above` them in a heading, or `none`."""
     form: str = "number"
     """In the table of forms."""
-    column: int = 0
-    """Which of them; -1 for the last, where labels before it have numbers."""
-    scale: int = SECOND
-    """Nanoseconds of one of the numbers."""
     kind: str = "date"
     """`date`, `year-less`, `clock`, `epoch` or `since`; `unread` if numbers above may be times."""
-    day_first: bool | None = None
+    column: int = 0
+    """Which of the times in a line; -1 for the last, where labels before it have numbers."""
+    scale: int = SECOND
+    """Nanoseconds of one of the numbers."""
+    resolution_ns: int = SECOND
+    day_first: bool = False
     """Whether dates such as 5/3/2026 begin with the day."""
     year: int = 1972
     """Of dates without one."""
-    padded: bool = False
-    """Whether nine digits are microseconds: socat 1.7.4.4 writes so."""
-    resolution_ns: int = SECOND
     first_byte: bool = False
     """Whether the first byte of a line began then; else the last one had arrived."""
-    is_open: bool = False
-    """Whether more lines could change the resolution, or the order of day and month."""
-    _pairs: set[tuple[int, int, int]] = field(default_factory=set)
 
     def find(self, text: bytes, start: int = 0, stop: int | None = None) -> Fields | None:
         """Where the fields of the time are in a part of a line."""
@@ -177,76 +171,89 @@ class TimeRule:
         }
 
     def stamp(self, text: bytes, fields: Fields, read: Read | None = None) -> Stamp | None:
-        """The time of the fields, None if it is impossible; `text` is one of the lines."""
-        read = read or (lambda start, stop: int(text[start:stop]))
+        """The time of the fields of a line, None if it is impossible.
+
+        For many lines of the same shape, `read` reads their numbers.
+        """
         part = {name: text[slice(*span)] for name, span in fields.items()}
-        number: dict[str, Any] = {
-            name: read(*fields[name]) for name in fields if part[name].isdigit()
-        }
-        if "a" in fields:  # 31.01.2026 always begins with the day
-            order = "ab" if self.day_first or part["sep"] == b"." else "ba"
-            number["d"], number["mo"] = (number[name] for name in order)
-        for name in number.keys() & _LIMITS.keys():
-            most = number[name] if isinstance(number[name], int) else number[name].max()
-            if most > (LATEST_NS // self.scale if name == "n" else _LIMITS[name]):
+        number: dict[str, Any] = {name: int(own) for name, own in part.items() if own.isdigit()}
+        if read is not None:
+            number |= {name: read(*fields[name]) for name in number.keys() & OF_CLOCK}
+        most = {"h": 24, "mi": 59, "s": 60, "n": LATEST_NS // self.scale, "y": 2261}
+        for name in number.keys() & most.keys():
+            largest = number[name] if isinstance(number[name], int) else number[name].max()
+            if largest > most[name]:
                 return None
-        ns: Any = 0
-        if "f" in fields:
-            ns = number["f"] * self.scale // 10 ** (6 if self.padded else len(part["f"]))
-        if "n" in fields:
+        ns = number.get("f", 0) * self.scale // 10 ** len(part.get("f", b""))
+        if "n" in number:
             return Stamp(number["n"] * self.scale + ns)
         hours = number["h"]
         if half := part.get("half") or part.get("half2"):
-            hours = hours % 12 + 12 * (half in (b"PM", b"pm", "下午".encode()))
+            hours = hours % 12 + 12 * (half.lower() in (b"pm", "下午".encode()))
         ns += ((hours * 60 + number["mi"]) * 60 + number["s"]) * SECOND + number.get("us", 0) * 1000
+        if "name" in part:
+            number["mo"] = 1 + _MONTHS.index(part["name"].decode().lower()) // 4
+        if "a" in part:
+            number["d"], number["mo"] = (number[one] for one in ("ab" if self.day_first else "ba"))
         if "d" in number:
-            if "name" in part:
-                number["mo"] = 1 + _MONTHS.index(part["name"].decode().lower()) // 4
             year = number.get("y", number.get("y2", self.year))
-            year = year + 2000 if len(part.get("y", b"    ")) == 2 else year
-            ns += days_of(year, number["mo"], number["d"]) * DAY_NS
-        zone = part.get("zone", b"").decode().strip().replace(":", "")
-        east = int(zone[1:3]) * 3600 + int(zone[3:]) * 60 if zone[:1] in ("+", "-") else 0
-        return Stamp(ns, (-east if zone[0] == "-" else east) if zone else NO_TIME)
+            try:
+                ns += _midnight_ns(_date(year, number["mo"], number["d"]))
+            except ValueError:
+                return None
+        if "zone" not in part:
+            return Stamp(ns)
+        east_s = (number.get("zh", 0) * 60 + number.get("zm", 0)) * 60
+        return Stamp(ns, -east_s if part.get("sign") == b"-" else east_s)
 
-    def learn(self, text: bytes) -> None:
-        """Decide the resolution, and the order of day and month, by all times in a text."""
-        step, digits = self.resolution_ns, 0
-        for found in _form(self.form).finditer(text):
-            if fraction := found["f"]:
-                digits = 6 if self.padded else max(digits, len(fraction))
-                step = gcd(
-                    step, int(fraction) * SECOND // 10 ** (6 if self.padded else len(fraction))
-                )
-            if "a" in found.re.groupindex:
-                self._pairs.add((int(found["a"]), int(found["b"]), int(found["y"])))
-        self.resolution_ns = 10 ** next(n for n in range(9, -1, -1) if step % 10**n == 0)
-        first, second = ({pair[at] for pair in self._pairs} for at in (0, 1))
-        certain = max(first, default=13) > 12 or max(second) > 12
-        if certain or len(first) != len(second):
-            self.day_first = max(first, default=0) > 12 or not (certain or len(first) < len(second))
-        self.is_open = not certain or self.resolution_ns * 10**digits > SECOND
+    def decide(self, texts: Iterable[bytes], near: date, *, given: bool) -> list[str]:
+        """Decide the resolution, and the order of day and month; returns notes about them.
 
-    def settle_order(self, near: date, *, given: bool) -> str | None:
-        """Decide an order of day and month that no line shows; the note about it.
-
-        The date that is near is `given`, or the latest that is possible.
+        Args:
+            texts: parts of the log, which are read until they show both.
+            near: the date of the first time if it is `given`; else one that is near.
+            given: whether the user gave it.
         """
-        if self.day_first is not None or not self._pairs:
-            return None
-        first, second, year = min(self._pairs)
-        year += 2000 if year < 100 else 0
-        days = abs(date(year, second, first) - near), abs(date(year, first, second) - near)
-        self.day_first = days[0] <= days[1]
-        order = "day first" if self.day_first else "month first"
-        return (
-            None
-            if given or first == second
-            else (
-                f"its dates, such as {first}/{second}/{year}, could be day or month first, and are"
-                f" read {order}; --date 2026-01-31 says the first date"
-            )
-        )
+        if self.kind == "unread":
+            return ["numbers in the lines above the bytes may be times; they are not read"]
+        places, used, dates = 0, 0, set[tuple[int, int, int]]()
+        for text in texts if self.form != "number" else ():
+            for found in _form(self.form).finditer(text):
+                fraction = found["f"] or b""
+                places, used = max(places, len(fraction)), max(used, len(fraction.rstrip(b"0")))
+                if self.form == _EITHER:
+                    dates.add((int(found["a"]), int(found["b"]), int(found["y"])))
+            self.resolution_ns = SECOND // 10**used
+            certain = self.form != _EITHER or any(max(one[:2]) > 12 for one in dates)
+            if certain and used == places:
+                break
+        month_first, day_first = (_plausible(dates, near, day_first=one) for one in (False, True))
+        self.day_first = day_first >= month_first
+        month, day, year = min(dates, default=(0, 0, 0))
+        if given or month == day or month_first[:2] != day_first[:2]:
+            return []
+        return [
+            f"its dates, such as {month}/{day}/{year}, could be day or month first, and are read"
+            f" {'day' if self.day_first else 'month'} first; --date 2026-01-31 says the first date"
+        ]
+
+
+def _date(year: int, month: int, day: int) -> date:
+    return date(year + 2000 if year < 100 else year, month, day)
+
+
+def _midnight_ns(day: date) -> int:
+    return (day - date(1970, 1, 1)).days * _DAY_NS
+
+
+def _plausible(dates: Iterable[tuple[int, int, int]], near: date, *, day_first: bool) -> list[int]:
+    """How plausible an order of day and month is: by possible dates, few months, a near date."""
+    days = list[date]()
+    for first, second, year in dates:
+        with suppress(ValueError):
+            days.append(_date(year, *((second, first) if day_first else (first, second))))
+    months = {(day.year, day.month) for day in days}
+    return [len(days), -len(months), -min((abs(day - near).days for day in days), default=0)]
 
 
 def time_rule(texts: Sequence[Text]) -> TimeRule:
@@ -263,40 +270,35 @@ def time_rule(texts: Sequence[Text]) -> TimeRule:
 
 
 def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> TimeRule | None:
+    """The first form that more than half of the parts have."""
     for name in list(FORMS)[:-1]:
-        found = [match for part in parts if (match := _form(name).search(part))]
+        found = [match.groupdict() for part in parts if (match := _form(name).search(part))]
         if len(found) > 0.5 * len(parts):
-            years = (match.groupdict() for match in found)
-            has_year = any(one.get("y") or one.get("y2") for one in years)
+            has_year = any(one.get("y") or one.get("y2") for one in found)
             kind = "clock" if name == "clock" else "date" if has_year else "year-less"
-            fractions = {match["f"] or b"" for match in found}
-            padded = len(fractions) > 1 and all(re.match(rb"000\d{6}", one) for one in fractions)
-            rule = TimeRule(where, name, kind=kind, padded=padded)
-            rule.learn(b"\n".join(parts))
-            return rule
+            return TimeRule(where, name, kind)
     return None
 
 
 def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
+    """The first column of rising numbers with a unit, the digits of an epoch, or fractions."""
     rows = [[match[0] for match in _form("number").finditer(part)] for part in parts]
     least = min(map(len, rows), default=0)
     for column in (*range(least), *range(-1, -least - 1, -1)):
-        values = [row[column] for row in rows]
-        whole, places = zip(
-            *(map(len, (value + b".").split(b".")[:2]) for value in values), strict=True
-        )
+        values = [row[column].partition(b".") for row in rows]
+        digits, places = ({len(own[at]) for own in values} for at in (0, 2))
         kind, scale = "since", _unit(texts[0], where, column)
-        epoch = len(set(whole)) == 1 and values[0][:1] in b"12" and whole[0] in _EPOCHS
-        if scale is None and epoch:
-            kind, scale = "epoch", _EPOCHS[whole[0]]
+        if scale is None and digits <= {*_EPOCHS} and len(digits) == 1 and values[0][0] < b"3":
+            kind, scale = "epoch", _EPOCHS[digits.pop()]
         elif scale is None and min(places):
             scale = SECOND
-        times = [float(value) for value in values]
+        times = [float(b"".join(own)) for own in values]
         falls = sum(later < earlier for earlier, later in pairwise(times))
         changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
         if scale is not None and falls <= len(times) // 50 and changes:
-            resolution_ns = max(1, scale // 10 ** max(places))
-            return TimeRule(where, "number", column, scale, kind, resolution_ns=resolution_ns)
+            return TimeRule(
+                where, "number", kind, column, scale, max(1, scale // 10 ** max(places))
+            )
     return None
 
 
@@ -309,11 +311,11 @@ def _unit(text: Text, where: str, column: int) -> int | None:
         cells = heading.decode("utf-8", "replace").split(",")
         if len(cells) > cell and re.search(_TIME_WORD, cells[cell]):
             unit = re.search(_UNIT_IN_HEADING, cells[cell])
-            return _SCALES[unit[1].lower()] if unit else None
-    if re.search(rb"\b[EWIDV] \($", line[: start + begin]):  # ESP-IDF: I (1234) tag
-        return 10**6
-    beside = re.match(rb" ?([num])s\b", line[start + end :])
-    return _SCALES[beside[1].decode()] if beside else None
+            return _UNITS[unit[1].lower()] if unit else None
+    if re.search(_ESP_IDF, line[: start + begin]):
+        return _UNITS["m"]
+    after = re.match(_UNIT_AFTER, line[start + end :])
+    return _UNITS[after[1].decode()] if after else None
 
 
 class LogClock:
@@ -322,8 +324,8 @@ class LogClock:
     def __init__(self, rule: TimeRule, options: LogOptions) -> None:
         self._rule, self._options = rule, options
         self._base_ns, self._last, self._last_ns = 0, Stamp(NO_TIME), 0
-        self._first: dict[str, str] = {}
-        self._count = Counter[str]()
+        self._notes: dict[str, tuple[str, int]] = {}
+        """By what they are about, and how many lines."""
 
     def settle(self, stamps: Sequence[Stamp], name: str, written_ns: int | None) -> None:
         """Decide what the times count from.
@@ -333,36 +335,28 @@ class LogClock:
             name: the file's; it may hold a date.
             written_ns: when the file was modified; None for a pipe, which is read now.
         """
-        options, kind, (named, has_clock) = self._options, self._rule.kind, time_in_name(name)
-        self._last = stamps[0]
-        base_ns, source = written_ns or time_ns(), "the file's modification time"
-        if written_ns is None:
-            source = "the time of the first read"
+        kind, day, self._last = self._rule.kind, self._options.day, stamps[0]
+        if kind not in _LACKING:
+            return
+        given, (named, has_clock) = day and _midnight_ns(day), time_in_name(name)
+        passed = _DAY_NS * sum(b.ns < a.ns - _DAY_NS // 2 for a, b in pairwise(stamps))
         if kind == "since":
-            if options.start_ns is not None:
-                base_ns, source = options.start_ns, ""
-            elif has_clock:
-                base_ns, source = named - self._east_s(named) * SECOND, "the file's name"
-            elif written_ns is not None:
-                base_ns -= max(stamp.ns for stamp in stamps)
-                source += " minus the last time"
-            self._base_ns = base_ns
-            what = f"count seconds from a start, which is {_iso(base_ns)} by {source}; --start"
-            what += " 2026-01-31T12:00:00Z"
-        elif kind in ("clock", "year-less"):
-            midnights = sum(b.ns < a.ns - DAY_NS // 2 for a, b in pairwise(stamps))
-            base_ns -= midnights * DAY_NS if kind == "clock" else 0
-            if options.day is not None:
-                base_ns, source = days_of(*options.day.timetuple()[:3]) * DAY_NS, ""
-            elif named:
-                base_ns, source = named, "the file's name"
-            day = _iso(base_ns)[:10]
-            self._rule.year = int(day[:4])
-            self._base_ns = base_ns // DAY_NS * DAY_NS if kind == "clock" else 0
-            what = f"date is {day}" if kind == "clock" else f"year is {day[:4]}"
-            what = f"have no date: the {what} by {source}; --date 2026-01-31"
-        if kind not in ("date", "epoch") and source:
-            self._first[source] = f"its times {what} sets another"
+            given, named = self._options.start_ns, named if has_clock else None
+            passed = 0 if written_ns is None else max(stamp.ns for stamp in stamps)
+        other = "the time of the first read"
+        if written_ns is not None:
+            other = "the file's modification time" + " minus the last time" * (kind == "since")
+        bases = {"": given, "the file's name": named, other: (written_ns or time_ns()) - passed}
+        source, base_ns = next((source, base) for source, base in bases.items() if base is not None)
+        if kind == "since" and source == "the file's name":
+            base_ns -= self._east_s(base_ns) * SECOND
+        begin = datetime.fromtimestamp(base_ns // SECOND, UTC)
+        self._rule.year = begin.year
+        if kind != "year-less":
+            self._base_ns = base_ns if kind == "since" else _midnight_ns(begin.date())
+        if source:
+            text = f"its times {_LACKING[kind].format(begin, source)} sets another"
+            self._notes["base"] = text, 1
 
     def times(self, ns: Array, zones: Array, lines: Array) -> Array:
         """The times of consecutive lines, by their stamps; without one, that before."""
@@ -378,26 +372,32 @@ class LogClock:
         self._note("finer", wrong, lines, "its time is finer than those of the first lines")
         t_ns = ns + self._base_ns
         if self._rule.kind == "clock":
-            t_ns += DAY_NS * np.cumsum(np.append(self._last.ns, ns[:-1]) - DAY_NS // 2 > ns)
+            t_ns += _DAY_NS * np.cumsum(np.append(self._last.ns, ns[:-1]) - _DAY_NS // 2 > ns)
         self._last, self._base_ns = Stamp(int(ns[-1]), int(zones[-1])), int(t_ns[-1] - ns[-1])
         if self._rule.kind not in ("since", "epoch"):
-            local = t_ns // (900 * SECOND)  # zones change at quarters of an hour
-            quarters = local[:1] if self._options.zone is None else np.unique(local)
-            for quarter in quarters.tolist() if (zones == NO_TIME).any() else ():
-                here = (zones == NO_TIME) & ((local == quarter) | (self._options.zone is None))
-                zones = np.where(here, self._east_s(quarter * 900 * SECOND), zones)
-            t_ns -= zones * SECOND
+            t_ns -= self._east(t_ns, zones) * SECOND
         before = np.append(self._last_ns, t_ns[:-1])
         text = f"the time goes back by {(before - t_ns)[(t_ns < before).argmax()] / SECOND:,.9g} s"
         self._note("back", t_ns < before, lines, text)
         self._last_ns = int(t_ns[-1])
         return np.maximum(t_ns, 0)
 
+    def _east(self, local_ns: Array, zones: Array) -> Array:
+        """Seconds east of UTC of local times; of those without a zone, that of the options."""
+        import numpy as np
+
+        if (zones != NO_TIME).all():
+            return zones
+        quarters = local_ns // _QUARTER_NS  # zones change at quarters of an hour
+        starts = np.flatnonzero(np.diff(quarters, prepend=-1))
+        east = [self._east_s(quarter * _QUARTER_NS) for quarter in quarters[starts].tolist()]
+        sizes = np.diff(starts, append=len(quarters))
+        return np.where(zones == NO_TIME, np.repeat(east, sizes), zones)
+
     def _east_s(self, local_ns: int) -> int:
-        """Seconds east of UTC of the zone that is given, at a local time."""
         if self._options.zone is None:
             note = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
-            self._first["zone"] = note
+            self._notes["zone"] = note, 1
             return 0
         there = datetime(1970, 1, 1, tzinfo=self._options.zone)
         with suppress(OverflowError, ValueError):
@@ -406,28 +406,24 @@ class LogClock:
 
     def _note(self, problem: str, wrong: Any, lines: Array, text: str) -> None:
         if wrong.any():
-            self._first.setdefault(problem, f"line {lines[wrong.argmax()]}: {text}")
-            self._count[problem] += int(wrong.sum())
+            new = f"line {lines[wrong.argmax()]}: {text}", 0
+            first, count = self._notes.get(problem, new)
+            self._notes[problem] = first, count + int(wrong.sum())
 
     @property
     def notes(self) -> list[str]:
         """How the times were read, one line each."""
         return [
-            text
-            + (f", and {self._count[problem] - 1:,} times more" if self._count[problem] > 1 else "")
-            for problem, text in self._first.items()
+            text if count == 1 else f"{text}, and {count - 1:,} times more"
+            for text, count in self._notes.values()
         ]
 
 
-def _iso(t_ns: int) -> str:
-    return f"{datetime.fromtimestamp(t_ns // SECOND, UTC):%Y-%m-%dT%H:%M:%SZ}"
-
-
-def time_in_name(name: str) -> tuple[int, bool]:
-    """The time in a file name, nanoseconds since 1970 or 0, and whether it has a time of day."""
-    for found in re.finditer(_NAMED_DAY, Path(name).name):
+def time_in_name(name: str) -> tuple[int | None, bool]:
+    """The time in a file name, nanoseconds since 1970, and whether it has a time of day."""
+    for found in re.finditer(_IN_NAME, Path(name).name):
         with suppress(ValueError):
             year, month, day, hour, minute, second = (int(text or 0) for text in found.groups())
             when = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
-            return int(when.timestamp()) * SECOND, found[4] is not None
-    return 0, False
+            return int(when.timestamp()) * SECOND, found["h"] is not None
+    return None, False
