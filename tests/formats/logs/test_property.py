@@ -74,8 +74,8 @@ WORDS = [
     Words(*words.split("/"))
     for words in (
         "TX/RX", "tx/rx", "send/recv", "Sent/Received", "WRITE/READ", "out/in", "发送/接收",
-        "发/收", "→/←", "-->/<--", ">>/<<", "host/device", "host/controller", "request/response", "onWrite/onRead",
-        "COM3/COM4", "ttyUSB0/ttyUSB1",
+        "发/收", "→/←", "-->/<--", ">>/<<", "host/device", "host/controller", "request/response",
+        "onWrite/onRead", "COM3/COM4", "ttyUSB0/ttyUSB1",
     )
 ]  # fmt: skip
 PREFIXES = (
