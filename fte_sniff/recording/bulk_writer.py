@@ -20,7 +20,7 @@ from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, PackedChunk, packed
 from fte_sniff.recording.messages.codec import encodable_items
-from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.metadata import EARLY_NAME, PortFacts, early_facts
 from fte_sniff.recording.writer import begin_recording
 from fte_sniff.row_batch import Array, RowBatch
 
@@ -90,6 +90,8 @@ class BulkWriter:
         while self._under_way:
             self._write_first()
         self._threads.shutdown()
+        if (early_ns := self._packer.early_ns) is not None:
+            metadata = [*metadata, (EARLY_NAME, early_facts(early_ns))]
         self._file.write_metadata(
             Metadata(name, encodable_items(facts)) for name, facts in metadata
         )

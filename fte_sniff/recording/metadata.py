@@ -61,6 +61,16 @@ def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dic
     return found
 
 
+EARLY_NAME = f"{PROGRAM}.early"
+"""The metadata record of a file with a row before its first message: the log times, which never
+fall, do not show that row's time."""
+
+
+def early_facts(time_ns: int) -> dict[str, str]:
+    """The items of that record: the time of such a row."""
+    return {"time": iso_time(time_ns)}
+
+
 class Part(NamedTuple):
     """One file of a capture."""
 

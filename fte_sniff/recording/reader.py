@@ -35,6 +35,7 @@ from fte_sniff.recording.messages.codec import ChannelReaders
 from fte_sniff.recording.messages.columns import Losses
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
+    EARLY_NAME,
     PROGRAM,
     PortFacts,
     Selection,
@@ -136,6 +137,19 @@ class RecordingReader:
         """Whether the passes so far found everything intact, and the file has a summary."""
         summary = self._summary
         return summary is not None and summary.guarded and not (self.damage or self.losses)
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Nanoseconds since 1970 UTC: no row is before the first or after the second.
+
+        None if the summary does not show it; the first is 0 if it does not show that one.
+        """
+        if not self.is_whole or self.times is None or self._summary is None:
+            return None
+        first_ns, last_ns = self.times
+        return (
+            0 if EARLY_NAME in self._summary.metadata or not self._is_ours else first_ns
+        ), last_ns
 
     def gaps(self) -> list[Gap]:
         """The gaps that the file's metadata reports; reads no chunk."""

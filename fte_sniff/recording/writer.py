@@ -22,7 +22,14 @@ from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
-from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
+from fte_sniff.recording.metadata import (
+    EARLY_NAME,
+    PROGRAM,
+    PortFacts,
+    early_facts,
+    library_name,
+    recording_facts,
+)
 from fte_sniff.recording.output_file import (
     Existing,
     open_output,
@@ -165,7 +172,11 @@ class RecordingWriter:
         try:
             if self._pending:
                 self._pending.sort(key=itemgetter(0))
-                self._file.write_batch(self._batch(self._pending), self._metadata)
+                known = self._packer.early_ns
+                batch = self._batch(self._pending)
+                if (early_ns := self._packer.early_ns) is not None and known is None:
+                    self.write_metadata(Metadata(EARLY_NAME, early_facts(early_ns)))
+                self._file.write_batch(batch, self._metadata)
             else:
                 self._file.write_metadata(self._metadata)
             self.flushed_events += len(self._pending) - (self.rows - self.flushed_rows)

@@ -28,23 +28,30 @@ _TIMES = (pl.col(_TIME), *(pl.col(_TIME).cast(pl.Datetime(unit, "UTC")) for unit
 """The column, and as polars rounds it down to compare it with times that are coarser."""
 
 
-def earliest_ns(wanted: pl.Expr) -> int:
-    """Nanoseconds since 1970 UTC: no row of an earlier `time` passes the filter; 0 for no bound."""
+_EVER = 0, 2**63 - 1
+
+
+def time_bounds(wanted: pl.Expr) -> tuple[int, int]:
+    """Nanoseconds since 1970 UTC: no row with a `time` outside of them passes the filter."""
     inputs = wanted.meta.pop()[::-1]
-    if len(inputs) == 3:
-        return _since(inputs[0], inputs[1]) if _is_between(wanted, inputs) else 0
+    if len(inputs) == 3 and _is_between(wanted, inputs):
+        return _first_of(*inputs[:2]), _last_of(inputs[0], inputs[2])
     if len(inputs) != 2:
-        return 0
+        return _EVER
     left, right = inputs
-    if wanted.meta.eq(left & right):
-        return max(earliest_ns(left), earliest_ns(right))
-    if wanted.meta.eq(left | right):
-        return min(earliest_ns(left), earliest_ns(right))
-    if any(map(wanted.meta.eq, (left > right, left >= right, left == right))):
-        return _since(left, right)
-    if any(map(wanted.meta.eq, (left < right, left <= right))):
-        return _since(right, left)
-    return 0
+    is_ = wanted.meta.eq
+    if is_(left & right) or is_(left | right):
+        firsts, lasts = zip(time_bounds(left), time_bounds(right), strict=True)
+        return (max(firsts), min(lasts)) if is_(left & right) else (min(firsts), max(lasts))
+    if is_(left == right):
+        return max(_first_of(left, right), _first_of(right, left)), min(
+            _last_of(left, right), _last_of(right, left)
+        )
+    if is_(left > right) or is_(left >= right):
+        return _first_of(left, right), _last_of(right, left)
+    if is_(left < right) or is_(left <= right):
+        return _first_of(right, left), _last_of(left, right)
+    return _EVER
 
 
 def _is_between(wanted: pl.Expr, inputs: list[pl.Expr]) -> bool:
@@ -52,18 +59,31 @@ def _is_between(wanted: pl.Expr, inputs: list[pl.Expr]) -> bool:
     return any(wanted.meta.eq(column.is_between(low, high, closed)) for closed in _CLOSED)
 
 
-def _since(column: pl.Expr, bound: pl.Expr) -> int:
+def _first_of(column: pl.Expr, bound: pl.Expr) -> int:
+    """The first time that is not before a bound; that of all times if it bounds no time."""
+    found = _time_of(column, bound)
+    return _EVER[0] if found is None else max(_EVER[0], found[0])
+
+
+def _last_of(column: pl.Expr, bound: pl.Expr) -> int:
+    """The last time that is not after a bound: polars may compare the column rounded down."""
+    found = _time_of(column, bound)
+    return _EVER[1] if found is None else found[0] + found[1] - 1
+
+
+def _time_of(column: pl.Expr, bound: pl.Expr) -> tuple[int, int] | None:
+    """Nanoseconds since 1970 UTC of a bound of the time, and of its unit; None if it is none."""
     if not any(map(column.meta.eq, _TIMES)) or bound.meta.root_names():
-        return 0
+        return None
     try:
         found = pl.select(bound).to_series()
     except PolarsError:
-        return 0
+        return None
     kind = found.dtype
     if not isinstance(kind, pl.Datetime) or kind.time_zone is None or len(found) != 1:
-        return 0
+        return None
     count = found.to_physical().item()
-    return 0 if count is None else max(0, count * _NS[kind.time_unit])
+    return None if count is None else (count * _NS[kind.time_unit], _NS[kind.time_unit])
 
 
 _MOST_LOSSES = 5
@@ -78,7 +98,7 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
     AND, skips the chunks before it. A file is opened when the query reaches it, and skipped if its
-    summary shows that it ends before that time, or that the filter holds for none of its ports.
+    summary shows that the filter holds for none of its times, or for none of its ports.
     Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
     `collect(engine="streaming")` and the `sink_` methods.
 
@@ -106,15 +126,15 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
         names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
     ) -> Iterator[pl.DataFrame]:
         # Where rows are numbered, those that do not pass count too, so none may be passed over.
-        since_ns = 0 if wanted is None or limit is not None else earliest_ns(wanted)
+        first_ns, last_ns = _EVER if wanted is None or limit is not None else time_bounds(wanted)
         left = limit
         for number, one in enumerate(files):
             own = added[number : number + 1]
-            if limit is None and one.is_skipped(wanted, since_ns, own):
+            if limit is None and one.is_skipped(wanted, first_ns, last_ns, own):
                 continue
             make = _maker(names, wanted, own)
             reader = RecordingReader(one.path)
-            for columns in _first(_columns([reader], TimeRange(since_ns)), left):
+            for columns in _first(_columns([reader], TimeRange(first_ns)), left):
                 left = None if left is None else left - len(columns)
                 yield make(columns)
             if left == 0:
@@ -129,24 +149,26 @@ class _ScannedFile:
 
     path: Path
     start: tuple[int, str]
-    last_ns: int | None
-    """No row is later, nanoseconds since 1970 UTC; None if the summary does not show it."""
+    span_ns: tuple[int, int]
+    """No row is before the first or after the second, nanoseconds since 1970 UTC."""
     ports: tuple[str, ...]
     """Empty if the summary does not show them."""
 
     @classmethod
     def of(cls, reader: RecordingReader) -> _ScannedFile:
         start = start_of(reader)
-        if not reader.is_whole or reader.times is None:
-            return cls(reader.path, start, None, ())
+        if reader.span_ns is None:
+            return cls(reader.path, start, _EVER, ())
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
-        return cls(reader.path, start, reader.times[1], tuple(ports))
+        return cls(reader.path, start, reader.span_ns, tuple(ports))
 
-    def is_skipped(self, wanted: pl.Expr | None, since_ns: int, added: pl.DataFrame) -> bool:
+    def is_skipped(
+        self, wanted: pl.Expr | None, first_ns: int, last_ns: int, added: pl.DataFrame
+    ) -> bool:
         """Whether none of its rows can pass the filter; `added` are its further columns."""
         if wanted is None:
             return False
-        if self.last_ns is not None and self.last_ns < since_ns:
+        if self.span_ns[1] < first_ns or last_ns < self.span_ns[0]:
             return True
         known = added
         if self.ports:

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
@@ -102,6 +102,8 @@ class Summary:
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     statistics: Statistics | None = None
+    metadata: set[str] = field(default_factory=set)
+    """The names of the metadata records in its index."""
     heads: dict[int, bytes] = field(default_factory=dict)
     """By offset in the file, the first bytes of each chunk and of the data end."""
     guarded: bool = False
@@ -115,6 +117,8 @@ class Summary:
             self.channels.append(parse(Channel, body))
         elif opcode == Opcode.STATISTICS:
             self.statistics = parse(Statistics, body)
+        elif opcode == Opcode.METADATA_INDEX:
+            self.metadata.add(parse(MetadataIndex, body).name)
         elif opcode == Opcode.CHUNK_INDEX:
             index = parse(ChunkIndex, body)
             times = index.message_start_time, index.message_end_time

@@ -157,6 +157,10 @@ class ColumnPacker:
     def __init__(self, channel_id: ChannelId) -> None:
         self._channel_id = channel_id
         self._sequences: dict[int, int] = {}
+        self._first_time: int | None = None
+        """Log time of the first message."""
+        self.early_ns: int | None = None
+        """Time of a row before the first message; None without such a row."""
 
     def pack_entries(self, entries: Sequence[Row | PortEvent], times: Array) -> McapBatch:
         """The messages of one or more entries, in order, with their log times, never falling."""
@@ -172,6 +176,10 @@ class ColumnPacker:
         `times` are the log times of the messages, never falling; `events_at` the indexes of the
         events among the messages, rising.
         """
+        if self._first_time is None:
+            self._first_time = int(times[0])
+        if self.early_ns is None and rows.t_ns.min(initial=self._first_time) < self._first_time:
+            self.early_ns = int(rows.t_ns.min())
         rows_at: Any = slice(None)
         if len(events_at):
             rows_at = np.delete(np.arange(len(times)), events_at)

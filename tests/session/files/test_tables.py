@@ -19,8 +19,9 @@ from fte_sniff.errors import FileError, UsageError
 from fte_sniff.protocol import Frame, Row, record
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.scan import earliest_ns, read, scan
+from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
 
 SAMPLES = Path(__file__).parents[3] / "samples"
@@ -246,38 +247,48 @@ _START = datetime(2026, 1, 31, 12, tzinfo=UTC)
 _time = pl.col("time")
 
 
+_LATER = datetime(2027, 1, 1, tzinfo=UTC)
+_START_NS, _LATER_NS = (int(at.timestamp()) * 10**9 for at in (_START, _LATER))
+_FIRST, _LAST = 0, 2**63 - 1
+
+
 @pytest.mark.parametrize(
-    ("wanted", "bounded"),
+    ("wanted", "first_ns", "last_ns"),
     [
-        (_time > _START, True),
-        (_time >= _START, True),
-        (_time == _START, True),
-        (pl.lit(_START) <= _time, True),
-        (_time >= pl.datetime(2026, 1, 31, 12, time_zone="UTC"), True),
-        (_time.is_between(_START, datetime(2027, 1, 1, tzinfo=UTC)), True),
-        ((_time >= _START) & (pl.col("rpm") > 3), True),
-        (
-            (pl.col("rpm") > 3) & ((_time < datetime(2027, 1, 1, tzinfo=UTC)) & (_time > _START)),
-            True,
-        ),
-        ((_time >= _START) | (_time == datetime(2027, 1, 1, tzinfo=UTC)), True),
-        ((_time >= _START) | (pl.col("rpm") > 3), False),
-        (_time < _START, False),
-        (_time != _START, False),
-        (~(_time > _START), False),
-        (_time > _time, False),
-        (_time > pl.lit(None), False),
-        (_time.is_not_null(), False),
-        (pl.col("offset") > 10**18, False),
-        (_time.dt.offset_by("1h") > _START, False),
-        (_time.cast(pl.Int64) > 10**18, False),
-        (pl.lit(True), False),
+        (_time > _START, _START_NS, _LAST),
+        (_time >= _START, _START_NS, _LAST),
+        (_time == _START, _START_NS, _START_NS),
+        (_time < _START, _FIRST, _START_NS),
+        (_time <= _START, _FIRST, _START_NS),
+        (pl.lit(_START) <= _time, _START_NS, _LAST),
+        (pl.lit(_START) >= _time, _FIRST, _START_NS),
+        (pl.lit(_START) == _time, _START_NS, _START_NS),
+        (_time >= pl.datetime(2026, 1, 31, 12, time_zone="UTC"), _START_NS, _LAST),
+        (_time.is_between(_START, _LATER), _START_NS, _LATER_NS),
+        ((_time >= _START) & (pl.col("rpm") > 3), _START_NS, _LAST),
+        ((pl.col("rpm") > 3) & ((_time < _LATER) & (_time > _START)), _START_NS, _LATER_NS),
+        ((_time >= _START) | (_time == _LATER), _START_NS, _LAST),
+        ((_time <= _START) | (_time == _LATER), _FIRST, _LATER_NS),
+        ((_time >= _START) | (pl.col("rpm") > 3), _FIRST, _LAST),
+        (_time != _START, _FIRST, _LAST),
+        (~(_time > _START), _FIRST, _LAST),
+        (_time > _time, _FIRST, _LAST),
+        (_time > pl.lit(None), _FIRST, _LAST),
+        (_time.is_not_null(), _FIRST, _LAST),
+        (pl.col("offset") > 10**18, _FIRST, _LAST),
+        (_time.dt.offset_by("1h") > _START, _FIRST, _LAST),
+        (_time.cast(pl.Int64) > 10**18, _FIRST, _LAST),
+        (pl.lit(True), _FIRST, _LAST),
     ],
     ids=str,
 )
-def test_a_bound_is_taken_from_a_filter_only_where_it_holds(wanted: pl.Expr, bounded: bool) -> None:
-    start_ns = int(_START.timestamp()) * 10**9
-    assert earliest_ns(wanted) in ({start_ns, start_ns + 999} if bounded else {0})
+def test_bounds_are_taken_from_a_filter_only_where_they_hold(
+    wanted: pl.Expr, first_ns: int, last_ns: int
+) -> None:
+    """Polars compares with the microseconds of a datetime."""
+    first, last = time_bounds(wanted)
+    assert first == first_ns
+    assert last in (last_ns, last_ns + 999)
 
 
 def test_a_bound_holds_however_polars_writes_the_filter(tmp_path: Path) -> None:
@@ -390,6 +401,9 @@ def test_a_folder_named_as_a_column_is_refused(tmp_path: Path) -> None:
         (pl.col("file").str.contains("robot=8"), 1),
         ((pl.col("robot") > 7) & (pl.col("port") == "p7"), 0),
         (pl.col("time") >= datetime.fromtimestamp(START // 10**9 + 8 * 3600, UTC), 1),
+        (pl.col("time") < datetime.fromtimestamp(START // 10**9 + 7 * 3600 + 9, UTC), 1),
+        (pl.col("time") <= datetime.fromtimestamp(START // 10**9, UTC), 0),
+        (pl.col("time").is_between(*(datetime.fromtimestamp(at, UTC) for at in (1, 9))), 0),
         (pl.col("offset") >= 0, 2),
     ],
 )
@@ -409,3 +423,59 @@ def test_files_that_cannot_match_are_not_opened_again(
     monkeypatch.setattr(RecordingReader, "batches", counted)
     assert table.filter(wanted).collect().equals(expected)
     assert len(seen) == opened
+
+
+@st.composite
+def _predicates(draw: st.DrawFn) -> pl.Expr:
+    """Filters of time and port, and both joined."""
+    at = pl.lit(START + draw(st.integers(-2, 12))).cast(pl.Datetime("ns", "UTC"))
+    end = pl.lit(START + draw(st.integers(-2, 12))).cast(pl.Datetime("ns", "UTC"))
+    ports = draw(st.lists(st.sampled_from("abx"), max_size=2))
+    simple = [
+        *(_time < at, _time <= at, _time == at, _time != at, _time >= at, _time > at, at > _time),
+        *(_time.is_between(at, end), pl.col("port").is_in(ports), pl.col("port") == "a"),
+    ]
+    found = draw(st.sampled_from(simple))
+    for other in draw(st.lists(st.sampled_from(simple), max_size=2)):
+        found = draw(st.sampled_from([found & other, found | other, ~found]))
+    return found
+
+
+_ENTRIES = st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 10)), max_size=6)
+
+
+@examples(150)
+@given(
+    files=st.lists(st.tuples(st.booleans(), _ENTRIES), min_size=1, max_size=3),
+    wanted=_predicates(),
+)
+def test_a_query_that_skips_files_gives_what_the_whole_gives(
+    tmp_path_factory: pytest.TempPathFactory,
+    files: list[tuple[bool, list[tuple[str, int]]]],
+    wanted: pl.Expr,
+) -> None:
+    """Rows of one port may come before earlier ones of another, also by a long time."""
+    folder = tmp_path_factory.mktemp("files")
+    for number, (at_once, entries) in enumerate(files):
+        path = folder / f"{number}.mcap"
+        rows = [Frame(port, 10 * at, FRAME, START + ns) for at, (port, ns) in enumerate(entries)]
+        if at_once:
+            write_recording(path, [PortFacts("a")], [RowBatch.from_rows(rows)])
+            continue
+        with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
+            for row in rows:
+                writer.write([row])
+                writer.flush()
+    assert scan(folder).filter(wanted).collect().equals(read(folder).filter(wanted))
+
+
+def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Path) -> None:
+    rows = [Frame("a", 0, FRAME, START + 9), Frame("b", 0, FRAME, START + 3)]
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
+        for row in rows:
+            writer.write([row])
+            writer.flush()
+    assert RecordingReader(path).span_ns == (0, START + 9)
+    at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
+    assert scan(path).filter(_time < at).collect()["port"].to_list() == ["b"]
