@@ -369,7 +369,9 @@ def _measured(
     from fte_sniff.recording.reader import recordings_in
 
     listed = [paths] if isinstance(paths, str | PathLike) else paths
-    found = sorted(recordings_in(map(Path, listed)), key=_start_of)
+    found = recordings_in(map(Path, listed))
+    if len(found) > 1:  # opened for their first times, and closed: there may be thousands
+        found.sort(key=_start_of)
     jobs = [FileJob(path.absolute(), _opened, make) for path in found]
     reading = InputReading([])
     merger = FileMerger(make(), reading)

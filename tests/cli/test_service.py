@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -118,19 +119,22 @@ def test_a_hung_capture_does_not_feed_the_watchdog(environment, tmp_path, manage
         assert manager.recv(100) == b"WATCHDOG=1"
 
 
-def test_a_command_runs_for_each_finished_file(environment, tmp_path: Path) -> None:
-    script = tmp_path / "upload"
-    script.write_text('#!/bin/sh\nprintf "%s\\n" "$@" >> done.txt\n')
-    script.chmod(0o755)
-    words = [
-        "live",
-        LINE,
-        "--headless",
-        "-o",
-        "a b.mcap",
-        "--on-file",
-        "./upload '--to here' $HOME",
-    ]
+@pytest.fixture
+def script(tmp_path: Path) -> Callable[[str], None]:
+    """Makes the command `./run` with these shell lines; it can wait for a line from `gate`."""
+    os.mkfifo(tmp_path / "gate")
+
+    def make(lines: str) -> None:
+        (tmp_path / "run").write_text(f"#!/bin/sh\n{lines}\n")
+        (tmp_path / "run").chmod(0o755)
+
+    return make
+
+
+def test_a_command_runs_for_each_finished_file(environment, tmp_path: Path, script) -> None:
+    script('printf "%s\\n" "$@" >> done.txt')
+    command = "./run '--to here' $HOME"
+    words = ["live", LINE, "--headless", "-o", "a b.mcap", "--on-file", command]
     with started(environment, tmp_path, *words) as process:
         stderr_until(process, "capturing")
         wait_until(lambda: rows_in(tmp_path / "a b.mcap") > 0)
@@ -142,12 +146,9 @@ def test_a_command_runs_for_each_finished_file(environment, tmp_path: Path) -> N
     assert lines == ["--to here", "$HOME", "a b.mcap", "--to here", "$HOME", "a b_00002.mcap"]
 
 
-def test_a_command_that_fails_or_waits_stops_nothing(environment, tmp_path: Path) -> None:
-    script = tmp_path / "fails"
-    script.write_text("#!/bin/sh\ncase $1 in x.mcap) read line < gate ;; esac\nexit 3\n")
-    script.chmod(0o755)
-    subprocess.run(["mkfifo", tmp_path / "gate"], check=True)
-    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./fails"]
+def test_a_command_that_fails_or_waits_stops_nothing(environment, tmp_path: Path, script) -> None:
+    script("case $1 in x.mcap) read line < gate ;; esac; exit 3")
+    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./run"]
     with started(environment, tmp_path, *words) as process:
         stderr_until(process, "capturing")
         for name in ("x.mcap", "x_00002.mcap"):
@@ -155,26 +156,23 @@ def test_a_command_that_fails_or_waits_stops_nothing(environment, tmp_path: Path
             process.send_signal(signal.SIGUSR1)
             stderr_until(process, "recording goes on in")
         # The first command still waits.
-        stderr_until(process, "--on-file: ./fails failed for x_00002.mcap: exit code 3\n")
+        stderr_until(process, "--on-file: ./run failed for x_00002.mcap: exit code 3\n")
         (tmp_path / "gate").write_text("go\n")
-        stderr_until(process, "--on-file: ./fails failed for x.mcap: exit code 3\n")
+        stderr_until(process, "--on-file: ./run failed for x.mcap: exit code 3\n")
         process.send_signal(signal.SIGTERM)
         assert ended(process)[0] == 0
 
 
 def test_a_command_that_hangs_is_reported_and_left_by_the_next_signal(
-    environment, tmp_path: Path
+    environment, tmp_path: Path, script
 ) -> None:
-    script = tmp_path / "hangs"
-    script.write_text("#!/bin/sh\nread line < gate\necho done > left\n")
-    script.chmod(0o755)
-    subprocess.run(["mkfifo", tmp_path / "gate"], check=True)
-    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./hangs"]
+    script("read line < gate; echo done > left")
+    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./run"]
     with started(environment, tmp_path, *words) as process:
         stderr_until(process, "capturing")
         process.send_signal(signal.SIGTERM)
         stderr_until(process, "recorded to x.mcap")
-        stderr_until(process, "waiting for ./hangs for x.mcap; Ctrl-C ends")
+        stderr_until(process, "waiting for ./run for x.mcap; Ctrl-C ends")
         process.send_signal(signal.SIGTERM)
         stderr_until(process, "--on-file: not waiting any longer\n")
         assert process.wait(BOUND_S) == 0

@@ -165,6 +165,20 @@ def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
     assert re.fullmatch(rf"{re.escape(str(paths[1]))}: .* was killed by signal 9; .*", str(lost))
 
 
+def test_a_single_recording_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (path,) = write_parts(tmp_path / "parts", [[reset_at(0)]])
+    opens: list[Path] = []
+    original = RecordingReader.__init__
+
+    def counted(self: RecordingReader, path: Path) -> None:
+        opens.append(path)
+        original(self, path)
+
+    monkeypatch.setattr(RecordingReader, "__init__", counted)
+    assert fte_sniff.stats(path)["rows"] == 1
+    assert opens == [path]
+
+
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
     (good,) = write_parts(tmp_path / "good", [[reset_at(number) for number in range(9)]])
     good.write_bytes(good.read_bytes()[:-20])
