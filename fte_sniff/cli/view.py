@@ -28,7 +28,7 @@ from fte_sniff.cli.output import exit_if_unreadable, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err
-from fte_sniff.errors import FilterError, UsageError, printable
+from fte_sniff.errors import FileError, FilterError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.recording.retention import size_text
 from fte_sniff.session.following import Following
@@ -85,7 +85,7 @@ def command(
     if not query.files:
         query = replace(query, files=(_picked(language),))
     check_inputs(query.files)
-    from fte_sniff.session.notes import Notes, read_place, save_place
+    from fte_sniff.session.notes import Notes, read_place
     from fte_sniff.session.replay import RecordingPages, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
@@ -126,7 +126,7 @@ def command(
         notes=notes,
         place=place if play_speed is None else replace(place, cursor=None),
         play_speed=None if play_speed is None else float(play_speed),
-        save_place=partial(save_place, paths),
+        save_place=partial(_keep_place, paths, place),
     )
     code = run_screen(session, opening, pages)
     with ending_signals(session.stop) as request_end:
@@ -139,6 +139,17 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
+
+
+def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:
+    """Save where the view is left, if that is new; a failure is only reported."""
+    from fte_sniff.session.notes import save_place
+
+    if place != before:
+        try:
+            save_place(paths, place)
+        except FileError as error:
+            print_err(f"where the view was left is not saved: {error}")
 
 
 def _row_count(inputs: Sequence[Input]) -> int | None:

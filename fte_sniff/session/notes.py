@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from platformdirs import user_state_path
 
 from fte_sniff.analysis.time_text import time_ns
-from fte_sniff.errors import TranslatableText, reason_of
+from fte_sniff.errors import FileError, TranslatableText, reason_of
 from fte_sniff.protocol import Row, iso_time
 from fte_sniff.session.save import replace_text
 
@@ -144,7 +144,7 @@ class _NotesFile:
                 if line.strip():
                     note = Note.parse(line)
                     found[note.key] = note
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             pass
         except OSError as error:
             self._refuse(path, reason_of(error))
@@ -353,10 +353,15 @@ def read_place(files: Iterable[Path]) -> Place:
 
 
 def save_place(files: Iterable[Path], place: Place) -> None:
-    """Keep where the view of these files was left; does nothing if that cannot be written."""
-    places, key = _read_places(), _view_key(files)
+    """Keep where the view of these files was left.
+
+    Raises FileError if that cannot be written.
+    """
+    path, places, key = _places_path(), _read_places(), _view_key(files)
     places.pop(key, None)
     places[key] = asdict(place)
     latest = dict(list(places.items())[-MOST_PLACES:])
-    with suppress(OSError):
-        replace_text(_places_path(), json.dumps(latest, ensure_ascii=False, indent=1))
+    try:
+        replace_text(path, json.dumps(latest, ensure_ascii=False, indent=1))
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {reason_of(error)}") from error

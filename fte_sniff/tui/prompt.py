@@ -361,7 +361,9 @@ class Dropdown(LineList):
         self.styles.width = cells
         self.styles.height = min(lines, len(candidates))
         self.styles.offset = (max(0, min(left, width - cells)), -min(lines, len(candidates)))
-        self.set_options(list_line(f" {one.text}", f"{one.right} ") for one in candidates)
+        # Without colours there is no background that separates it from the rows.
+        side = "│" if self.app.no_color else " "
+        self.set_options(list_line(side + one.text, one.right + side) for one in candidates)
         self.highlighted = None
 
     @property

@@ -323,17 +323,48 @@ def test_nothing_chosen_writes_nothing(environment, settings_file: Path, tmp_pat
     assert not settings_file.exists()
 
 
-def test_a_choice_that_cannot_be_kept_is_one_line(environment, tmp_path: Path) -> None:
+def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.touch()
-    environment = environment | {"FTE_SNIFF_CONFIG": str(in_the_way / "config.toml")}
-    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
+    clean = tmp_path / "clean.mcap"
+    clean.write_bytes(Path(CLEAN).read_bytes())
+    clean.with_name("clean.mcap.notes.jsonl").mkdir()  # refuses the file, also for root
+    environment = environment | {
+        "FTE_SNIFF_CONFIG": str(in_the_way / "config.toml"),
+        "XDG_STATE_HOME": str(in_the_way),
+    }
+    with terminal(environment, tmp_path, "view", clean.name, size=(200, 24)) as screen:
         screen.until("reset")
         screen.type("\x14")
         screen.until("theme textual-light")
+        screen.type("fmotor = 1\x13")
+        screen.until("save the filter as")
+        screen.type("first wheel\r")
+        screen.until("f lists the filter as first wheel")
+        screen.type("i+")
+        screen.type("m")
+        screen.until("the notes are not saved: ")
         screen.type("Q")
         assert screen.ended() == 0
-    assert screen.drawn.count(b"are not saved") == 1
+    end = screen.drawn.decode().rpartition("\x1b[?1049l")[2]
+    for what in ("the screen settings are not saved: ", "where the view was left is not saved: "):
+        (line,) = (line for line in end.splitlines() if what in line)
+        assert str(in_the_way) in line
+    assert b"Traceback" not in screen.drawn
+
+
+def test_colours_of_the_settings_and_what_is_wrong_with_them(
+    environment, settings_file: Path, tmp_path: Path
+) -> None:
+    settings_file.write_text(
+        '[colors]\n"motor = 1" = "black on #00ff00"\n"motr = 1" = "red"\n"rpm > 1" = "reddish"\n'
+    )
+    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
+        screen.until("the rule 'motr = 1' in [colors] of the settings is ignored: filter: unknown")
+        screen.until("'reddish' is not a valid color")
+        screen.type("Q")
+        assert screen.ended() == 0
+    assert b"48;5;46m" in screen.drawn
     assert b"Traceback" not in screen.drawn
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.notes import (
@@ -178,3 +179,10 @@ def test_a_view_reopens_where_it_was_left(recording: Path, state: Path) -> None:
     for content in ("", "[]", "{", '{"x": {"filter": 7}}', "[" * 100_000):
         (state / "fte-sniff" / "views.json").write_text(content)
         assert read_place([recording]) == START
+
+
+def test_a_place_that_cannot_be_saved_is_one_line(recording: Path, state: Path) -> None:
+    state.write_text("no folder")
+    assert read_place([recording]) == START
+    with pytest.raises(FileError, match=r"views\.json cannot be written: .*directory"):
+        save_place([recording], Place("motor = 1"))

@@ -328,6 +328,9 @@ def test_every_size_and_colour_scheme_draws(
         await settle(app, pilot)
         await press(app, pilot, "enter", "up", "right", "right", "f")
         await type_line(app, pilot, "mot")
+        if size[1] >= 24:
+            edges = "│motor.*│" if colour == "no colour" else " motor.* "
+            assert re.search(edges, page(app)), "the rows behind it must not run into it"
         await press(app, pilot, "escape", "question_mark")
         assert page(app)
         await press(app, pilot, "escape")

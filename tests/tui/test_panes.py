@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER
@@ -37,7 +38,7 @@ from fte_sniff.protocol import (
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
-from fte_sniff.tui.panes.bytes import BytesPane, dump, neighbours
+from fte_sniff.tui.panes.bytes import CONTEXT_LINES, BytesPane, dump, neighbours
 from fte_sniff.tui.panes.detail import DetailLayout, DetailPane, detail_text
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
@@ -1054,12 +1055,23 @@ def test_a_wide_terminal_has_the_pane_beside_the_table(feed: Any) -> None:
         await drag(app, pilot, (120, 10))
         assert pane.region.x == pytest.approx(120, abs=1)
         assert app.choices.panes == PaneLayout(beside=True, width=40)
+        await press(app, pilot, "b")
+        table(app).jump(200)
+        await settle(app, pilot)
+        pane = divider(app)
+        assert pane.region.height - len(bytes_lines(app)) <= 3, "it fills its height"
         await pilot.resize_terminal(100, 30)
         await settle(app, pilot)
         assert pane.region.x == 0
         assert pane.region.y > 10
+        assert len(bytes_lines(app)) == 2 * CONTEXT_LINES + 1
 
     play(feed, scenario, (200, 40))
+
+
+def bytes_lines(app: SniffApp) -> list[str]:
+    """The lines of the bytes pane."""
+    return str(app.query_one(BytesPane).query_one(Static).content).splitlines()
 
 
 def test_the_panes_begin_where_they_were(feed: Any) -> None:

@@ -25,7 +25,7 @@ HINT: Final = later("<this row>  [ ]: field  J K: scroll  esc: close")
 NO_ROW: Final = later("no row")
 
 CONTEXT_LINES: Final = 6
-"""Lines before the row's first one, and after its last one."""
+"""Least lines before the row's first one, and after its last one."""
 
 MAX_ROWS_SEARCHED: Final = 20_000
 """Rows of other ports among which the port's neighbours are searched for."""
@@ -68,13 +68,21 @@ def _forwards(store: RowStore, index: int) -> Iterator[Row]:
 
 
 def dump(
-    row: Row, rows: Sequence[Row], width: int, palette: Palette, field: int | None = None
+    row: Row,
+    rows: Sequence[Row],
+    width: int,
+    palette: Palette,
+    field: int | None = None,
+    around: int = CONTEXT_LINES,
 ) -> Text:
-    """Hex dump of the row among its neighbours, in `width` cells; one field is highlighted."""
+    """Hex dump of the row among its neighbours, in `width` cells; one field is highlighted.
+
+    There are `around` lines before the row's first one, and after its last one.
+    """
     per_line = next((n for n in BYTES_PER_LINE if _cells(n) + n < width), BYTES_PER_LINE[-1])
     stream = _Stream(row, rows, palette, field)
-    first = max(0, row.offset // per_line - CONTEXT_LINES)
-    last = (row.offset + max(1, len(row.raw)) - 1) // per_line + CONTEXT_LINES
+    first = max(0, row.offset // per_line - around)
+    last = (row.offset + max(1, len(row.raw)) - 1) // per_line + around
     with_text = _cells(per_line) + per_line < width
     lines = [
         stream.line(number * per_line, per_line, with_text) for number in range(first, last + 1)
@@ -163,7 +171,10 @@ class BytesPane(Pane):
         if context.row is None or context.index is None:
             self.set_page_of(Text, _(NO_ROW))
             return
-        rows = neighbours(context.store, context.index, CONTEXT_LINES * BYTES_PER_LINE[0])
+        around = CONTEXT_LINES
+        if not (self.styles.height is None or self.styles.height.is_auto):
+            around = max(around, (self.page_size.height - 1) // 2)
+        rows = neighbours(context.store, context.index, around * BYTES_PER_LINE[0])
         self.set_title(_(TITLE).format(offset=context.row.offset))
         width, palette = self.page_size.width, context.palette
-        self.set_page_of(dump, context.row, rows, width, palette, context.field)
+        self.set_page_of(dump, context.row, rows, width, palette, context.field, around)

@@ -15,7 +15,7 @@ from textual.color import Color
 from textual.filter import LineFilter
 from textual.theme import Theme
 
-from fte_sniff.errors import FilterError, quoted
+from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Status, status_of
 from fte_sniff.protocol.dissect import byte_names, dissect
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
@@ -294,7 +294,12 @@ class ColorRules:
             try:
                 self._rules.append((_parsed(text), Style.parse(style)))
             except (FilterError, StyleSyntaxError) as error:
-                self.mistakes.append(f"[colors] {quoted(text)}: {error}")
+                mistake = TranslatableText(
+                    "the rule {rule} in [colors] of the settings is ignored: {why}",
+                    rule=quoted(text),
+                    why=str(error),
+                )
+                self.mistakes.append(mistake)
 
     def styles(self, rows: Sequence[tuple[int, Row]]) -> Sequence[Style]:
         """The styles of rows with their indices; those of the previous call are known."""
