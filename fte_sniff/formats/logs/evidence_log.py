@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from itertools import chain, pairwise
+from itertools import chain
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.evidence import Hypothesis, Sample, without_labels
 from fte_sniff.formats.logs.forms import EXTRACTORS
-from fte_sniff.formats.logs.layout import Found, Layout, left_out
+from fte_sniff.formats.logs.layout import Found, Layout, left_out, without_bytes
 from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
@@ -32,6 +32,8 @@ _COLUMNAR: Final = 256
 """Lines of a block from which on numpy reads them."""
 _MARK: Final = b"\x01"
 """Around the data of a line that a regular expression matches."""
+_LIKE_TIME: Final = rb"\d\d:[0-5]\d:[0-5]\d[\d.,]*|\b\d{8}T\d{6}[\d.,]*"
+_REGEX: Final = "--input-regex can say where"
 _LIKE: Final = "hold what looks like bytes but is not read"
 
 
@@ -87,8 +89,14 @@ class EvidenceLog(LogForm):
         texts = chain([b"\n".join(lines)], (block.text for block in blocks()))
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
         log._notes += times.decide(texts, near, given=options.day is not None)
-        read = (log.layout.read(line)[0][:1] for line in lines)
-        stamps = [one.stamp for found in read for one in found if one.fields]
+        read = [(line, log.layout.read(line)[0]) for line in lines]
+        if times.where == "none" and not log._paste:
+            around = [without_bytes(*one) for one in read if one[1]]
+            like = [time[0].decode() for text in around if (time := re.search(_LIKE_TIME, text))]
+            if 2 * len(like) > len(around):
+                example = f"for example {like[0]!r}; {_REGEX} they are"
+                log._notes.append(f"what may be times is not read, {example}")
+        stamps = [found[0].stamp for _, found in read if found and found[0].fields]
         if stamps and log._paste and times.kind not in ("date", "epoch"):
             log.layout.times = TimeRule()  # nobody asks when a pasted line was
         elif stamps:
@@ -232,7 +240,7 @@ class EvidenceLog(LogForm):
             many = f"{count:,} lines {what}, for example line {number}: {shown}"
             notes.append(one if count == 1 else many)
         if _LIKE in self._seen:
-            notes.append("--input-regex can say where the bytes are")
+            notes.append(f"{_REGEX} the bytes are")
         return notes if self._paste else [*notes, *self.clock.notes]
 
     def explain(self) -> list[str]:
@@ -242,10 +250,10 @@ class EvidenceLog(LogForm):
 
 def _unread_words(line: bytes, found: Sequence[Found]) -> str:
     """The words of a line before and between its bytes that are no time and no direction."""
-    hidden = masked(line).replace(b"~", b" ")
-    gaps = b" ".join(hidden[one.stop : two.start] for one, two in pairwise(found))
-    text = without_labels(hidden[: found[0].start]) + " " + gaps.decode("utf-8", "replace")
-    return " ".join(re.findall(r"\w+", text))
+    text = without_bytes(masked(line).replace(b"~", b" "), found)[: found[-1].start]
+    start = found[0].start
+    words = f"{without_labels(text[:start])} {text[start:].decode('utf-8', 'replace')}"
+    return " ".join(re.findall(r"\w+", words))
 
 
 def _is_padded(data: bytes, line: bytes, below: bytes = b"") -> bool:

@@ -156,6 +156,14 @@ class Layout:
         return True
 
 
+def without_bytes(line: bytes, found: Sequence[Found]) -> bytes:
+    """The line with spaces for its bytes."""
+    around = bytearray(line)
+    for one in found:
+        around[one.start : one.stop] = b" " * (one.stop - one.start)
+    return bytes(around)
+
+
 def left_out(cut: slice) -> str:
     """Which numbers of a run are no data."""
     first, last = cut.start or 0, -(cut.stop or 0)

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
-from fte_sniff.formats.logs.layout import Layout
+from fte_sniff.formats.logs.layout import Layout, without_bytes
 from fte_sniff.formats.logs.log_form import NO_TIME
 from fte_sniff.formats.logs.times import OF_CLOCK, Fields, Stamp, TimeRule
 
@@ -76,9 +76,8 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     found, others = layout.read(line)
     if others or len({one.label for one in found}) != 1 or any(one.gap for one in found):
         return None
-    around, pairs, skipped = bytearray(line), list[int](), list[int]()
+    pairs, skipped = list[int](), list[int]()
     for one in found:
-        around[one.start : one.stop] = b" " * (one.stop - one.start)
         run = re.finditer(b"[0-9A-Fa-f]{2}", line[one.start : one.stop])
         starts = [one.start + pair.start() for pair in run]
         pairs += starts[one.cut]
@@ -90,7 +89,8 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
         return None
     fields = found[0].fields or {}
     timed = {at for name in fields.keys() & OF_CLOCK for at in range(*fields[name])}
-    numbers = {at for token in re.finditer(NUMBER_TOKEN, around) for at in range(*token.span())}
+    tokens = re.finditer(NUMBER_TOKEN, without_bytes(line, found))
+    numbers = {at for token in tokens for at in range(*token.span())}
     numbers -= {at for span in fields.values() for at in range(*span)}
     digits = {at for at in timed | numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
     other = bytearray(line)

@@ -157,6 +157,12 @@ def test_seconds_above_the_bytes_are_not_dropped_without_a_note() -> None:
     )
 
 
+def test_what_may_be_a_time_but_is_not_read_is_reported() -> None:
+    text = "".join(f"motor.log:{line}:09:41:0{line}.5 RX {BYTES}\n" for line in range(1, 6))
+    assert times_of(text) == [None] * 5
+    assert any("'09:41:01.5'; --input-regex can say where" in note for note in read(text)[1])
+
+
 def test_silence_below_the_resolution_of_the_stamps_is_none() -> None:
     text = (
         "".join(
