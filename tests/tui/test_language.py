@@ -42,7 +42,14 @@ from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
+from fte_sniff.tui.status_bar import (
+    Mode,
+    RecordingSign,
+    StatusCounters,
+    badge_text,
+    status_text,
+    title_text,
+)
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.text import event_text
 from tests.analysis.filter.test_parser import MISTAKES
@@ -414,3 +421,16 @@ def test_modes_have_words_of_their_own() -> None:
     set_language("zh")
     said: Callable[[str], str] = _
     assert len({said(mode) for mode in Mode}) == len(Mode)
+
+
+@pytest.mark.parametrize(
+    ("language", "page"), [("en", "docs/screen.md"), ("zh", "docs/zh/screen.md")]
+)
+def test_the_documentation_has_every_mode_and_state_of_the_recording(
+    language: str, page: str
+) -> None:
+    text = (Path(__file__).parents[2] / page).read_text("utf-8")
+    set_language(language)
+    missing = [mode for mode in Mode if f"| {_(mode)}" not in text]
+    assert not missing
+    assert not [sign for sign in RecordingSign if f"| `{sign} " not in text]
