@@ -34,7 +34,7 @@ from fte_sniff.recording.mcap.records import (
     parse,
     unpack,
 )
-from fte_sniff.recording.metadata import NEXT_NAME, PROGRAM, part_of
+from fte_sniff.recording.metadata import END_NAME, NEXT_NAME, PROGRAM, part_of
 from fte_sniff.recording.reader import SUFFIX, RecordingReader
 from fte_sniff.row_batch import Codebook, RowBatch
 
@@ -103,6 +103,12 @@ class GrowingReader(RecordingReader):
             if metadata.name == NEXT_NAME and name:
                 return self.path.with_name(name)
         return None
+
+    @property
+    def limit(self) -> str:
+        """The limit at which the recording ended, text from the file; empty if it names none."""
+        found = (one.metadata for one in self._metadata_read if one.name == END_NAME)
+        return next((facts.get("reason", "") for facts in found), "")
 
     def find_next(self) -> Path | None:
         """The next file, also if this one could not name it because the disk failed."""

@@ -23,6 +23,10 @@ PART_FACTS = ("part", "previous")
 NEXT_NAME = f"{PROGRAM}.next"
 """The metadata record that names the next file of the capture."""
 
+END_NAME = f"{PROGRAM}.end"
+"""The metadata record of a file that ended because a limit was reached, while the capture went on.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:

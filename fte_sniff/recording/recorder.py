@@ -21,6 +21,7 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row, iso_time
 from fte_sniff.recording.metadata import (
+    END_NAME,
     GAP_NAME,
     LEFT_OUT_NAME,
     NEXT_NAME,
@@ -384,6 +385,7 @@ class Recorder:
         while writer is not None and (limit := self._files.limit_reached(writer.size)):
             if self._deletes_oldest and self._files.delete_oldest():
                 continue
+            writer.write_metadata(Metadata(END_NAME, {"reason": str(limit)}))
             with suppress(FileError):  # all rows are flushed, and the file is valid
                 writer.close()
             failure = stopped_by_limit(

@@ -68,8 +68,12 @@ class Following:
             elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
                 self.open_ports.discard(event.port)
 
-    def end(self, name: str) -> TranslatableText:
-        """Why following ended with a file that has no next one."""
+    def end(self, name: str, limit: str) -> TranslatableText:
+        """Why following ended with a file that has no next one; `limit` is what it names."""
+        if limit:
+            return TranslatableText(
+                "{path}: the recording ended because {reason}", path=name, reason=limit
+            )
         if not self.has_lock:
             return TranslatableText(
                 "{path}: nothing was written to it for {seconds:g} s",
@@ -157,7 +161,7 @@ class FollowedInput(RecordingInput):
         following = self._following
         if has_writer:
             return named_s is not None and now_s >= named_s + _RELEASE_S
-        if named_s is not None or following.has_lock:
+        if named_s is not None or following.has_lock or self._growing.limit:
             return True
         return now_s >= changed_s + following.idle_s
 
@@ -189,7 +193,7 @@ class FollowedInput(RecordingInput):
             # A writer with open ports may begin the next file soon, for example after a disk error.
             waits = following.open_ports and self.part and time.monotonic() < until_s
             if not waits or following.stopped:
-                following.ended = following.end(self.name)
+                following.ended = following.end(self.name, self._growing.limit)
                 return
             time.sleep(POLL_S)
         try:

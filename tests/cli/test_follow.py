@@ -137,6 +137,24 @@ def test_a_capture_that_was_killed_is_not_taken_for_one_that_ended(
     assert f"x.mcap: the program that recorded it {words}" in errors
 
 
+def test_a_recording_that_ended_at_its_limit_is_no_loss(environment, tmp_path: Path) -> None:
+    """The capture itself goes on, so its port is never closed in the file."""
+    live = ("live", "sim://?rate=1000", "--headless", "--max-size", "100kB", "-o", "x.mcap")
+    with started(environment, tmp_path, *live) as writer:
+        wait_until((tmp_path / "x.mcap").exists)
+        follow = ("decode", "--follow", "x.mcap", "-o", "rows.csv")
+        with started(environment, tmp_path, *follow) as reader:
+            code, _, errors = ended(reader)
+        assert writer.poll() is None
+        writer.send_signal(signal.SIGTERM)
+        ended(writer)
+    assert code == 0
+    assert (
+        "x.mcap: the recording ended because its files have reached 100 kB (--max-size)" in errors
+    )
+    assert "killed" not in errors
+
+
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
     environment, tmp_path: Path, form: str

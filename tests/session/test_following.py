@@ -164,7 +164,7 @@ def test_a_writer_that_left_a_port_open_did_not_end_by_itself(
     following.has_lock = True
     following.observe(events)
     assert following.open_ports == still_open
-    assert ("ended without closing a" in following.end("x")) == bool(still_open)
+    assert ("ended without closing a" in following.end("x", "")) == bool(still_open)
 
 
 class OverwrittenAfterCheck(GrowingReader):
