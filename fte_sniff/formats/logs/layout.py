@@ -77,13 +77,15 @@ class Layout:
                 continue
             gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
             one = Found(run.data[cut], run.start, run.stop, key, cut, gap)
-            found.append(self._described(one, line, before=(0, run.start), after=(run.stop, None)))
+            found.append(
+                self._described(one, line, before=(0, run.start), after=(run.stop, len(line)))
+            )
         if not found and "above" in (self.labelled, self.times.where):
-            heading = self._described(Found(), line, above=(0, None))
+            heading = self._described(Found(), line, above=(0, len(line)))
             found = [heading] * bool(heading.fields or heading.label)
         return found, others
 
-    def _described(self, found: Found, line: bytes, **parts: tuple[int, int | None]) -> Found:
+    def _described(self, found: Found, line: bytes, **parts: tuple[int, int]) -> Found:
         """The bytes with the label and the time that are in these parts of the line."""
         label = self._names.get(found.key)
         if self.labelled in parts and not self._names:

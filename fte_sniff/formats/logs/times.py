@@ -32,20 +32,16 @@ _MONTH: Final = "1[0-2]|0?[1-9]"
 _DAY: Final = r"3[01]|[12]\d|0?[1-9]"
 _EITHER: Final = "day or month first"
 DATES: Final = {
-    # ISO 8601: Python, Go, Java, ROS, socat; tools in Chinese
-    "date": rf"(?P<y>\d{{4}})(?:[-/.]|年)(?P<mo>{_MONTH})(?:[-/.]|月)(?P<d>{_DAY})(?:日)?",
-    # tools in German and Russian
-    "day first": r"(?P<d>\d{1,2})\.(?P<mo>\d{1,2})\.(?P<y>\d{4}|\d\d)",
-    # Docklight, Eltima, Windows tools in the order of the country
-    _EITHER: r"(?P<a>\d{1,2})[-/](?P<b>\d{1,2})[-/](?P<y>\d{4}|\d\d)",
-    # embedded loggers, file names
-    "digits": r"(?P<y>20\d\d)(?P<mo>\d\d)(?P<d>\d\d)",
-    # git, Apache
-    "day and name": rf"(?P<d>\d{{1,2}})[- ]{_NAMED}[- ](?P<y>\d{{4}})",
-    # syslog, ts, Tera Term
-    "name and day": rf"{_NAMED} +(?P<d>\d{{1,2}})(?:,? (?P<y>\d{{4}}))?",
-    # logcat, LLCOM
-    "month and day": r"(?P<mo>\d\d)[-/](?P<d>\d\d)",
+    "date":  # ISO 8601: Python, Go, Java, ROS, socat; tools in Chinese
+        rf"(?P<y>\d{{4}})(?:[-/.]|年)(?P<mo>{_MONTH})(?:[-/.]|月)(?P<d>{_DAY})(?:日)?",
+    "day first":  # tools in German and Russian
+        r"(?P<d>\d{1,2})\.(?P<mo>\d{1,2})\.(?P<y>\d{4}|\d\d)",
+    _EITHER:  # Docklight, Eltima, Windows tools in the order of the country
+        r"(?P<a>\d{1,2})[-/](?P<b>\d{1,2})[-/](?P<y>\d{4}|\d\d)",
+    "digits": r"(?P<y>20\d\d)(?P<mo>\d\d)(?P<d>\d\d)",  # embedded loggers, file names
+    "day and name": rf"(?P<d>\d{{1,2}})[- ]{_NAMED}[- ](?P<y>\d{{4}})",  # git, Apache
+    "name and day": rf"{_NAMED} +(?P<d>\d{{1,2}})(?:,? (?P<y>\d{{4}}))?",  # syslog, ts, Tera Term
+    "month and day": r"(?P<mo>\d\d)[-/](?P<d>\d\d)",  # logcat, LLCOM
 }  # fmt: skip
 """Regular expressions of the dates before a clock; an earlier one is preferred."""
 _HALF: Final = "[AaPp][Mm]|上午|下午"
@@ -57,7 +53,9 @@ CLOCK: Final = (
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
-_NUMBER: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)(?:\.(?P<f>\d{1,9})\d*)?(?![\w.])"
+_WHOLE: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)"
+_FRACTION: Final = r"\.(?P<f>\d{1,9})\d*"
+_NUMBER: Final = rf"{_WHOLE}(?:{_FRACTION})?(?![\w.])"
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
 _THEN: Final = r"(?:T|[,_ ] *)"
 _SOCAT: Final = r" (?P<h>\d\d):(?P<mi>\d\d):(?P<s>\d\d)\.000(?P<f>\d{6})(?=  length=)"
@@ -65,24 +63,34 @@ _DAY_DIGITS: Final = r"(?P<y>20\d\d){0}(?P<mo>0[1-9]|1[0-2]){0}(?P<d>0[1-9]|[12]
 _CLOCK_DIGITS: Final = r"(?P<h>[01]\d|2[0-3]){0}(?P<mi>[0-5]\d){0}(?P<s>[0-5]\d)"
 _COMPACT: Final = f"{_DAY_DIGITS}{_CLOCK_DIGITS}".format("") + r"(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
 _IN_NAME: Final = rf"(?<!\d){_DAY_DIGITS}(?:[-_ T.]+{_CLOCK_DIGITS})?(?!\d)".format("[-_.hm]?")
-FORMS: Final = {
+CLOCKS: Final = {
     "padded": _BEGIN + DATES["date"] + _SOCAT,  # socat 1.7.4.4: microseconds as nine digits
     **{name: f"{_BEGIN}{dates}{_THEN}{CLOCK}" for name, dates in DATES.items()},
     "compact": _BEGIN + _COMPACT,  # file names, PLCs
     "clock": _BEGIN + CLOCK,
-    "number": _NUMBER,
 }
-"""Regular expressions of times; an earlier one is preferred."""
+"""Regular expressions of times of day; an earlier one is preferred."""
+NUMBERS: Final = (
+    (_NUMBER.replace(r"\d+", r"[12]\d{9}"), "epoch", SECOND),  # `time`, candump
+    (_NUMBER.replace(r"\d+", r"[12]\d{12}"), "epoch", 10**6),  # JavaScript
+    (_NUMBER.replace(r"\d+", r"[12]\d{15}"), "epoch", 1000),
+    (_NUMBER.replace(r"\d+", r"[12]\d{18}"), "epoch", 1),  # ROS, InfluxDB
+    (_NUMBER, "since", 0),  # the heading of the column has the unit: DSView, Saleae
+    (_NUMBER + r"(?= ms\b)", "since", 10**6),
+    (_NUMBER + r"(?= us\b)", "since", 1000),
+    (_NUMBER + r"(?= ns\b)", "since", 1),
+    (r"\b[EWIDV] \(" + _NUMBER, "since", 10**6),  # ESP-IDF
+    (rf"{_WHOLE}{_FRACTION}(?![\w.])", "since", SECOND),  # dmesg, tshark
+)
+"""Regular expressions of numbers, what they count from, and nanoseconds of one."""
+_ANY: Final = re.sub(
+    r"\?P<\w+>", "?:", f"{_BEGIN}(?:{_COMPACT}|(?:(?:{'|'.join(DATES.values())}){_THEN})?{CLOCK})"
+)
 OF_CLOCK: Final = frozenset({"h", "mi", "s", "f", "us", "n"})
 """Fields that may differ in lines of the same shape; their dates and zones are equal."""
-_EPOCHS: Final = {10: SECOND, 13: 10**6, 16: 1000, 19: 1}
-"""By digits of a number since 1970, nanoseconds in one: `time`, candump, JavaScript, ROS."""
-_UNITS: Final = {"m": 10**6, "u": 1000, "µ": 1000, "n": 1}
-_UNIT_AFTER: Final = rb" ?([num])s\b"
-_UNIT_IN_HEADING: Final = r"(?i)[\[(_ ]([nuµm])s(?:ec(?:onds)?)?(?:[\])]|\b)"
 _TIME_WORD: Final = r"(?i)time|stamp|start|\bts\b|时间"
-_ESP_IDF: Final = rb"\b[EWIDV] \($"
-"""What ESP-IDF writes before milliseconds."""
+_UNIT: Final = r"(?i)[\[(_ ]([nuµm])s(?:ec(?:onds)?)?(?:[\])]|\b)"
+_SCALES: Final = {"m": 10**6, "u": 1000, "µ": 1000, "n": 1}
 _LACKING: Final = {
     "since": "count seconds from a start, which is {:%Y-%m-%dT%H:%M:%SZ} by {}; --start"
     " 2026-01-31T12:00:00Z",
@@ -123,18 +131,13 @@ class Text(NamedTuple):
 
 
 @cache
-def _form(name: str) -> re.Pattern[bytes]:
-    """The expression of a form, or of `any` but a number."""
-    if name != "any":
-        return re.compile(FORMS[name].encode())
-    dates = "|".join(DATES.values())
-    any_form = f"{_BEGIN}(?:{_COMPACT}|(?:(?:{dates}){_THEN})?{CLOCK})"
-    return re.compile(re.sub(r"\?P<\w+>", "?:", any_form).encode())
+def _compiled(pattern: str) -> re.Pattern[bytes]:
+    return re.compile(pattern.encode())
 
 
 def masked(line: bytes) -> bytes:
     """The line with its first date or time hidden, which cannot be bytes."""
-    return _form("any").sub(lambda found: b"~" * len(found[0]), line, count=1)
+    return _compiled(_ANY).sub(lambda found: b"~" * len(found[0]), line, count=1)
 
 
 @dataclass(slots=True)
@@ -143,12 +146,12 @@ class TimeRule:
 
     where: str = "none"
     """`before` or `after` the bytes, `above` them in a heading, or `none`."""
-    form: str = "number"
-    """In the table of forms."""
+    pattern: str = _NUMBER
+    """Of the times, in the tables of clocks and numbers."""
     kind: str = "date"
     """`date`, `year-less`, `clock`, `epoch` or `since`; `unread` if numbers above may be times."""
     column: int = 0
-    """Which of the times in a line; -1 for the last, where labels before it have numbers."""
+    """Which of the times in a line."""
     scale: int = SECOND
     """Nanoseconds of one of the numbers."""
     resolution_ns: int = SECOND
@@ -159,16 +162,13 @@ class TimeRule:
     first_byte: bool = False
     """Whether the first byte of a line began then; else the last one had arrived."""
 
-    def find(self, text: bytes, start: int = 0, stop: int | None = None) -> Fields | None:
+    def find(self, text: bytes, start: int, stop: int) -> Fields | None:
         """Where the fields of the time are in a part of a line."""
-        form, column, stop = _form(self.form), self.column, len(text) if stop is None else stop
-        several = [form.search(text, start, stop)]
-        if column:
-            several = [*form.finditer(text, start, stop)]
-        found = several[column] if -len(several) <= column < len(several) else None
-        return found and {
-            name: found.span(name) for name, part in found.groupdict().items() if part
-        }
+        found = [*_compiled(self.pattern).finditer(text, start, stop)]
+        if len(found) <= self.column:
+            return None
+        one = found[self.column]
+        return {name: one.span(name) for name, part in one.groupdict().items() if part}
 
     def stamp(self, text: bytes, fields: Fields, read: Read | None = None) -> Stamp | None:
         """The time of the fields of a line, None if it is impossible.
@@ -216,16 +216,17 @@ class TimeRule:
         """
         if self.kind == "unread":
             return ["numbers in the lines above the bytes may be times; they are not read"]
-        places, used, dates = 0, 0, set[tuple[int, int, int]]()
-        for text in texts if self.form != "number" else ():
-            for found in _form(self.form).finditer(text):
-                fraction = found["f"] or b""
-                places, used = max(places, len(fraction)), max(used, len(fraction.rstrip(b"0")))
-                if self.form == _EITHER:
-                    dates.add((int(found["a"]), int(found["b"]), int(found["y"])))
-            self.resolution_ns = SECOND // 10**used
-            certain = self.form != _EITHER or any(max(one[:2]) > 12 for one in dates)
-            if certain and used == places:
+        fractions, dates = {b""}, set[tuple[int, ...]]()
+        either = self.pattern == CLOCKS[_EITHER]
+        for text in texts if "n" not in _compiled(self.pattern).groupindex else ():
+            found = [*_compiled(self.pattern).finditer(text)]
+            fractions |= {one["f"] or b"" for one in found}
+            if either:
+                dates |= {tuple(map(int, one.group("a", "b", "y"))) for one in found}
+            digits = max(len(fraction.rstrip(b"0")) for fraction in fractions)
+            self.resolution_ns = SECOND // 10**digits
+            certain = not either or any(max(one[:2]) > 12 for one in dates)
+            if certain and digits == max(map(len, fractions)):
                 break
         month_first, day_first = (_plausible(dates, near, day_first=one) for one in (False, True))
         self.day_first = day_first >= month_first
@@ -246,7 +247,7 @@ def _midnight_ns(day: date) -> int:
     return (day - date(1970, 1, 1)).days * _DAY_NS
 
 
-def _plausible(dates: Iterable[tuple[int, int, int]], near: date, *, day_first: bool) -> list[int]:
+def _plausible(dates: Iterable[tuple[int, ...]], near: date, *, day_first: bool) -> list[int]:
     """How plausible an order of day and month is: by possible dates, few months, a near date."""
     days = list[date]()
     for first, second, year in dates:
@@ -271,51 +272,41 @@ def time_rule(texts: Sequence[Text]) -> TimeRule:
 
 def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> TimeRule | None:
     """The first form that more than half of the parts have."""
-    for name in list(FORMS)[:-1]:
-        found = [match.groupdict() for part in parts if (match := _form(name).search(part))]
+    for name, pattern in CLOCKS.items():
+        found = [one.groupdict() for part in parts if (one := _compiled(pattern).search(part))]
         if len(found) > 0.5 * len(parts):
             has_year = any(one.get("y") or one.get("y2") for one in found)
             kind = "clock" if name == "clock" else "date" if has_year else "year-less"
-            return TimeRule(where, name, kind)
+            return TimeRule(where, pattern, kind)
     return None
 
 
 def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
-    """The first column of rising numbers with a unit, the digits of an epoch, or fractions."""
-    rows = [[match[0] for match in _form("number").finditer(part)] for part in parts]
-    least = min(map(len, rows), default=0)
-    for column in (*range(least), *range(-1, -least - 1, -1)):
-        values = [row[column].partition(b".") for row in rows]
-        digits, places = ({len(own[at]) for own in values} for at in (0, 2))
-        kind, scale = "since", _unit(texts[0], where, column)
-        if scale is None and digits <= {*_EPOCHS} and len(digits) == 1 and values[0][0] < b"3":
-            kind, scale = "epoch", _EPOCHS[digits.pop()]
-        elif scale is None and min(places):
-            scale = SECOND
-        times = [float(b"".join(own)) for own in values]
-        falls = sum(later < earlier for earlier, later in pairwise(times))
-        changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
-        if scale is not None and falls <= len(times) // 50 and changes:
-            return TimeRule(
-                where, "number", kind, column, scale, max(1, scale // 10 ** max(places))
-            )
+    """The first form with a column of rising numbers."""
+    for pattern, kind, unit in NUMBERS:
+        rows = [[*_compiled(pattern).finditer(part)] for part in parts]
+        for column in range(min(map(len, rows), default=0)):
+            values = [row[column] for row in rows]
+            scale = unit or _unit(texts[0], where, values[0].start())
+            times = [float(b"%b.%b" % (one["n"], one["f"] or b"0")) for one in values]
+            falls = sum(later < earlier for earlier, later in pairwise(times))
+            changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
+            if scale and falls <= len(times) // 50 and changes:
+                places = max(len(one["f"] or b"") for one in values)
+                return TimeRule(where, pattern, kind, column, scale, max(1, scale // 10**places))
     return None
 
 
-def _unit(text: Text, where: str, column: int) -> int | None:
-    """Nanoseconds of one, by the heading of the column, or by the text around the number."""
-    start, line = text.stop * (where == "after"), text.above if where == "above" else text.line
-    begin, end = [*_form("number").finditer(text.part(where))][column].span()
-    cell = line.count(b",", 0, start + begin)
+def _unit(text: Text, where: str, start: int) -> int:
+    """Nanoseconds of one, by the heading of the column of times that begins there; 0 without."""
+    before = text.line[: text.stop + start] if where == "after" else text.part(where)[:start]
+    cell = before.count(b",")
     for heading in reversed(text.headings):
         cells = heading.decode("utf-8", "replace").split(",")
         if len(cells) > cell and re.search(_TIME_WORD, cells[cell]):
-            unit = re.search(_UNIT_IN_HEADING, cells[cell])
-            return _UNITS[unit[1].lower()] if unit else None
-    if re.search(_ESP_IDF, line[: start + begin]):
-        return _UNITS["m"]
-    after = re.match(_UNIT_AFTER, line[start + end :])
-    return _UNITS[after[1].decode()] if after else None
+            unit = re.search(_UNIT, cells[cell])
+            return _SCALES[unit[1].lower()] if unit else 0
+    return 0
 
 
 class LogClock:
@@ -349,7 +340,7 @@ class LogClock:
         bases = {"": given, "the file's name": named, other: (written_ns or time_ns()) - passed}
         source, base_ns = next((source, base) for source, base in bases.items() if base is not None)
         if kind == "since" and source == "the file's name":
-            base_ns -= self._east_s(base_ns) * SECOND
+            base_ns -= _east_s(self._options, base_ns) * SECOND
         begin = datetime.fromtimestamp(base_ns // SECOND, UTC)
         self._rule.year = begin.year
         if kind != "year-less":
@@ -375,34 +366,27 @@ class LogClock:
             t_ns += _DAY_NS * np.cumsum(np.append(self._last.ns, ns[:-1]) - _DAY_NS // 2 > ns)
         self._last, self._base_ns = Stamp(int(ns[-1]), int(zones[-1])), int(t_ns[-1] - ns[-1])
         if self._rule.kind not in ("since", "epoch"):
-            t_ns -= self._east(t_ns, zones) * SECOND
+            t_ns -= self._east_s(t_ns, zones) * SECOND
         before = np.append(self._last_ns, t_ns[:-1])
         text = f"the time goes back by {(before - t_ns)[(t_ns < before).argmax()] / SECOND:,.9g} s"
         self._note("back", t_ns < before, lines, text)
         self._last_ns = int(t_ns[-1])
         return np.maximum(t_ns, 0)
 
-    def _east(self, local_ns: Array, zones: Array) -> Array:
+    def _east_s(self, local_ns: Array, zones: Array) -> Array:
         """Seconds east of UTC of local times; of those without a zone, that of the options."""
         import numpy as np
 
         if (zones != NO_TIME).all():
             return zones
-        quarters = local_ns // _QUARTER_NS  # zones change at quarters of an hour
-        starts = np.flatnonzero(np.diff(quarters, prepend=-1))
-        east = [self._east_s(quarter * _QUARTER_NS) for quarter in quarters[starts].tolist()]
-        sizes = np.diff(starts, append=len(quarters))
-        return np.where(zones == NO_TIME, np.repeat(east, sizes), zones)
-
-    def _east_s(self, local_ns: int) -> int:
         if self._options.zone is None:
             note = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
             self._notes["zone"] = note, 1
-            return 0
-        there = datetime(1970, 1, 1, tzinfo=self._options.zone)
-        with suppress(OverflowError, ValueError):
-            there += timedelta(seconds=local_ns // SECOND)
-        return int((there.utcoffset() or timedelta()).total_seconds())
+        quarters = local_ns // _QUARTER_NS  # zones change at quarters of an hour
+        starts = np.flatnonzero(np.diff(quarters, prepend=-1))
+        east = [_east_s(self._options, own * _QUARTER_NS) for own in quarters[starts].tolist()]
+        sizes = np.diff(starts, append=len(quarters))
+        return np.where(zones == NO_TIME, np.repeat(east, sizes), zones)
 
     def _note(self, problem: str, wrong: Any, lines: Array, text: str) -> None:
         if wrong.any():
@@ -417,6 +401,11 @@ class LogClock:
             text if count == 1 else f"{text}, and {count - 1:,} times more"
             for text, count in self._notes.values()
         ]
+
+
+def _east_s(options: LogOptions, local_ns: int) -> int:
+    there = datetime.fromtimestamp(local_ns // SECOND, UTC).replace(tzinfo=options.zone)
+    return int((there.utcoffset() or timedelta()).total_seconds())
 
 
 def time_in_name(name: str) -> tuple[int | None, bool]:
