@@ -45,10 +45,11 @@ DATES: Final = {
 }  # fmt: skip
 """Regular expressions of the dates before a clock; an earlier one is preferred."""
 _HALF: Final = "[AaPp][Mm]|上午|下午"
+_MICROS: Final = r"(?:,(?P<us>\d{3})(?=\]))?"  # Zephyr
 CLOCK: Final = (
     rf"(?:(?P<half>{_HALF}) *)?"
     r"(?P<h>2[0-4]|[01]?\d)(?::|时)(?P<mi>[0-5]\d)(?::|分)(?P<s>[0-5]\d|60)(?:秒)?"
-    r"(?:(?:\.|[:,](?=\d{3}(?!\d)))(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"
+    rf"(?:(?:\.|[:,](?=\d{{3}}(?!\d)))(?P<f>\d{{1,9}}){_MICROS})?"
     rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?"
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 )
@@ -58,10 +59,12 @@ _FRACTION: Final = r"\.(?P<f>\d{1,9})\d*"
 _NUMBER: Final = rf"{_WHOLE}(?:{_FRACTION})?(?![\w.])"
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
 _THEN: Final = r"(?:T|[,_ ] *)"
-_SOCAT: Final = r" (?P<h>\d\d):(?P<mi>\d\d):(?P<s>\d\d)\.000(?P<f>\d{6})(?=  length=)"
+_SOCAT: Final = r" (?P<h>\d\d):(?P<mi>\d\d):(?P<s>\d\d)\.000(?P<f>\d{6})" + _MICROS + "(?=  length)"
 _DAY_DIGITS: Final = r"(?P<y>20\d\d){0}(?P<mo>0[1-9]|1[0-2]){0}(?P<d>0[1-9]|[12]\d|3[01])"
 _CLOCK_DIGITS: Final = r"(?P<h>[01]\d|2[0-3]){0}(?P<mi>[0-5]\d){0}(?P<s>[0-5]\d)"
-_COMPACT: Final = f"{_DAY_DIGITS}{_CLOCK_DIGITS}".format("") + r"(?:[.,](?P<f>\d{1,9}))?(?![\w.])"
+_COMPACT: Final = (
+    f"{_DAY_DIGITS}{_CLOCK_DIGITS}".format("") + rf"(?:[.,](?P<f>\d{{1,9}}){_MICROS})?(?![\w.])"
+)
 _IN_NAME: Final = rf"(?<!\d){_DAY_DIGITS}(?:[-_ T.]+{_CLOCK_DIGITS})?(?!\d)".format("[-_.hm]?")
 CLOCKS: Final = {
     "padded": _BEGIN + DATES["date"] + _SOCAT,  # socat 1.7.4.4: microseconds as nine digits
@@ -71,10 +74,10 @@ CLOCKS: Final = {
 }
 """Regular expressions of times of day; an earlier one is preferred."""
 NUMBERS: Final = (
-    (_NUMBER.replace(r"\d+", r"[12]\d{9}"), "epoch", SECOND),  # `time`, candump
-    (_NUMBER.replace(r"\d+", r"[12]\d{12}"), "epoch", 10**6),  # JavaScript
-    (_NUMBER.replace(r"\d+", r"[12]\d{15}"), "epoch", 1000),
-    (_NUMBER.replace(r"\d+", r"[12]\d{18}"), "epoch", 1),  # ROS, InfluxDB
+    *(  # `time`, candump; JavaScript; ROS, InfluxDB
+        (_NUMBER.replace(r"\d+", rf"[12]\d{{{digits}}}"), "epoch", 10 ** (18 - digits))
+        for digits in (9, 12, 15, 18)
+    ),
     (_NUMBER, "since", 0),  # the heading of the column has the unit: DSView, Saleae
     (_NUMBER + r"(?= ms\b)", "since", 10**6),
     (_NUMBER + r"(?= us\b)", "since", 1000),
@@ -209,18 +212,16 @@ class TimeRule:
     def decide(self, texts: Iterable[bytes], near: date, *, given: bool) -> list[str]:
         """Decide the resolution, and the order of day and month; returns notes about them.
 
-        Args:
-            texts: parts of the log, which are read until they show both.
-            near: the date of the first time if it is `given`; else one that is near.
-            given: whether the user gave it.
+        Texts of the log are read until they show both; if none shows the order, it is that whose
+        date is near the date that is `given`, or that of the file.
         """
         if self.kind == "unread":
             return ["numbers in the lines above the bytes may be times; they are not read"]
         fractions, dates = {b""}, set[tuple[int, ...]]()
-        either = self.pattern == CLOCKS[_EITHER]
-        for text in texts if "n" not in _compiled(self.pattern).groupindex else ():
-            found = [*_compiled(self.pattern).finditer(text)]
-            fractions |= {one["f"] or b"" for one in found}
+        form, either = _compiled(self.pattern), self.pattern == CLOCKS[_EITHER]
+        for text in texts if "h" in form.groupindex else ():
+            found = [*form.finditer(text)]
+            fractions |= {(one["f"] or b"") + (one["us"] or b"") for one in found}
             if either:
                 dates |= {tuple(map(int, one.group("a", "b", "y"))) for one in found}
             digits = max(len(fraction.rstrip(b"0")) for fraction in fractions)
@@ -321,10 +322,8 @@ class LogClock:
     def settle(self, stamps: Sequence[Stamp], name: str, written_ns: int | None) -> None:
         """Decide what the times count from.
 
-        Args:
-            stamps: those of a sample, the first and the last of the log among them.
-            name: the file's; it may hold a date.
-            written_ns: when the file was modified; None for a pipe, which is read now.
+        It is given by options, else by the name of the file, else by when it was written (None for
+        a pipe) and the stamps of a sample, the first and the last of the log among them.
         """
         kind, day, self._last = self._rule.kind, self._options.day, stamps[0]
         if kind not in _LACKING:
