@@ -308,12 +308,13 @@
     for (const renderer of figure.renderers.filter((one) => one.name)) {
       const entry = document.createElement("label"), box = document.createElement("input");
       const mark = document.createElement("i"), name = document.createElement("span");
-      const { line_color, fill_color, type } = renderer.glyph;
+      const { line_color, fill_color, hatch_pattern, type } = renderer.glyph;
       box.type = "checkbox";
       box.checked = true;
       box.addEventListener("change", () => { renderer.visible = box.checked; });
       mark.className = type;
-      mark.style.background = line_color.value || fill_color.value;
+      if (hatch_pattern?.value) mark.classList.add("hatched");
+      mark.style.backgroundColor = line_color.value || fill_color.value;
       name.textContent = renderer.name;
       entry.append(box, mark, name);
       legend.append(entry);

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,8 +21,9 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.cli.report_page import TEXTS
-from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.protocol import KIND_BY_NAME, Frame, Gap, GapKind, encode
+from fte_sniff.recording.bulk_writer import BulkWriter
+from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.row_batch import RowBatch
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 
@@ -229,6 +231,48 @@ def test_a_printed_plot_has_the_width_of_the_paper(run, tmp_path, browser, sampl
         return Number(zoom) * document.getElementById("plots").clientWidth;
     """
     assert browser.execute_script(script) == pytest.approx(1040)
+
+
+@needs_browser
+def test_nothing_is_cut_off_on_paper(run, tmp_path, browser) -> None:
+    """Neither a long name of a port nor the reason of a gap."""
+    name = f"sim://?{'long=1&' * 60}"
+    path = recorded(tmp_path / "x.mcap", [feedback(number, 5, name) for number in range(9)])
+    shown(browser, made(run, tmp_path, path))
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        script = """
+            return [...document.querySelectorAll("table")].map((one) => one.scrollWidth
+                - one.parentElement.clientWidth)
+        """
+        assert max(browser.execute_script(script)) <= 0
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+@needs_browser
+def test_recorded_gaps_are_bands_that_differ_from_offline_ones(run, tmp_path, browser) -> None:
+    frames = [feedback(number, 5) for number in range(90)]
+    offline = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0})
+    frames[80] = replace(frames[80], raw=offline)
+    path = tmp_path / "x.mcap"
+    writer = BulkWriter(path, [PortFacts("a")])
+    writer.write(RowBatch.from_rows(frames[:30] + frames[60:]))
+    gap = Gap(GapKind.WRITE_ERROR, 30, frames[30].t_ns, frames[60].t_ns, "no space is left")
+    writer.close([(GAP_NAME, gap_to_metadata(gap))])
+    shown(browser, made(run, tmp_path, path))
+    found = source(browser, "rpm-1-gap")
+    start_ms = START_NS / MS
+    assert found["left"] == pytest.approx([start_ms + 30], rel=0, abs=0.01)
+    assert found["right"] == pytest.approx([start_ms + 60], rel=0, abs=0.01)
+    assert "no space is left" in browser.find_element(By.TAG_NAME, "body").text
+    script = """
+        return [...document.querySelectorAll(".legend label")]
+            .filter((one) => one.textContent.trim() === arguments[0])
+            .map((one) => one.querySelector("i").classList.contains("hatched"));
+    """
+    assert set(browser.execute_script(script, "rows are missing")) == {False}
+    assert set(browser.execute_script(script, "not ONLINE")) == {True}
 
 
 @needs_browser
