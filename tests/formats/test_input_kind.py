@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.input_kind import raw_stream_chunks
 from fte_sniff.formats.logs import text as log_text
-from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.session.log_rows import rows_of_log
 
 
-def hex_bytes(text: bytes) -> bytes:
-    rows = rows_of_log(LogReader("f", stream=io.BytesIO(text)), lambda _: None)
+def hex_bytes(text: bytes, *, whole: bool = True) -> bytes:
+    rows = rows_of_log(LogReader("f", LogOptions(whole=whole), io.BytesIO(text)), lambda _: None)
     return b"".join(row.raw for some in rows for row in some)
 
 
@@ -38,7 +38,7 @@ def test_very_long_lines_are_cut_between_bytes(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(log_text, "LONGEST_LINE", longest)
         patch.setattr(log_text, "BLOCK_BYTES", 64)
-        assert hex_bytes(text.encode()) == b"".join(lines)
+        assert hex_bytes(text.encode(), whole=False) == b"".join(lines)
 
 
 def test_a_line_longer_than_a_piece_is_whole_and_its_errors_are_placed() -> None:

@@ -18,7 +18,7 @@ from fte_sniff.formats.logs.layout import Found, Layout, left_out, without_bytes
 from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
-from fte_sniff.protocol import FRAME_LENGTH, byte_time_ns
+from fte_sniff.protocol import byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.log_form import Array
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 _AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
-_CERTAIN: Final = 0.95
-"""Share of the bytes in frames from which on nothing else is plausible."""
+_CERTAIN: Final = 20
+"""Frames from which on a sample is large enough."""
 _COLUMNAR: Final = 256
 """Lines of a block from which on numpy reads them."""
 _MARK: Final = b"\x01"
@@ -48,12 +48,12 @@ class EvidenceLog(LogForm):
         given = options.pattern is not None and "dir" in options.pattern.groupindex
         self.layout = Layout(found[0], lines, given=given)
         self.clock = LogClock(self.layout.times, options)
-        self.frames = len(found[0].frames)
+        self.score, self.is_certain = found[0].score, len(found[0].frames) >= _CERTAIN
         self.single = self._paste or not self.layout.streams
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
         self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
-        if not self.frames:
+        if not found[0].frames:
             form = found[0].extractor.name
             self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
         self._start_ns, self._byte_ns = options.start_ns, byte_time_ns(options.baud)
@@ -105,12 +105,6 @@ class EvidenceLog(LogForm):
         log.resolution_ns = times.resolution_ns if timed else None
         return log
 
-    def better_than(self, frames: int, size: int) -> bool:
-        """Whether it explains more than plain hex with these frames and bytes."""
-        share = self.layout.hypothesis.share
-        more_certain = share > _CERTAIN > FRAME_LENGTH * frames / max(size, 1)
-        return self.frames > frames or (self.frames == frames > 0 and more_certain)
-
     def ports(self, name: str) -> list[str]:
         """One for each label."""
         labels = self.layout.streams
@@ -118,7 +112,7 @@ class EvidenceLog(LogForm):
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
-        if block.column or block.unfinished:
+        if block.column is not None:
             self._count("hold no bytes", block.first, block.text[:80])
             return
         tables, data = list[Any](), list[bytes]()

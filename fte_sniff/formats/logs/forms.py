@@ -218,7 +218,7 @@ def _hex_forms() -> Iterator[Extractor]:
     alone = rb"(?:%b|(?<=[^0-9A-Za-z]0[xX])|(?<=\\x))%b%b" % (_WORD[0], _GROUP, _WORD[1])
     yield Extractor("hex digits", "Tasmota, logcat, candump, MQTT, SQL", alone, _hex)
     groups = rb"%b%b(?:(%%b)%b(?:\1%b)*+)?+%b" % (_WORD[0], _GROUP, _GROUP, _GROUP, _WORD[1])
-    needs = rb"%b {1,5}%b%b" % (_GROUP, _GROUP, _WORD[1])
+    needs = _expanded(rb"@@ {1,5}@@")
     yield Extractor("hex groups", "xxd, usbmon, LabVIEW", groups % b" ", _hex, 1, needs)
     tools, words = "od -x, hexdump, xxd -e", groups % rb" {1,5}"
     yield Extractor("hex words, little endian", tools, words, _reversed_words, 2, needs)

@@ -45,10 +45,12 @@ class LogForm(ABC):
     """Of its times; None if it has none."""
     single: bool = False
     """Whether its rows have one port, whatever it says of directions."""
-    frames: int = 0
-    """Whole frames in its sample."""
+    score: float = 0.0
+    """Of the frames in its sample."""
     is_certain: bool = False
     """Whether its sample shows that no other kind of log is better."""
+    is_chance: bool = False
+    """Whether there are too few frames in its sample."""
 
     def ports(self, name: str) -> list[str]:
         """The ports of its rows, as far as the sample shows."""

@@ -8,7 +8,6 @@ JSON lines; they come back with their ports and times.
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -17,35 +16,42 @@ from datetime import datetime
 from typing import Final
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.evidence import direction_of, frames_in, label_of
+from fte_sniff.formats.logs.evidence import Hypothesis, Lane, direction_of
+from fte_sniff.formats.logs.forms import Extractor
 from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import SECOND, masked
-from fte_sniff.protocol import FRAME_LENGTH, KINDS
 
 _BLANKS: Final = bytes.maketrans(b",:;-", b"    ")
 _GAP: Final = rb"[\s,;:|\-\[\](){}\"'`<>]"
 _PAIR: Final = rb"[0-9A-Fa-f]{2}"
 _TOKEN: Final = (
-    rb"(?s)(?:%b|\xe2\x96\xa1|(?<=%b)\.(?=%b|\Z)|#.*|//.*|/\*.*?(?:\*/|\Z)|\A```.*)+"
-    rb"|(?:0[xX]|\$|&[hH])?(?P<pairs>(?:%b)+)(?:[hH](?![0-9A-Za-z]))?"
+    rb"(?s:(?:%b|\xe2\x96\xa1|(?<=%b)\.(?=%b|\Z)|#.*|//.*|/\*.*?(?:\*/|\Z)|\A```.*)++"
+    rb"|(?:0[xX]|\$|&[hH])?(?P<pairs>(?:%b)++)(?:[hH](?![0-9A-Za-z]))?"
     rb"|\\x(?P<escape>%b)(?![0-9A-Fa-f])"
-    rb"|(?:0[xX]|\$|&[hH])?(?<![0-9A-Fa-f])(?P<lone>[0-9A-Fa-f])(?=%b|\Z)"
+    rb"|(?:0[xX]|\$|&[hH])?(?<![0-9A-Fa-f])(?P<lone>[0-9A-Fa-f])(?=%b|\Z))"
 ) % (_GAP, _PAIR, _GAP, _PAIR, _PAIR, _GAP)
 """What is between bytes, or bytes."""
-_ADDRESS: Final = (
+_PLAIN: Final = re.sub(rb"\?P<\w+>", b"?:", _TOKEN) + rb"*+"
+_MISTYPED: Final = rb"%b|(?:0[xX]|\\x)?.{1,3}" % _PLAIN
+"""A word of plain hex, perhaps with a typing error."""
+_PREFIX: Final = (
     rb"\s*(?:[0-9A-Fa-f]{4,16}(?::|\s{2,})\s*%b\b"
-    rb"|\[?(?:[\d-]{8,10}[ T])?\d\d?:\d\d:\d\d\]?\s+(?:AA|aa|55)\b)"
+    rb"|\[?[\dT -]*\d:\d\d:\d\d\]?\s+(?:AA|aa|55)\b"
+    rb"|[^0-9A-Za-z]*?(?:>|<[^0-9A-Za-z]))"
 ) % _PAIR
-"""An address or a time before bytes."""
+"""An address, a time or an arrow before bytes."""
 _CERTAIN: Final = 0.95
 _FEW_BYTES: Final = 100
-_MANY_BYTES: Final = 1000
-_LONGEST_MISTAKE: Final = 3
-_FIX: Final = "write bytes as hex digits, like AA 01 01 03 E8 00 00 00 00 EE; # starts a comment"
+_CHANCE: Final = 0.005
+"""Share of many bytes in frames from which on they are evidence."""
+_PLAIN_HEX: Final = Extractor("plain hex", "hex editors, xxd -p, fte-sniff", b"", bytes)
+_FIX: Final = (
+    "write each byte as two hex digits, as in AA 01 01 03 E8 00 00 00 00 EE; # starts a comment"
+)
 
 
-def bytes_of_line(line: bytes, number: int, column: int = 0) -> bytes:
+def bytes_of_line(line: bytes, number: int = 1, column: int = 0) -> bytes:
     """The bytes of a line, or of a segment of a line after `column` bytes.
 
     Raises:
@@ -60,31 +66,12 @@ def bytes_of_line(line: bytes, number: int, column: int = 0) -> bytes:
             found += bytes.fromhex(token[token.lastgroup].decode().zfill(2))
     if at == len(line):
         return bytes(found)
-    why = "is no hex digit"
-    if re.match(rb"[0-9A-Fa-f](?:%b|\Z)" % _GAP, line[at:]):
-        why = "has no second digit to make a byte"
-    elif re.match(rb"[0-9A-Fa-f]", line[at:]):
-        at += 1  # an odd number of digits ends in a character that is no digit
+    at += re.match(rb"[0-9A-Fa-f](?!%b|\Z)" % _GAP, line[at:]) is not None  # half a byte
     before, after = (text.decode("utf-8", "replace") for text in (line[:at][-12:], line[at:]))
     raise InputTextError(
-        f"not hex: {after[0]!r} {why}, line {number}, column {column + at + 1}:"
+        f"not hex: {after[0]!r} in line {number}, column {column + at + 1}:"
         f" {before}>>{after[0]}<<{after[1:12]} ({_FIX})"
     )
-
-
-def is_plain(line: bytes) -> bool:
-    """Whether a line has hex and nothing else, or nothing at all."""
-    with suppress(InputTextError):
-        bytes_of_line(line, 0)
-        return re.match(_ADDRESS, line) is None
-    return False
-
-
-def _is_mistyped(line: bytes) -> bool:
-    """Whether a line looks like plain hex with a typing error, and not like other text."""
-    wrong = [len(token) for token in re.split(rb"%b+" % _GAP, line) if not is_plain(token)]
-    other = direction_of(line) or re.match(_ADDRESS, line) or masked(line) != line
-    return not other and max(wrong, default=9) <= _LONGEST_MISTAKE
 
 
 class PlainLog(LogForm):
@@ -92,26 +79,28 @@ class PlainLog(LogForm):
 
     single = True
 
-    def __init__(self, data: bytes) -> None:
-        self.frames, self.size = len(frames_in(data)), len(data)
-        self.is_chance = not self.frames and self.size >= _MANY_BYTES
-        self.is_certain = 0 < _CERTAIN * self.size <= FRAME_LENGTH * self.frames
+    def __init__(self, data: bytes = b"") -> None:
+        """A log whose sample has these bytes."""
+        self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [(0, data)])])
+        self.score = self.found.score if self.found.frames else 0.0
+        self.is_certain = self.found.share >= _CERTAIN
+        self.is_chance = self.found.size >= _FEW_BYTES and self.found.share < _CHANCE
 
     @classmethod
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
-        """The log, if all lines of a sample are plain, but for typing errors."""
-        data, names = b"", 0
-        heads = (re.findall(rb"\A[^0-9A-Fa-f]*.{0,2}", line) for line in lines)
-        if any(label_of("arrow", head) for found in heads for head in found):
-            return None
+        """The log, if all lines of a sample are plain, but for typing errors in short words."""
+        data = b""
         for line in lines:
-            if is_plain(line):
-                data += bytes_of_line(line, 0)
-            elif not _is_mistyped(line):
+            if re.match(_PREFIX, line):
                 return None
-            names += b":" in line or b"-" in line  # a network address, a UUID, a date
-        plain = cls(data)
-        return None if not plain.frames and names > max(2, len(lines) // 2) else plain
+            if re.fullmatch(_PLAIN, line):
+                data += bytes_of_line(line)
+                continue
+            words = re.split(rb"%b+" % _GAP, line)
+            is_labelled = direction_of(line) or masked(line) != line
+            if is_labelled or not all(re.fullmatch(_MISTYPED, word) for word in words):
+                return None
+        return cls(data)
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
@@ -120,32 +109,41 @@ class PlainLog(LogForm):
             data += bytearray.fromhex(block.text.translate(_BLANKS).decode("latin-1"))
         try:
             for number, line in enumerate(() if data else block.lines, block.first):
-                data += bytes_of_line(line, number, block.column * (number == block.first))
+                data += bytes_of_line(line, number, block.column or 0)
         finally:
             if data:
                 yield StreamBytes(name, bytes(data), [len(data)], [block.first])
 
     def notes(self) -> list[str]:
         """That there are no frames, in a log of more than a few bytes."""
-        few = self.frames or self.size < _FEW_BYTES
-        return [] if few else ["no frames found; it is read as plain hex"]
+        return ["no frames found; it is read as plain hex"] if self.is_chance else []
 
     def explain(self) -> list[str]:
         """What it is."""
-        return [f"plain hex: {self.frames:,} frames in {self.size:,} bytes of the sample"]
+        return [str(self.found)]
 
 
-_OBJECT: Final = r'\s*\{"time":[^,]*,\s*"port":'
-_NAMES: Final = "time,port,offset,"
-_HEADING: Final = {"kind", "values"}
-_HEADINGS: Final = {*_HEADING, "time", "UTC", "port", "offset", "raw", "faults"}
 _TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}Z"
 _OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
-_CELLS: Final = (
-    rf"{_OFFSET}(?:{'|'.join(kind.name for kind in KINDS)}|-)\s{{2,}}+"
-    r"(?:\d+ bytes?\s{2,}+|(?:[a-z_]+=\S++\s)++\s*+)?+"
-    r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s{2,}+[a-z_,]++)?+\s*+\Z"
-)
+_OWN: Final = {
+    "table": (
+        r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw\b",
+        rf"\s*(?:(?P<time>{_TIME})\s)?(?P<port>)(?:.*?{_OFFSET}(?:[a-z_]+|-)\s.*?\s\s"
+        r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s\s+[a-z_,]+)?\s*\Z"
+        rf"|(?<=Z\s)|-\s|{_OFFSET})",
+    ),
+    "CSV": (
+        "time,port,offset,",
+        rf"(?=\d{{4}}-|,)(?:(?P<time>{_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
+        r".*,(?P<raw>[0-9A-F]+)\s*\Z)?",
+    ),
+    "JSON lines": (
+        r'\s*\{"time": *[^,]*, *"port":',
+        rf'\s*\{{(?:"time": *(?:null|"(?P<time>{_TIME})"), *"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
+        r'.*"raw": *"(?P<raw>[0-9A-F]+)"\}\s*\Z)?',
+    ),
+}
+"""How own rows in a format begin, and each row; what matches without `raw` is a row that is cut."""
 
 
 class OwnLog(LogForm):
@@ -154,19 +152,22 @@ class OwnLog(LogForm):
     resolution_ns = 1
     is_certain = True
 
-    def __init__(self, lines: Sequence[bytes] = ()) -> None:
-        """A log whose first lines are known; they show its ports."""
-        self._headed, self._columns, self._ports = False, list[str](), dict[str, None]()
+    def __init__(self, what: str, lines: Sequence[bytes]) -> None:
+        """Rows in a format, of which the first lines are known; they show its ports."""
+        self._what, self._ports = what, dict[str, None]()
         with suppress(InputTextError):
-            for _, _, port in self._rows(lines, 1):
+            for _, _, _, port in self._rows(lines, 1):
                 self._ports |= {port: None} if port else {}
 
     @classmethod
     def by_sample(cls, lines: Sequence[bytes]) -> OwnLog | None:
         """The log, if the first line with text is one of this program's."""
-        first = next((line for line in lines if line.strip()), b"").decode("utf-8", "replace")
-        rows = re.match(_OBJECT, first) or re.search(_CELLS, first) or first.startswith(_NAMES)
-        return cls(lines) if rows or _HEADING <= {*first.split()} <= _HEADINGS else None
+        line = next((line for line in lines if line.strip()), b"").decode("utf-8", "replace")
+        for what, (heading, row) in _OWN.items():
+            found = re.match(row, line)
+            if re.match(heading, line) or (found and found["raw"]):
+                return cls(what, lines)
+        return None
 
     def ports(self, name: str) -> list[str]:
         """Those of the first rows."""
@@ -174,48 +175,32 @@ class OwnLog(LogForm):
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
-        for number, (data, t_ns, port) in enumerate(self._rows(block.lines, block.first)):
-            lines = [block.first + number]
-            yield StreamBytes(port or name, data, [len(data)], lines, [t_ns], first=True)
+        for number, data, t_ns, port in self._rows(block.lines, block.first):
+            yield StreamBytes(port or name, data, [len(data)], [number], [t_ns], first=True)
 
     def explain(self) -> list[str]:
         """What it is."""
-        return ["rows that fte-sniff wrote"]
+        return [f"rows that fte-sniff wrote as {self._what}"]
 
-    def _rows(self, lines: Sequence[bytes], first: int) -> Iterator[tuple[bytes, int, str | None]]:
-        """The bytes of rows, when they began, and their ports; InputTextError if one is cut."""
-        for number, text in enumerate((line.decode("utf-8", "replace") for line in lines), first):
-            what, words, cells = "table", {*text.split()}, re.search(_CELLS, text)
-            try:
-                if text.startswith(_NAMES):
-                    self._columns = text.split(",")
-                elif _HEADING <= words <= _HEADINGS:
-                    self._headed = True
-                    if "raw" not in words:
-                        what = "table, as a narrow terminal shows it,"
-                        raise ValueError
-                elif self._columns and text.strip():
-                    what = "CSV"
-                    own = dict(zip(self._columns, next(csv.reader([text])), strict=True))
-                    yield bytes.fromhex(own["raw"]), _begin_ns(own["time"]), own["port"]
-                elif re.match(_OBJECT, text):
-                    what = "JSON lines"
-                    own = json.loads(text)
-                    yield bytes.fromhex(own["raw"]), _begin_ns(own["time"] or ""), own["port"]
-                elif cells:
-                    yield bytes.fromhex(cells["raw"]), _begin_ns(text), None
-                elif self._headed and re.match(rf"\s*{_TIME}\s|-\s|\s*{_OFFSET}", text):
-                    raise ValueError
-            except (ValueError, KeyError, TypeError, csv.Error):
+    def _rows(self, lines: Sequence[bytes], first: int) -> Iterator[tuple[int, bytes, int, str]]:
+        """Line, bytes, beginning and port of rows; raises InputTextError if one is cut."""
+        for number, line in enumerate(lines, first):
+            found = re.match(_OWN[self._what][1], line.decode("utf-8", "replace"))
+            if found and not found["raw"]:
                 raise InputTextError(
-                    f"line {number}: this row of fte-sniff's {what} is cut or damaged; pass the"
-                    " recording itself, or its rows with --format csv or jsonl"
-                ) from None
+                    f"line {number}: this row of fte-sniff's {self._what} is cut or damaged; pass"
+                    " the recording itself, or its rows with --format csv or jsonl"
+                )
+            if found:
+                port = found["port"]
+                if port[:1] == '"':
+                    is_csv = self._what == "CSV"
+                    port = port[1:-1].replace('""', '"') if is_csv else json.loads(port)
+                yield number, bytes.fromhex(found["raw"]), _begin_ns(found["time"]), port
 
 
-def _begin_ns(text: str) -> int:
-    found = re.search(_TIME, text)
-    if found is None:
+def _begin_ns(text: str | None) -> int:
+    if text is None:
         return NO_TIME
-    second = int(datetime.fromisoformat(f"{found[0][:19]}+00:00").timestamp())
-    return min(second * SECOND + int(found[0][20:29]), LATEST_NS)
+    second = int(datetime.fromisoformat(f"{text[:19]}+00:00").timestamp())
+    return min(second * SECOND + int(text[20:29]), LATEST_NS)

@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
-from fte_sniff.formats.logs.evidence import chance_level, frames_in
 from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
-from fte_sniff.formats.logs.plain import OwnLog, PlainLog, bytes_of_line, is_plain
+from fte_sniff.formats.logs.plain import OwnLog, PlainLog
 from fte_sniff.formats.logs.text import (
+    SNIFFED,
     TextBlock,
-    TextBlocks,
     encoding_of,
     lines_of,
     looks_like_text,
+    text_blocks,
 )
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from datetime import date, tzinfo
 
-
-Note = Callable[[str], None]
-
-_CHECKED_AT: Final = (1, 2, 4, 8, 16, 32, 128, 600, 2400)
-"""Lines of a stream after which it is decided what it is, if they show it."""
-_EARLY_FRAMES: Final = 8
-_LEAST_EVIDENCE: Final = 32
-"""Lines that show more than plain hex."""
 _SAMPLE_BYTES: Final = 10 << 10
-"""Bytes of each of the four blocks of a sample."""
+"""Bytes of each of the four blocks of a sample of a file."""
+_SAMPLE_LINES: Final = tuple(2**power for power in range(12))
+"""Lines of a sample of a stream."""
 _LONGEST_SAMPLED: Final = 4096
 
 
@@ -110,11 +104,9 @@ class LogReader:
     def read(self) -> Iterator[Iterator[StreamBytes]]:
         """Read the bytes once, a block of lines at a time; raises FileError."""
         form = self.form
-        try:
+        with self._located():
             for block in self._blocks():
                 yield form.read(block, self.name)
-        except OSError as error:
-            raise unreadable(Path(self.name), error) from error
 
     @property
     def is_file(self) -> bool:
@@ -123,128 +115,104 @@ class LogReader:
 
     def _file_blocks(self) -> Iterator[TextBlock]:
         with Path(self.name).open("rb") as self._file:
-            yield from TextBlocks(self._file)
+            yield from text_blocks(self._file)
+
+    @contextmanager
+    def _located(self) -> Iterator[None]:
+        """Name the log in messages of errors."""
+        try:
+            yield
+        except InputTextError as error:
+            raise InputTextError(f"{self.where}{error}") from error
+        except OSError as error:
+            raise unreadable(Path(self.name), error) from error
 
     @property
     def form(self) -> LogForm:
-        """What it is; reads the first lines.
+        """What it is, by the first sample that is certain, or the last; reads the first lines.
 
         Raises:
             FileError: it cannot be read.
             InputTextError: no bytes are found in it.
         """
-        try:
-            self._form = self._form or self._prepare()
-        except InputTextError as error:
-            raise InputTextError(f"{self.where}{error}") from error
-        except OSError as error:
-            raise unreadable(Path(self.name), error) from error
+        with self._located():
+            for lines, is_last in self._samples() if self._form is None else ():
+                with nullcontext() if is_last else suppress(InputTextError, FileError):
+                    form = self._decided(lines)
+                    if is_last or form.is_certain:
+                        self._form = form
+                        break
+        assert self._form is not None
         return self._form
 
-    def _prepare(self) -> LogForm:
+    def _samples(self) -> Iterator[tuple[list[bytes], bool]]:
+        """Growing samples of the lines, and whether each is the last."""
         path = Path(self.name)
         if self.is_file:
-            return self._decided(_sample(path), path.stat().st_mtime_ns)
+            yield _sample(path), True
+            return
         self._stream = self._stream or path.open("rb")
-        blocks, seen, lines = iter(TextBlocks(self._stream)), list[TextBlock](), list[bytes]()
+        blocks, seen, lines = text_blocks(self._stream), list[TextBlock](), list[bytes]()
         self._blocks = lambda: chain(seen, blocks)
-        checks = list(_CHECKED_AT)
-        for block in blocks:
-            seen.append(block)
-            lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: checks[-1] - len(lines)]]
-            while checks and len(lines) >= checks[0]:
-                first = lines[: checks.pop(0)]
-                form: LogForm | None = self._decided_at_sight(first)
-                many = len(first) >= _LEAST_EVIDENCE
-                with suppress(InputTextError, FileError):
-                    form = self._decided(first, None) if many else form
-                    if form and (form.is_certain or (many and form.frames >= _EARLY_FRAMES)):
-                        return form
-            if not checks:
-                break
-        return self._decided(lines, None)
+        for count in _SAMPLE_LINES:
+            while len(lines) < count and (block := next(blocks, None)):
+                seen.append(block)
+                lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: _SAMPLE_LINES[-1]]]
+            yield lines[:count], len(lines) < count or count == _SAMPLE_LINES[-1]
 
-    def _decided_at_sight(self, lines: Sequence[bytes]) -> OwnLog | PlainLog | None:
-        """The log, if its lines are this program's, or hex and nothing else."""
-        if self.options.form is not None or self.options.pattern is not None:
-            return None
-        return OwnLog.by_sample(lines) or PlainLog.by_sample(lines)
-
-    def _is_chance(self, plain: PlainLog) -> bool:
-        """Whether plain hex has no frames in the sample, and few in the first block."""
-        if not (self.options.whole and plain.is_chance):
-            return False
-        block = next(iter(self._file_blocks()), None) if self.is_file else None
-        digits = re.sub(rb"[^0-9A-Fa-f]", b"", block.text if block else b"")
-        data = bytes.fromhex(digits[: len(digits) & ~1].decode())
-        return len(frames_in(data)) <= 2 * chance_level(data) + 2
-
-    def _decided(self, lines: Sequence[bytes], written_ns: int | None) -> LogForm:
-        """What the log is, by a sample.
+    def _decided(self, lines: Sequence[bytes]) -> LogForm:
+        """What the log is, by a sample: the kind with the best score.
 
         Raises:
             FileError: it is no text.
             InputTextError: there are no bytes in it.
         """
-        plain = self._decided_at_sight(lines)
-        if plain is not None and plain.is_certain:
-            return plain
+        options, plain = self.options, None
+        if options.form is None and options.pattern is None:
+            plain = OwnLog.by_sample(lines) or PlainLog.by_sample(lines)
+            if plain is not None and plain.is_certain:
+                return plain
         from fte_sniff.formats.logs.evidence_log import EvidenceLog
 
+        written_ns = Path(self.name).stat().st_mtime_ns if self.is_file else None
         blocks = self._file_blocks if self.is_file else lambda: iter(())
-        found = EvidenceLog.by_sample(lines, self.options, self.name, written_ns, blocks)
-        if isinstance(plain, PlainLog) and not (
-            found and found.better_than(plain.frames, plain.size)
-        ):
-            if self._is_chance(plain):
-                raise InputTextError(
-                    f"no frames found in {plain.size:,} bytes of plain hex, which is chance;"
-                    ' --form "hex pairs" or "hex digits" reads it all the same'
-                )
-            return plain
-        if found is None and not looks_like_text(b"\n".join(lines)):
+        found = EvidenceLog.by_sample(lines, options, self.name, written_ns, blocks)
+        best = max(filter(None, (plain, found)), key=lambda one: one.score, default=None)
+        if best is None and not looks_like_text(b"\n".join(lines)):
             raise FileError(f"{self.where}holds no text; if it holds raw bytes, add --input raw")
-        if found is None:
-            raise InputTextError(f"no frames found{_nothing_found(lines, self.options)}")
-        return found
+        if best is None and not options.whole:
+            return PlainLog()  # which names the first character that is no hex
+        if best is None or (options.whole and best.is_chance):
+            raise InputTextError(_nothing_found(lines))
+        return best
 
 
 def _sample(path: Path) -> list[bytes]:
     """Lines of four blocks of a file, without what is cut; all of a small one."""
-    size = path.stat().st_size
+    sample, size = list[bytes](), path.stat().st_size
     with path.open("rb") as file:
-        encoding = encoding_of(file.read(_LONGEST_SAMPLED))
+        encoding = encoding_of(file.read(SNIFFED))
         file.seek(0)
         if size <= 4 * _SAMPLE_BYTES:
             return lines_of(file.read(), encoding)
-        sample: list[bytes] = []
         for number in range(4):
             file.seek((size - _SAMPLE_BYTES) * number // 3 & ~1)  # even, for UTF-16
             lines = lines_of(file.read(_SAMPLE_BYTES), encoding)
             if len(lines) > 2:
                 lines = lines[number > 0 : len(lines) - (number < 3)]
-            elif number and len(lines) < 2:
-                continue  # within a very long line
+            elif number:  # within a very long line
+                lines = [re.sub(rb"\A\S{0,9}\s", b"", line) for line in lines]
             sample += [line[:_LONGEST_SAMPLED] for line in lines]
     return sample
 
 
-def _nothing_found(lines: Sequence[bytes], options: LogOptions) -> str:
+def _nothing_found(lines: Sequence[bytes]) -> str:
     """What to say of a text without frames."""
-    number = next((n for n, line in enumerate(lines, 1) if not is_plain(line)), 1)
-    if not options.form and (number > 1 or len(lines) == 1):
-        try:
-            bytes_of_line(b"".join(lines[number - 1 : number]), number)
-        except InputTextError as error:
-            return f"; {error}"
-    like = max(
-        lines,
-        key=lambda line: len(re.findall(rb"[0-9A-Fa-f]{2}(?![0-9A-Za-z])", line)),
-        default=b"",
-    )
+    pairs = re.compile(rb"[0-9A-Fa-f]{2}(?![0-9A-Za-z])")
+    like = max(lines, key=lambda line: len(pairs.findall(line)), default=b"")
     shown = quoted(like[:80].decode("utf-8", "replace").strip())
-    count = f"{len(lines):,} line" + ("" if len(lines) == 1 else "s")
     return (
-        f" in {count}, in any form of writing bytes; the most byte-like line is {shown};"
+        f"no frames found in {len(lines):,} line{'' if len(lines) == 1 else 's'}, in any form of"
+        f" writing bytes; the most byte-like line is {shown};"
         " --form and --input-regex say where the bytes are"
     )

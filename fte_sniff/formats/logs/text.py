@@ -16,32 +16,25 @@ from typing import IO, BinaryIO, Final
 
 BLOCK_BYTES: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
-
 LONGEST_LINE: Final = 16 << 20
 """Bytes of a line that is read as a whole; a longer one comes in segments."""
-
-_SNIFFED: Final = 4096
-_BY_MARK: Final = {
-    codecs.BOM_UTF16_LE: "utf-16-le",
-    codecs.BOM_UTF16_BE: "utf-16-be",
-}
+SNIFFED: Final = 4096
+"""Bytes that show the encoding."""
 _INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0"
 """Colours and other escape sequences, and NUL."""
 _CONTROL: Final = rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]"
-_FULL_WIDTH: Final = {"，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " "}
+_PLAIN: Final = {"\ufeff": "", "，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " "}
 
 
 @dataclass
 class TextBlock:
-    """Consecutive lines."""
+    """Consecutive lines, or a segment of a very long line."""
 
     text: bytes
     first: int = 1
     """The number of the first line, from 1."""
-    column: int = 0
-    """Bytes of the first line before this block; it is then a segment of a very long line."""
-    unfinished: bool = False
-    """Whether the last line goes on in the next block."""
+    column: int | None = None
+    """Of a segment: bytes of the line before it."""
 
     @cached_property
     def count(self) -> int:
@@ -58,32 +51,61 @@ def looks_like_text(first: bytes) -> bool:
     """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
     if encoding_of(first) != "utf-8" or first.startswith(codecs.BOM_UTF8):
         return True
-    has_pair = re.search(rb"[0-9A-Fa-f]{2}", first) is not None
-    encodings = ("utf-8", "gb18030") if has_pair else ("utf-8",)
-    return not re.search(_CONTROL, first) and any(_decodes(first, one) for one in encodings)
+    with_digits = re.search(rb"[0-9A-Fa-f]{2}", first) and _decoded(first, "gb18030")
+    return not re.search(_CONTROL, first) and bool(with_digits or _decoded(first, "utf-8"))
 
 
 def encoding_of(first: bytes) -> str:
-    """The encoding by its mark, or of UTF-16 by the zeros between its letters; else utf-8."""
-    for mark, encoding in _BY_MARK.items():
-        if first.startswith(mark):
+    """The encoding: UTF-16 by its mark, or by the zeros between its letters; else utf-8."""
+    for encoding, mark, low in (
+        ("utf-16-le", codecs.BOM_UTF16_LE, 0),
+        ("utf-16-be", codecs.BOM_UTF16_BE, 1),
+    ):
+        letters, high = first[low::2], first[1 - low :: 2]
+        zeros = 0 not in letters and 2 * high.count(0) >= max(len(high), 1)
+        if zeros or first.startswith(mark):
             return encoding
-    zeros = [2 * first[start::2].count(0) >= max(len(first[start::2]), 1) for start in (0, 1)]
-    if zeros == [False, True] and 0 not in first[::2]:
-        return "utf-16-le"
-    return "utf-16-be" if zeros == [True, False] and 0 not in first[1::2] else "utf-8"
-
-
-def _decodes(data: bytes, encoding: str) -> bool:
-    with suppress(UnicodeDecodeError):
-        return codecs.getincrementaldecoder(encoding)().decode(data) is not None
-    return False
+    return "utf-8"
 
 
 def lines_of(data: bytes, encoding: str) -> list[bytes]:
     """The lines of a part of a text; the first and the last may be cut."""
     text = data if encoding == "utf-8" else data.decode(encoding, "replace").encode()
     return TextBlock(_clean(text)).lines
+
+
+def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
+    """The lines of a stream."""
+    read = getattr(stream, "read1", stream.read)
+    data = read(BLOCK_BYTES)
+    while 0 < len(data) < 4 and (more := read(BLOCK_BYTES)):
+        data += more
+    encoding = encoding_of(data[:SNIFFED])
+    decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
+    number, column, pending = 1, None, b""
+    while data or pending:
+        pending += data if decoder is None else decoder.decode(data, not data).encode()
+        end = _end_of_lines(pending) if data else len(pending)
+        is_cut = not end and len(pending) >= LONGEST_LINE
+        if is_cut:
+            end, column = _end_of_words(pending), column or 0
+        elif end and column is not None:  # the end of a very long line is a segment too
+            end = pending.find(b"\n") + 1 or end
+        if end:
+            text = _clean(pending[:end])
+            block = TextBlock(text if is_cut else text.removesuffix(b"\n") + b"\n", number, column)
+            yield block
+            number += block.count
+            column = column + end if is_cut and column is not None else None
+            pending = pending[end:]
+        data = data and read(BLOCK_BYTES)
+
+
+def _decoded(data: bytes, encoding: str) -> bytes | None:
+    """The text as UTF-8, whose end may be cut; None if it has another encoding."""
+    with suppress(UnicodeDecodeError):
+        return codecs.getincrementaldecoder(encoding)().decode(data).encode()
+    return None
 
 
 def _clean(data: bytes) -> bytes:
@@ -94,56 +116,12 @@ def _clean(data: bytes) -> bytes:
         data = re.sub(_INVISIBLE, b"", data)
     if data.isascii():
         return data
-    data = data.replace(codecs.BOM_UTF8, b"")
-    if not _decodes(data, "utf-8"):
-        data = b"".join(map(_utf8, data.splitlines(keepends=True)))
-    for wide, plain in _FULL_WIDTH.items():
-        data = data.replace(wide.encode(), plain.encode())
+    if _decoded(data, "utf-8") is None:
+        lines = data.splitlines(keepends=True)
+        data = b"".join(_decoded(x, "utf-8") or _decoded(x, "gb18030") or x for x in lines)
+    for character, plain in _PLAIN.items():
+        data = data.replace(character.encode(), plain.encode())
     return data
-
-
-def _utf8(line: bytes) -> bytes:
-    for encoding in ("utf-8", "gb18030"):
-        with suppress(UnicodeDecodeError):
-            return line.decode(encoding).encode()
-    return line
-
-
-class TextBlocks:
-    """The lines of a stream, in blocks."""
-
-    def __init__(self, stream: BinaryIO | IO[bytes]) -> None:
-        self._read = getattr(stream, "read1", stream.read)
-
-    def __iter__(self) -> Iterator[TextBlock]:
-        """The blocks, once."""
-        data = self._read(BLOCK_BYTES)
-        while 0 < len(data) < 4 and (more := self._read(BLOCK_BYTES)):
-            data += more
-        encoding = encoding_of(data[:_SNIFFED])
-        decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
-        number, column, pending = 1, 0, b""
-        while True:
-            pending += data if decoder is None else decoder.decode(data, not data).encode()
-            end = _end_of_lines(pending) if data else len(pending)
-            if column and end:  # the rest of a very long line is a block
-                end = pending.find(b"\n") + 1 or end
-            unfinished = bool(data) and not end and len(pending) >= LONGEST_LINE
-            if unfinished:
-                end = _end_of_words(pending)
-            if end:
-                text = _clean(pending[:end])
-                if not unfinished and not text.endswith(b"\n"):
-                    text += b"\n"
-                block = TextBlock(text, number, column, unfinished)
-                yield block
-                column = column + end if unfinished else 0
-                number += block.count
-                pending = pending[end:]
-            if data:
-                data = self._read(BLOCK_BYTES)
-            elif not pending:
-                return
 
 
 def _end_of_lines(data: bytes) -> int:

@@ -125,14 +125,6 @@ def test_what_is_cut_is_called_so(form: OutputFormat, keep: int, said: str) -> N
     assert said in str(caught.value)
 
 
-def test_what_a_narrow_terminal_showed_is_called_so() -> None:
-    text = "time UTC         kind               values\n12:00:00.000     reset  AA 00 00 00 …\n"
-    with pytest.raises(InputTextError) as caught:
-        read_back(text)
-    assert "as a narrow terminal shows it" in str(caught.value)
-    assert "pass the recording itself, or its rows with --format csv or jsonl" in str(caught.value)
-
-
 @pytest.mark.parametrize("form", [OutputFormat.CSV, OutputFormat.JSONL])
 def test_rows_keep_the_ports_that_they_name(form: OutputFormat) -> None:
     rows: list[Row] = [
