@@ -111,6 +111,12 @@ def folded(text: bytes) -> bytes:
     return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
 
 
+def lane_of(line: bytes, start: int, stop: int) -> bytes:
+    """The key of the lane of a run: the text before it, and whether words follow at once."""
+    words = re.match(rb"[: ]{1,2}[^\s.+\xe2]", line[stop : stop + 3])
+    return folded(line[:start]) + ("…".encode() if words else b"")
+
+
 class Lane:
     """Runs whose lines look the same before the run; or several such lanes that make frames."""
 
@@ -209,8 +215,10 @@ class Sample:
             return []
         lanes: dict[bytes, list[tuple[int, bytes]]] = {}
         for run in runs:
-            start = self._starts[bisect_right(self._starts, run.start) - 1]
-            lanes.setdefault(folded(text[start : run.start]), []).append((run.start, run.data))
+            number = bisect_right(self._starts, run.start)
+            start, end = self._starts[number - 1 : number + 1]
+            key = lane_of(text[start : end - 1], run.start - start, run.stop - start)
+            lanes.setdefault(key, []).append((run.start, run.data))
         return [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Final, NamedTuple
 
-from fte_sniff.formats.logs.evidence import Hypothesis, folded, frames_in, label_of, without_labels
+from fte_sniff.formats.logs.evidence import Hypothesis, frames_in, label_of, lane_of, without_labels
 from fte_sniff.formats.logs.log_form import NO_TIME
 from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
@@ -70,7 +70,7 @@ class Layout:
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), False
         for run in self.hypothesis.extractor.runs(hidden):
-            key = folded(hidden[: run.start])
+            key = lane_of(hidden, run.start, run.stop)
             cut = self.hypothesis.cuts.get(without_labels(key))
             if cut is None:
                 others |= len(run.data) >= _LIKE_BYTES

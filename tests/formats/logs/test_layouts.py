@@ -179,6 +179,20 @@ def test_lines_that_differ_in_the_number_of_a_port_are_of_different_streams(form
     assert len({(row.port, row.raw[0]) for row in rows}) == len({row.port for row in rows}) == 2
 
 
+@pytest.mark.parametrize("tail", ["", "..", " ...", " +6 more"])
+def test_words_of_a_heading_are_no_bytes_of_the_lines_below_it(tail: str) -> None:
+    log = a_log(0)
+    rows, _ = rows_of(
+        "".join(
+            f"{'Sent' if one.way == 'tx' else 'Received'} {len(one.data)} bytes:\n"
+            f"\t{one.data.hex(' ')}{tail if at % 5 == 0 else ''}\nfd 3 ok\n"
+            for at, one in enumerate(log)
+        ).encode()
+    )
+    assert found_in(rows) == frames_of(log)
+    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
+
+
 @pytest.mark.parametrize("words", ["PC -> ctrl/ctrl -> PC", "Write Request/Read Request"])
 def test_labels_that_separate_streams_are_better_than_a_lone_one(words: str) -> None:
     log = a_log(1)
