@@ -159,10 +159,11 @@ def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
     make = partial(StatisticsSummary, LineSetup())
     with WorkerPool(1) as pool:
         jobs = [FileJob(path, opens, make) for path in paths]
-        (_, read), (_, lost) = finished_jobs(jobs, pool, 2, helps=True)
-    assert isinstance(read, FileResult)
-    assert isinstance(lost, FileError)
-    assert re.fullmatch(rf"{re.escape(str(paths[1]))}: .* was killed by signal 9; .*", str(lost))
+        found = list(finished_jobs(jobs, pool, 2, helps=True))
+    # Which of both files the worker took depends on how fast it started.
+    assert [isinstance(result, FileResult) for _, result in found].count(True) == 1
+    ((job, lost),) = [one for one in found if isinstance(one[1], FileError)]
+    assert re.fullmatch(rf"{re.escape(job.name)}: .* was killed by signal 9; .*", str(lost))
 
 
 def test_a_single_recording_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -444,7 +444,7 @@ def _predicates(draw: st.DrawFn) -> pl.Expr:
 _ENTRIES = st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 10)), max_size=6)
 
 
-@examples(150)
+@examples(60)
 @given(
     files=st.lists(st.tuples(st.booleans(), _ENTRIES), min_size=1, max_size=3),
     wanted=_predicates(),
