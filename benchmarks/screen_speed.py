@@ -2,16 +2,18 @@
 
 python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
 python -m benchmarks.screen_speed --idle samples/damaged.mcap [--seconds 30]
-python -m benchmarks.screen_speed --play [--rows 2] [--seconds 5]
+python -m benchmarks.screen_speed --play [--rows 1 5] [--seconds 5]
+python -m benchmarks.screen_speed --live [--seconds 30]
 
 The screen runs in another process on a pseudo-terminal of 80 by 24, and is measured at its other
 end: a frame ends with the end of synchronized output, and the delay is the age of the newest time
 of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
 rows, without and with a filter. At the end the whole program runs on a simulated wire.
 
-With `--play`, `view` plays a recording of two full wires at several speeds, without a pane and with
-the motors. With `--idle`, `view` shows a file, and the CPU is measured while nothing happens,
-without a pane and with each.
+With `--play`, `view` plays a recording of two full wires at several speeds, and at speeds that
+change, without a pane and with the motors. With `--live`, `live` shows a full simulated wire; the
+last figure is the CPU against that without a pane. With `--idle`, `view` shows a file, and the CPU
+is measured while nothing happens, without a pane and with each.
 """
 
 from __future__ import annotations
@@ -119,7 +121,7 @@ class Terminal:
 
     def end(self) -> None:
         """Quit; kill the process where that fails."""
-        self.press(b"q")
+        self.press(b"Q")
         try:
             self.process.wait(10)
         except subprocess.TimeoutExpired:
@@ -135,13 +137,18 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5)
     parser.add_argument("--idle", type=Path, metavar="FILE")
     parser.add_argument("--play", action="store_true")
+    parser.add_argument("--live", action="store_true")
     parser.add_argument("--screen", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.screen:
         _screen(int(options.screen[0]), options.screen[1])
         return
     if options.play:
-        _print_playback(options.rows[-1] * MILLION, options.seconds)
+        for millions in options.rows:
+            _print_playback(millions * MILLION, options.seconds)
+        return
+    if options.live:
+        _print_live(options.seconds)
         return
     if options.idle:
         _print_idle(options.idle, options.seconds)
@@ -226,9 +233,16 @@ def _print_idle(file: Path, seconds: float) -> None:
         terminal.end()
 
 
+SPEEDS = (0.1, 1, 10, 100)
+"""Speeds of playback that are measured."""
+
+SPEED_STEPS = 9
+"""Steps from the lowest to the highest speed."""
+
+
 def _print_playback(rows: int, seconds: float) -> None:
     """Print frames per second and CPU of playback at several speeds."""
-    from benchmarks.recorded_rows import PORTS, rows_of, write_recording
+    from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of, write_recording
     from fte_sniff.recording.metadata import PortFacts
     from fte_sniff.row_batch import RowBatch
 
@@ -237,27 +251,75 @@ def _print_playback(rows: int, seconds: float) -> None:
         frames = range(0, rows // len(PORTS), BATCH)
         batches = (RowBatch.from_rows(rows_of(first, BATCH)) for first in frames)
         write_recording(file, [PortFacts(port) for port in PORTS], batches)
+        span_s = rows / len(PORTS) / rows_a_second()
         print(f"{rows:,} rows, 80x24, {seconds:g} s each")
-        for speed in ("0.1", "1", "10"):
-            for pane in ("", "motors"):
-                print(_played(file, speed, pane, seconds), flush=True)
+        for pane in ("", "motors"):
+            for speed in SPEEDS:
+                # At the highest speed, a short recording ends before.
+                print(_played(file, speed, pane, min(seconds, span_s / speed / 2)), flush=True)
+            print(_sped_up(file, pane, seconds), flush=True)
 
 
-def _played(file: Path, speed: str, pane: str, seconds: float) -> str:
-    command = [sys.executable, "-m", "fte_sniff", "view", "--play", speed, f"{file}"]
+def _playing(file: Path, speed: float, pane: str) -> tuple[Terminal, float]:
+    """A screen that plays a file, and the seconds after which it did."""
+    command = [sys.executable, "-m", "fte_sniff", "view", "--play", f"{speed:g}", f"{file}"]
     terminal = Terminal(command)
     first = terminal.wait_for(lambda drawn: b"PLAYING" in drawn, 120)
     terminal.press(PANE_KEYS.get(pane, b""))
-    terminal.read(2)
+    return terminal, first
+
+
+def _played(file: Path, speed: float, pane: str, seconds: float) -> str:
+    terminal, first = _playing(file, speed, pane)
+    terminal.read(seconds / 4)
     frames, cpu, _ages = _measured(terminal, seconds)
     terminal.press(b" ")
     pause = terminal.wait_for(lambda drawn: b"PAUSED AT" in drawn, 60)
     held = terminal.usage()[1]
     terminal.end()
     return (
-        f"{speed:>4}x  {pane or 'no pane':<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"
+        f"{speed:>6g}x  {pane or 'no pane':<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"
         f"  plays after {first:.2f} s, pauses after {pause * 1e3:.0f} ms"
     )
+
+
+def _sped_up(file: Path, pane: str, seconds: float) -> str:
+    """The speed rises from the lowest to the highest in `seconds`, and falls again."""
+    terminal, _first = _playing(file, SPEEDS[0], pane)
+    terminal.read(1)
+    terminal.frames, changes = 0, []
+    before, start = terminal.usage()[0], time.monotonic()
+    for key in [b">"] * SPEED_STEPS + [b"<"] * SPEED_STEPS:
+        terminal.press(key)
+        changes.append(terminal.wait_for(lambda drawn: b"PLAYING" in drawn, 20))
+        terminal.read(seconds / SPEED_STEPS / 2)
+    took = time.monotonic() - start
+    cpu = (terminal.usage()[0] - before) / took
+    terminal.end()
+    return (
+        f"changing  {pane or 'no pane':<8} {terminal.frames / took:>5.1f} frames/s {cpu:>5.0%}"
+        f"           the speed changes after {statistics.median(changes) * 1e3:.0f} ms (median),"
+        f" {max(changes) * 1e3:.0f} ms (longest)"
+    )
+
+
+def _print_live(seconds: float) -> None:
+    """Print the CPU of a full wire without a pane and with each."""
+    table = 0.0
+    for name, keys in {"no pane": b"", **PANE_KEYS}.items():
+        wire = "sim://?seed=1&rate=1100"
+        terminal = Terminal([sys.executable, "-m", "fte_sniff", "live", "--no-record", wire])
+        terminal.wait_for(lambda drawn: b"LIVE" in drawn, 60)
+        terminal.press(keys)
+        terminal.read(3)
+        frames, cpu, _ages = _measured(terminal, seconds)
+        terminal.end()
+        table = table or cpu
+        print(
+            f"{name:<12}{frames:>6.1f} frames/s  {cpu * seconds:>5.2f} s of CPU in {seconds:g} s"
+            f"  {cpu / table:.2f}",
+            flush=True,
+        )
 
 
 def _live_line(seconds: float) -> str:
