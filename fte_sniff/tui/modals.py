@@ -66,7 +66,10 @@ def list_line(text: str, right: str) -> Table:
 
 
 class LineList(OptionList, can_focus=False):
-    """Lines of which one is under the cursor; a screen handles their keys."""
+    """Lines of which one is under the cursor; a screen handles their keys.
+
+    Textual's OptionList (8.2) marks it by colours, which are not seen where there are none.
+    """
 
     def render_line(self, y: int) -> Strip:
         """A line; reversed under the cursor, as there may be no colours."""

@@ -60,7 +60,11 @@ def _without_middle(text: str, kept: int) -> str:
 
 
 class WrappedText(Widget):
-    """A sign and a wrapped text after it."""
+    """A sign and a wrapped text after it, whose lines begin below each other.
+
+    Textual's Static (8.2) begins them below the sign, and cuts the end of a long text, where its
+    reason is, not its middle.
+    """
 
     def __init__(self, max_lines: int = 0, classes: str | None = None) -> None:
         """`max_lines` limits its height where that is automatic."""
@@ -126,6 +130,7 @@ class NoticeLine(Vertical):
     The newest warning is shown, since it is the news; a warning with a known topic only counts on
     and comes to the top no more. Other notices wait until those above them have gone. An answer
     goes when the next key acts. A terminal with few lines shows an answer before a warning.
+    Textual's toasts (8.2) cover rows, go by time or a click, and cannot change.
     """
 
     def __init__(self) -> None:

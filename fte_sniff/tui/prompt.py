@@ -82,7 +82,7 @@ LOW = 16
 
 
 class PromptLine(Input):
-    """The input of a field, with earlier lines on the arrow keys."""
+    """The input of a field, with earlier lines on the arrow keys, which Textual's Input lacks."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "older(-1)", later("Older"), show=False),

@@ -323,7 +323,11 @@ def _key_text(key: Binding) -> str:
 
 
 class KeyLine(Widget):
-    """The most important keys, in place of Textual's Footer; a clicked key is pressed."""
+    """The most important keys; a clicked key is pressed.
+
+    Textual's Footer (8.2) cuts the last keys where they do not fit, not the least important, and is
+    composed again when the keys change: 14 keys take 55 ms there and 3 ms here.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"key-line--key"}
 

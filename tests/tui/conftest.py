@@ -157,8 +157,11 @@ def play(
     size: tuple[int, int] = (80, 24),
     leave_at_end: bool = False,
     options: StartOptions | None = None,
+    rows: int = 0,
 ) -> SniffApp:
-    """Run the screen without a terminal, and the scenario on it."""
+    """Run the screen without a terminal, with rows of speed commands, and the scenario on it."""
+    if rows:
+        feed.give(_speed_rows(rows))
     app = SniffApp(feed, options or StartOptions(leave_at_end, zone=UTC))
 
     async def run() -> None:
@@ -187,6 +190,13 @@ async def press(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
 async def type_line(app: SniffApp, pilot: Pilot[None], line: str) -> None:
     names = {character: name for name, character in CHARACTERS.items()}
     await press(app, pilot, *(names.get(character, character) for character in line))
+
+
+async def enter_line(app: SniffApp, pilot: Pilot[None], key: str, line: str) -> None:
+    """Open a field with a key, type a line, and press enter."""
+    await press(app, pilot, key)
+    await type_line(app, pilot, line)
+    await press(app, pilot, "enter")
 
 
 def lines(app: SniffApp) -> list[str]:

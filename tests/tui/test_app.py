@@ -53,8 +53,6 @@ from tests.tui.conftest import (
 
 def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         assert rpms(app) == list(range(80, 100))
         feed.give(speed_rows(50, start=100))
         await settle(app, pilot)
@@ -65,7 +63,7 @@ def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
         assert "LIVE" in text
         assert "150 rows" in text
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
 def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_rows: Rows) -> None:
@@ -220,12 +218,8 @@ def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
 
 
 @pytest.mark.parametrize("ends", [False, True])
-def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(
-    feed: Any, speed_rows: Rows, ends: bool
-) -> None:
+def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, ends: bool) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(40))
-        await settle(app, pilot)
         await press(app, pilot, "M", "q")
         assert not app.query_one(MotorsPane).display
         assert not app._exit
@@ -240,7 +234,7 @@ def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(
         await press(app, pilot, "q")
         assert app._exit
 
-    play(feed, scenario)
+    play(feed, scenario, rows=40)
 
 
 @pytest.mark.parametrize("changes", [{"recording": None}, {"running": False}])
@@ -285,8 +279,6 @@ def test_text_from_outside_is_shown_and_never_obeyed(feed: Any, speed_rows: Rows
 
 def test_each_row_says_its_port_where_there_are_two(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(3))
-        await settle(app, pilot)
         assert "port" not in lines(app)[1]
         feed.give(speed_rows(3, port="/dev/ttyUSB1"))
         await settle(app, pilot)
@@ -294,7 +286,7 @@ def test_each_row_says_its_port_where_there_are_two(feed: Any, speed_rows: Rows)
         assert "ttyUSB0" in lines(app)[2]
         assert "ttyUSB1" in lines(app)[5]
 
-    play(feed, scenario)
+    play(feed, scenario, rows=3)
 
 
 @pytest.mark.parametrize(
@@ -357,10 +349,8 @@ def _colours_drawn(app: SniffApp) -> str:
     return " ".join(drawn)
 
 
-def test_resizing_keeps_the_cursor_in_view(feed: Any, speed_rows: Rows) -> None:
+def test_resizing_keeps_the_cursor_in_view(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(500))
-        await settle(app, pilot)
         table(app).jump(250)
         for size in ((40, 10), (200, 60), (80, 24), (10, 3)):
             await pilot.resize_terminal(*size)
@@ -369,7 +359,7 @@ def test_resizing_keeps_the_cursor_in_view(feed: Any, speed_rows: Rows) -> None:
             assert view.cursor == 250
             assert view.top <= 250 < view.top + max(1, view.height)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=500)
 
 
 KEYS = (

@@ -33,6 +33,7 @@ from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
     Rows,
+    enter_line,
     lines,
     page,
     play,
@@ -99,21 +100,15 @@ def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
         ("12:00:00", ""),
     ],
 )
-def test_a_time_outside_the_rows_is_said_to_be_outside(
-    feed: Any, speed_rows: Rows, goal: str, said: str
-) -> None:
+def test_a_time_outside_the_rows_is_said_to_be_outside(feed: Any, goal: str, said: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         table(app).jump(499)
-        await press(app, pilot, "colon")
-        await type_line(app, pilot, goal)
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "colon", goal)
         await pilot.pause()
         assert said in page(app)
         assert ("the last row (" in page(app) or "the first row (" in page(app)) == bool(said)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 @pytest.mark.parametrize(
@@ -128,21 +123,15 @@ def test_a_time_outside_the_rows_is_said_to_be_outside(
         ("23:59:59", 999),
     ],
 )
-def test_goes_to_rows_times_and_distances(
-    feed: Any, speed_rows: Rows, goal: str, cursor: int
-) -> None:
+def test_goes_to_rows_times_and_distances(feed: Any, goal: str, cursor: int) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         table(app).jump(499)
-        await press(app, pilot, "colon")
-        await type_line(app, pilot, goal)
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "colon", goal)
         assert table(app).viewport.cursor == cursor
         await pilot.pause()
         assert ("there is no row 999,999; this is the last" in page(app)) == (goal == "999999")
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 def test_a_goal_that_is_none_is_told(feed: Any) -> None:
@@ -162,10 +151,8 @@ async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
     await settle(app, pilot)
 
 
-def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows) -> None:
+def test_the_search_goes_from_hit_to_hit_and_around(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         await press(app, pilot, "g")
         await look_for(app, pilot, "rpm=50")
         places = [table(app).viewport.cursor]
@@ -177,7 +164,7 @@ def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows)
         assert "continued from the other end" in page(app)
         assert not table(app).viewport.following
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +179,6 @@ def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows)
 )
 def test_every_way_around_the_end_is_reported(
     feed: Any,
-    speed_rows: Rows,
     monkeypatch: pytest.MonkeyPatch,
     start: int,
     keys: str,
@@ -204,8 +190,6 @@ def test_every_way_around_the_end_is_reported(
     wanted = RowFilter.parse(row_filter) if row_filter else None
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         table(app).jump(123)
         await press(app, pilot, "number_sign", "o", "d", "d", "enter")
         table(app).jump(start)
@@ -218,13 +202,11 @@ def test_every_way_around_the_end_is_reported(
         assert table(app).viewport.cursor == 123
         assert "the search continued from the other end" in page(app)
 
-    play(feed, scenario, options=StartOptions(row_filter=wanted, zone=UTC))
+    play(feed, scenario, options=StartOptions(row_filter=wanted, zone=UTC), rows=1000)
 
 
 def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         await press(app, pilot, "g")
         await look_for(app, pilot, "rpm=50")
         await until(app, pilot, lambda: "hit 1 of 11" in page(app))
@@ -237,9 +219,7 @@ def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: 
         await press(app, pilot, "g")
         await settle(app, pilot)
         assert "11 hits" in page(app)
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "rpm > 503")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "rpm > 503")
         await until(app, pilot, lambda: "hit 1 of 6" in page(app))
         await press(app, pilot, "F", "n")
         feed.give(speed_rows(1, start=5000))
@@ -250,7 +230,7 @@ def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: 
         assert "hit " not in page(app)
         assert "hits" not in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 def test_the_filter_s_line_says_how_words_are_completed_and_come_back(feed: Any) -> None:
@@ -267,12 +247,8 @@ def test_the_filter_s_line_says_how_words_are_completed_and_come_back(feed: Any)
     play(feed, scenario, size=(80, 24))
 
 
-def test_the_search_begins_at_the_cursor_and_finds_what_is_above_too(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_the_search_begins_at_the_cursor_and_finds_what_is_above_too(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await look_for(app, pilot, "rpm=123")
         assert table(app).viewport.cursor == 123
         await look_for(app, pilot, "hex:01 ?? 00 00 00 00 EE")
@@ -281,13 +257,11 @@ def test_the_search_begins_at_the_cursor_and_finds_what_is_above_too(
         assert table(app).viewport.cursor == 256
         assert "no row has nowhere" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
-def test_what_is_found_is_set_off(feed: Any, speed_rows: Rows) -> None:
+def test_what_is_found_is_set_off(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         await look_for(app, pilot, "RPM=7")
         await press(app, pilot, "g")
         here = table(app)
@@ -302,7 +276,7 @@ def test_what_is_found_is_set_off(feed: Any, speed_rows: Rows) -> None:
         await settle(app, pilot)
         assert here.search is None
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
 def test_a_port_is_looked_at_only_where_a_column_tells_it(feed: Any, speed_rows: Rows) -> None:
@@ -324,9 +298,7 @@ def test_a_port_is_looked_at_only_where_a_column_tells_it(feed: Any, speed_rows:
 def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(400))
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "motor = 1")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "motor = 1")
         await settle(app, pilot)
         await look_for(app, pilot, "rpm=10")
         row = table(app).cursor_row
@@ -369,14 +341,12 @@ def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
     play(feed, scenario)
 
 
-def test_keys_typed_ahead_search_from_hit_to_hit(feed: Any, speed_rows: Rows) -> None:
+def test_keys_typed_ahead_search_from_hit_to_hit(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         await rush(app, pilot, "g", "slash", *"rpm", "equals_sign", *"50", "enter", "n", "n")
         assert table(app).viewport.cursor == 501
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 def test_nothing_was_looked_for(feed: Any, speed_rows: Rows) -> None:
@@ -389,10 +359,8 @@ def test_nothing_was_looked_for(feed: Any, speed_rows: Rows) -> None:
     play(feed, scenario)
 
 
-def test_marks_are_set_shown_and_gone_to(feed: Any, speed_rows: Rows) -> None:
+def test_marks_are_set_shown_and_gone_to(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(500))
-        await settle(app, pilot)
         await press(app, pilot, "u")
         await settle(app, pilot)
         assert "no row is marked; m marks one" in page(app)
@@ -409,15 +377,11 @@ def test_marks_are_set_shown_and_gone_to(feed: Any, speed_rows: Rows) -> None:
         await press(app, pilot, "m", "u", "U", "U")
         assert table(app).viewport.cursor == 200
 
-    play(feed, scenario)
+    play(feed, scenario, rows=500)
 
 
-def test_marks_that_the_filter_hides_are_passed_over_and_come_again(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_marks_that_the_filter_hides_are_passed_over_and_come_again(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(500))
-        await settle(app, pilot)
         for row in (101, 200):
             table(app).jump(row)
             await press(app, pilot, "m")
@@ -432,7 +396,7 @@ def test_marks_that_the_filter_hides_are_passed_over_and_come_again(
         await press(app, pilot, "F", "U")
         assert table(app).viewport.cursor == 101
 
-    play(feed, scenario)
+    play(feed, scenario, rows=500)
 
 
 def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
@@ -468,40 +432,30 @@ def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
         ("-1h", 0),
     ],
 )
-def test_goes_to_shares_bytes_and_dates(
-    feed: Any, speed_rows: Rows, goal: str, cursor: int
-) -> None:
+def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         table(app).jump(499)
         await press(app, pilot, "colon")
         app.query_one("GotoField PromptLine").value = goal  # type: ignore[attr-defined]
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == min(cursor, 999)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
-def test_a_byte_that_is_not_there_is_told(feed: Any, speed_rows: Rows) -> None:
+def test_a_byte_that_is_not_there_is_told(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         await press(app, pilot, "colon")
         app.query_one("GotoField PromptLine").value = "@100"  # type: ignore[attr-defined]
         await press(app, pilot, "enter")
         await settle(app, pilot)
         assert "no row that is shown has byte 100 of its stream" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
-def test_quick_filters_add_to_the_filter_and_are_gone_back_from(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_quick_filters_add_to_the_filter_and_are_gone_back_from(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         table(app).jump(101)
         await press(app, pilot, "x")
         assert isinstance(app.screen, Picker)
@@ -528,19 +482,17 @@ def test_quick_filters_add_to_the_filter_and_are_gone_back_from(
         await settle(app, pilot)
         assert "motor = 2 AND rpm IS DISTINCT" in page(app)
 
-    play(feed, scenario, (100, 30))
+    play(feed, scenario, (100, 30), rows=400)
 
 
-def test_a_quick_filter_begins_at_the_column_that_was_clicked(feed: Any, speed_rows: Rows) -> None:
+def test_a_quick_filter_begins_at_the_column_that_was_clicked(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await pilot.click(RowTable, offset=(55, 3))
         await press(app, pilot, "x", "enter")
         await settle(app, pilot)
         assert "raw = 'AA01" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_a_menu_is_left_with_nothing_done_and_typed_ahead_keys_reach_it(
@@ -562,10 +514,8 @@ def test_a_menu_is_left_with_nothing_done_and_typed_ahead_keys_reach_it(
     play(feed, scenario)
 
 
-def test_a_click_picks_and_a_click_beside_goes_back(feed: Any, speed_rows: Rows) -> None:
+def test_a_click_picks_and_a_click_beside_goes_back(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await press(app, pilot, "x")
         await settle(app, pilot)
         await pilot.click(offset=(1, 1))
@@ -578,7 +528,7 @@ def test_a_click_picks_and_a_click_beside_goes_back(feed: Any, speed_rows: Rows)
         await settle(app, pilot)
         assert "100 of 400 rows" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
@@ -622,8 +572,6 @@ def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
     (tmp_path / "state").write_text("no folder")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(40))
-        await settle(app, pilot)
         await press(app, pilot, "m")
         await until(app, pilot, lambda: "the notes are not saved" in page(app))
         feed.give(speed_rows(5, start=40))
@@ -631,7 +579,7 @@ def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
         await press(app, pilot, "G")
         assert rpms(app)[-1] == 44
 
-    play(feed, scenario, options=StartOptions(notes=Notes([recording])))
+    play(feed, scenario, options=StartOptions(notes=Notes([recording])), rows=40)
 
 
 def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
@@ -659,9 +607,7 @@ def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
     left = list[Place]()
 
     async def at(app: SniffApp, pilot: Pilot[None], rpm: int) -> None:
-        await press(app, pilot, "slash")
-        await type_line(app, pilot, f"rpm={rpm} ")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "slash", f"rpm={rpm} ")
         row = table(app).cursor_row
         assert row is not None
         assert row.values["rpm"] == rpm
@@ -670,9 +616,7 @@ def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
         await until(app, pilot, lambda: "20 rows" in page(app))
         for rpm, text in wanted.items():
             await at(app, pilot, rpm)
-            await press(app, pilot, "number_sign")
-            await type_line(app, pilot, text)
-            await press(app, pilot, "enter")
+            await enter_line(app, pilot, "number_sign", text)
 
     async def read(app: SniffApp, pilot: Pilot[None]) -> None:
         await until(app, pilot, lambda: "20 rows" in page(app))

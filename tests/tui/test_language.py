@@ -53,7 +53,7 @@ from fte_sniff.tui.status_bar import (
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.text import event_text
 from tests.analysis.filter.test_parser import MISTAKES
-from tests.tui.conftest import Rows, Scenario, lines, page, play, press, settle, type_line
+from tests.tui.conftest import Rows, Scenario, enter_line, lines, page, play, press, settle
 
 CHINESE = StartOptions(language="zh")
 
@@ -164,9 +164,7 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "moter")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "moter")
         text = squeezed(app)
         assert "第1个字符处：没有名称'moter'" in text
         assert "您是想写motor吗？" in text

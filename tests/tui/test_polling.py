@@ -29,6 +29,7 @@ from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
     Rows,
+    enter_line,
     page,
     play,
     press,
@@ -225,8 +226,6 @@ def test_keys_come_before_the_rows_of_a_file(
     monkeypatch.setattr(view_model, "KEY_PAUSE_NS", 3_600_000_000_000)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         assert rests == []
         await press(app, pilot, "slash")
         assert rests == [True]
@@ -239,7 +238,7 @@ def test_keys_come_before_the_rows_of_a_file(
         await settle(app, pilot)
         assert len(app._model.store) == 20
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
 def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
@@ -272,8 +271,6 @@ def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
     feed.state = replace(feed.state, live=False)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         feed.give([*speed_rows(10, start=10), *speed_rows(10, start=5000)])
         baud = BaudChange("/dev/ttyUSB0", 57_600)
         feed.changes = [StreamChange(10, Gap(GapKind.DAMAGE)), StreamChange(10, baud)]
@@ -287,7 +284,7 @@ def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
         assert "57,600 baud" in words
         assert "longest silence 132 µs" in words
 
-    play(feed, scenario, size=(120, 40))
+    play(feed, scenario, size=(120, 40), rows=10)
 
 
 class Rereading:
@@ -328,9 +325,7 @@ def test_rows_that_were_dropped_are_read_again_as_one_goes_there(
             await settle(app, pilot)
             await press(app, pilot, "g")
             assert rpms(app)[0] == 0
-            await press(app, pilot, "slash")
-            await type_line(app, pilot, "rpm=1234")
-            await press(app, pilot, "enter")
+            await enter_line(app, pilot, "slash", "rpm=1234")
             assert table(app).viewport.cursor == 1234
             await press(app, pilot, "f")
             await type_line(app, pilot, "motor = 1")
@@ -354,9 +349,7 @@ def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
             feed.give(source.rows)
             await settle(app, pilot)
             source.gone = True
-            await press(app, pilot, "slash")
-            await type_line(app, pilot, "rpm=1234")
-            await press(app, pilot, "enter")
+            await enter_line(app, pilot, "slash", "rpm=1234")
             await settle(app, pilot)
             assert "run.mcap: there is no such file any more" in page(app)
             assert app.failure is None

@@ -31,6 +31,7 @@ from tests.tui.conftest import (
     NOON_NS,
     STEP_NS,
     Rows,
+    enter_line,
     page,
     play,
     press,
@@ -47,11 +48,7 @@ def test_a_filter_is_checked_while_one_types_and_applied_by_enter(
     feed: Any, speed_rows: Rows
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "motr = 2")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "motr = 2")
         assert "✗" in page(app)
         assert "motor" in page(app)
         await press(app, pilot, "enter")
@@ -72,15 +69,11 @@ def test_a_filter_is_checked_while_one_types_and_applied_by_enter(
         assert rpms(app)[-1] == 799
         assert "of 800 rows" not in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
-def test_the_cursor_stays_on_its_row_when_a_filter_comes_and_goes(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_the_cursor_stays_on_its_row_when_a_filter_comes_and_goes(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         await press(app, pilot, "colon")
         await type_line(app, pilot, "501")
         await press(app, pilot, "enter", "f")
@@ -94,7 +87,7 @@ def test_the_cursor_stays_on_its_row_when_a_filter_comes_and_goes(
         await settle(app, pilot)
         assert table(app).viewport.cursor == 500
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 def test_a_filter_that_hides_everything_says_so(feed: Any, speed_rows: Rows) -> None:
@@ -103,9 +96,7 @@ def test_a_filter_that_hides_everything_says_so(feed: Any, speed_rows: Rows) -> 
         assert "nothing came yet" in page(app)
         feed.give(speed_rows(40))
         await settle(app, pilot)
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "rpm > 9000")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "rpm > 9000")
         await settle(app, pilot)
         assert "the filter hides all 40 rows; F shows them again" in page(app)
         await press(app, pilot, "enter", "e", "E", "down", "up", "c", "G", "g")
@@ -131,12 +122,8 @@ def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) ->
     asyncio.run(run())
 
 
-def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(40))
-        await settle(app, pilot)
         for line in ("motor = 1", "motor = 2"):
             await press(app, pilot, "f", "ctrl+u")
             await type_line(app, pilot, line)
@@ -152,13 +139,11 @@ def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(
         await press(app, pilot, "escape", "escape", "escape")
         assert app.is_running
 
-    play(feed, scenario)
+    play(feed, scenario, rows=40)
 
 
-def test_keys_typed_ahead_go_to_the_field_that_they_open(feed: Any, speed_rows: Rows) -> None:
+def test_keys_typed_ahead_go_to_the_field_that_they_open(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await rush(app, pilot, *"gf", *"motor", "equals_sign", *"9", "backspace", "2", "enter", "p")
         await settle(app, pilot)
         assert "filter motor=2" in re.sub(" +", " ", page(app))
@@ -169,13 +154,11 @@ def test_keys_typed_ahead_go_to_the_field_that_they_open(feed: Any, speed_rows: 
         assert table(app).viewport.cursor == 51
         assert "filter motor=2" in re.sub(" +", " ", page(app))
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
-def test_a_rush_of_keys_for_the_pane_the_help_and_a_field(feed: Any, speed_rows: Rows) -> None:
+def test_a_rush_of_keys_for_the_pane_the_help_and_a_field(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await rush(app, pilot, "enter", "f", "q", "enter", "escape")
         assert app.focused is table(app)
         assert app.query_one(DetailPane).display
@@ -184,7 +167,7 @@ def test_a_rush_of_keys_for_the_pane_the_help_and_a_field(feed: Any, speed_rows:
         assert len(app.screen_stack) == 1
         assert table(app).viewport.paused
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_a_filter_at_rest_takes_no_keys_and_a_click_wakes_it(feed: Any, speed_rows: Rows) -> None:
@@ -201,10 +184,8 @@ def test_a_filter_at_rest_takes_no_keys_and_a_click_wakes_it(feed: Any, speed_ro
     play(feed, scenario)
 
 
-def test_tab_completes_and_never_leaves_a_field(feed: Any, speed_rows: Rows) -> None:
+def test_tab_completes_and_never_leaves_a_field(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await press(app, pilot, "f", *"mot")
         await settle(app, pilot)
         await press(app, pilot, "tab", "shift+tab", "tab")
@@ -214,7 +195,7 @@ def test_tab_completes_and_never_leaves_a_field(feed: Any, speed_rows: Rows) -> 
         assert "100 of 400 rows" in page(app)
         assert app.focused is table(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_a_field_is_left_by_a_click_elsewhere_but_not_with_the_window(
@@ -242,9 +223,7 @@ def test_the_count_beside_the_filter_is_that_of_the_filter_that_is_on(
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(400))
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "motor = 1")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "motor = 1")
         await settle(app, pilot)
         assert "100 of 400 rows" in page(app)
         await press(app, pilot, "f", "x")
@@ -308,12 +287,8 @@ def dropdown(app: SniffApp) -> list[tuple[str, str]]:
     return [(one.text, one.right) for one in here.candidates] if here.display else []
 
 
-def test_fields_operators_and_observed_values_are_suggested_with_counts(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_fields_operators_and_observed_values_are_suggested_with_counts(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(401))
-        await settle(app, pilot)
         await press(app, pilot, "f", *"mo")
         assert dropdown(app) == [("motor", "motor (driver) number")]
         await press(app, pilot, "tab")
@@ -332,7 +307,7 @@ def test_fields_operators_and_observed_values_are_suggested_with_counts(
         await settle(app, pilot)
         assert rpms(app)[-1] == 397
 
-    play(feed, scenario)
+    play(feed, scenario, rows=401)
 
 
 def test_faults_are_counted_one_by_one(feed: Any, odd_rows: list[Row]) -> None:
@@ -347,12 +322,8 @@ def test_faults_are_counted_one_by_one(feed: Any, odd_rows: list[Row]) -> None:
     play(feed, scenario)
 
 
-def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await settle(app, pilot)
         await press(app, pilot, "f")
         await type_line(app, pilot, "rpm >= 390")
         await until(app, pilot, lambda: "10 of 400 rows" in page(app))
@@ -365,7 +336,7 @@ def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(
         await press(app, pilot, "enter")
         assert "✗" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_both_lines_of_a_paste_are_kept(feed: Any, speed_rows: Rows) -> None:
@@ -431,23 +402,19 @@ def test_ctrl_c_copies_selected_text_of_a_field_first(feed: Any) -> None:
     play(feed, scenario)
 
 
-def test_copies_the_rows_bytes(feed: Any, speed_rows: Rows) -> None:
+def test_copies_the_rows_bytes(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1))
-        await settle(app, pilot)
         await press(app, pilot, "c")
         assert app.clipboard == "AA 01 01 00 00 00 00 00 00 EE"
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1)
 
 
 @pytest.mark.parametrize(("key", "copied"), [("Y", "AA 01 03 00 62"), ("y", "motor=3 rpm=98")])
 def test_a_row_is_copied_to_the_terminal_and_to_a_file(
-    feed: Any, speed_rows: Rows, cache: Path, key: str, copied: str
+    feed: Any, cache: Path, key: str, copied: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(99))
-        await settle(app, pilot)
         await press(app, pilot, key)
         await settle(app, pilot)
         assert copied in app.clipboard
@@ -458,13 +425,11 @@ def test_a_row_is_copied_to_the_terminal_and_to_a_file(
         assert kept.stat().st_mode & 0o777 == 0o600
         assert "(also in" in page(app)
 
-    play(feed, scenario, (200, 30))
+    play(feed, scenario, (200, 30), rows=99)
 
 
 def test_a_selection_is_shown_copied_and_ended(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(99))
-        await settle(app, pilot)
         await press(app, pilot, "v", "up", "up")
         feed.give(speed_rows(99, start=99))
         await settle(app, pilot)
@@ -482,24 +447,22 @@ def test_a_selection_is_shown_copied_and_ended(feed: Any, speed_rows: Rows) -> N
         assert not table(app).selected
         assert app.is_running
 
-    play(feed, scenario)
+    play(feed, scenario, rows=99)
 
 
 def test_a_copy_where_no_file_can_be_kept_goes_to_the_terminal_alone(
-    feed: Any, speed_rows: Rows, cache: Path
+    feed: Any, cache: Path
 ) -> None:
     cache.write_text("in the way")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1))
-        await settle(app, pilot)
         await press(app, pilot, "Y")
         await settle(app, pilot)
         assert app.clipboard.startswith("AA 01")
         assert "copied AA 01" in page(app)
         assert "also in" not in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1)
 
 
 def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
@@ -522,7 +485,7 @@ async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
 
 @pytest.mark.parametrize("selecting", [False, True])
 def test_a_saved_recording_tells_what_is_not_in_it(
-    feed: Any, speed_rows: Rows, tmp_path: Path, selecting: bool
+    feed: Any, tmp_path: Path, selecting: bool
 ) -> None:
     """What was left out among the rows that are saved, and which of them the filter chose."""
     first, last = (
@@ -531,8 +494,6 @@ def test_a_saved_recording_tells_what_is_not_in_it(
     origin = ExportSource((), {"/dev/ttyUSB0": 9600}, [first, last])
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         if selecting:
             await press(app, pilot, "g", "v", *["down"] * 8)
         path = tmp_path / "rows.mcap"
@@ -540,7 +501,7 @@ def test_a_saved_recording_tells_what_is_not_in_it(
         await until(app, pilot, path.exists)
 
     options = StartOptions(row_filter=RowFilter.parse("motor = 1"), export_source=origin)
-    play(feed, scenario, options=options)
+    play(feed, scenario, options=options, rows=100)
     reader = RecordingReader(tmp_path / "rows.mcap")
     assert [port.baud for port in reader.ports] == [9600]
     (selection,) = reader.selections()
@@ -552,9 +513,7 @@ def test_a_saved_recording_tells_what_is_not_in_it(
 def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10_000))
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "motor = 1")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "motor = 1")
         await settle(app, pilot)
         path = tmp_path / "rows.csv"
         await save_to(app, pilot, path)
@@ -587,12 +546,8 @@ def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_pa
     play(feed, scenario, (200, 24))
 
 
-def test_the_selected_rows_are_saved_and_nothing_else(
-    feed: Any, speed_rows: Rows, tmp_path: Path
-) -> None:
+def test_the_selected_rows_are_saved_and_nothing_else(feed: Any, tmp_path: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         table(app).jump(100)
         await press(app, pilot, "v", "down", "down")
         path = tmp_path / "rows.hex"
@@ -600,29 +555,21 @@ def test_the_selected_rows_are_saved_and_nothing_else(
         await until(app, pilot, path.exists)
         assert [line[12:14] for line in path.read_text().splitlines()] == ["64", "65", "66"]
 
-    play(feed, scenario)
+    play(feed, scenario, rows=1000)
 
 
 @pytest.mark.parametrize(("name", "start"), [("a.svg", "<svg"), ("a.html", "<!DOCTYPE html>")])
-def test_a_picture_of_the_screen_is_saved(
-    feed: Any, speed_rows: Rows, tmp_path: Path, name: str, start: str
-) -> None:
+def test_a_picture_of_the_screen_is_saved(feed: Any, tmp_path: Path, name: str, start: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
-        await press(app, pilot, "P")
-        await type_line(app, pilot, str(tmp_path / name))
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "P", str(tmp_path / name))
         text = (tmp_path / name).read_text("utf-8")
         assert text.startswith(start)
         assert "motor=2" in unescape(text).replace("\xa0", " ")
         assert "picture to" not in text
-        await press(app, pilot, "P")
-        await type_line(app, pilot, str(tmp_path / name))
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "P", str(tmp_path / name))
         assert "exists" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
 def test_a_save_is_ended_by_esc_and_leaves_nothing(
@@ -695,12 +642,8 @@ def test_rows_without_times_make_no_recording(
     play(feed, scenario, (200, 24))
 
 
-def test_the_name_of_a_file_is_judged_while_it_is_typed(
-    feed: Any, speed_rows: Rows, tmp_path: Path
-) -> None:
+def test_the_name_of_a_file_is_judged_while_it_is_typed(feed: Any, tmp_path: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         await press(app, pilot, "w", *"rows")
         wrong = "the extension selects the format; use one of .csv .jsonl"
         await until(app, pilot, lambda: wrong in page(app))
@@ -708,27 +651,25 @@ def test_the_name_of_a_file_is_judged_while_it_is_typed(
         await settle(app, pilot)
         assert "save to" not in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
 @pytest.mark.parametrize("keys", [("enter",), ("tab", "enter")])
 def test_enter_without_a_name_saves_under_the_suggested_name(
-    feed: Any, speed_rows: Rows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: list[str]
+    feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: list[str]
 ) -> None:
     """The suggested name is free, so that no file is in the way."""
     monkeypatch.chdir(tmp_path)
     Path("rows.csv").write_text("kept")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         await press(app, pilot, "w")
         await settle(app, pilot)
         assert "rows-2.csv" in page(app)
         await press(app, pilot, *keys)
         await until(app, pilot, lambda: "saved 10 rows to rows-2.csv" in page(app))
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
     assert len(Path("rows-2.csv").read_text().splitlines()) == 11
     assert Path("rows.csv").read_text() == "kept"
 

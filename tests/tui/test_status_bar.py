@@ -48,13 +48,12 @@ from fte_sniff.tui.text import event_text
 from fte_sniff.tui.view_model import ViewModel
 from tests.tui.conftest import (
     ROUNDS,
-    Rows,
+    enter_line,
     lines,
     page,
     play,
     press,
     settle,
-    type_line,
 )
 
 
@@ -84,11 +83,9 @@ def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, wid
     ],
 )
 def test_the_bottom_line_tells_the_keys_of_what_is_open(
-    feed: Any, speed_rows: Rows, opener: str, told: Sequence[str], words: str
+    feed: Any, opener: str, told: Sequence[str], words: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(50))
-        await settle(app, pilot)
         await press(app, pilot, opener)
         await settle(app, pilot)
         assert words in page(app)
@@ -100,7 +97,7 @@ def test_the_bottom_line_tells_the_keys_of_what_is_open(
         assert words not in page(app)
         assert "G Follow" in lines(app)[-1]
 
-    play(feed, scenario)
+    play(feed, scenario, rows=50)
 
 
 SHOWN = [key for key in (*LEAVING, *FINDING, *HANDLING, *UNDERSTANDING, *MOVING) if key.show]
@@ -336,12 +333,8 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
         (("t",), "row"),
     ],
 )
-def test_what_a_key_told_goes_with_the_next_key(
-    feed: Any, speed_rows: Rows, keys: Sequence[str], told: str
-) -> None:
+def test_what_a_key_told_goes_with_the_next_key(feed: Any, keys: Sequence[str], told: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(50))
-        await settle(app, pilot)
         notice = app.query_one(NoticeLine)
         await press(app, pilot, *(key.replace("at", "@") if key == "at" else key for key in keys))
         assert notice.display == bool(told)
@@ -349,7 +342,7 @@ def test_what_a_key_told_goes_with_the_next_key(
         await press(app, pilot, "k")
         assert not notice.display
 
-    play(feed, scenario)
+    play(feed, scenario, rows=50)
 
 
 def test_it_goes_after_a_while_too_and_a_warning_later(
@@ -515,9 +508,7 @@ def test_what_is_wrong_with_a_filter_ends_with_the_way_out(
     feed: Any, size: tuple[int, int]
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "f")
-        await type_line(app, pilot, "motor = 1 AND moter = 1")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "f", "motor = 1 AND moter = 1")
         assert "did you mean motor?" in " ".join(page(app).split())
 
     play(feed, scenario, size)

@@ -24,6 +24,7 @@ from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
     Rows,
+    enter_line,
     lines,
     page,
     play,
@@ -65,23 +66,19 @@ def _odd(feed: Any) -> list[Row]:
     return [Damage(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,))]
 
 
-def test_the_wheel_leaves_the_end_and_takes_it_up_again(feed: Any, speed_rows: Rows) -> None:
+def test_the_wheel_leaves_the_end_and_takes_it_up_again(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await wheel(app, pilot, events.MouseScrollUp)
         assert not table(app).viewport.following
         assert rpms(app) == list(range(77, 97))
         await wheel(app, pilot, events.MouseScrollDown)
         assert table(app).viewport.following
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
-def test_columns_move_sideways_as_far_as_there_are_any(feed: Any, speed_rows: Rows) -> None:
+def test_columns_move_sideways_as_far_as_there_are_any(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(5))
-        await settle(app, pilot)
         await press(app, pilot, *["right"] * 40)
         await settle(app, pilot)
         assert lines(app)[1].rstrip().endswith("cmd")
@@ -90,18 +87,16 @@ def test_columns_move_sideways_as_far_as_there_are_any(feed: Any, speed_rows: Ro
         await settle(app, pilot)
         assert lines(app)[1].strip().startswith("time UTC     kind")
 
-    play(feed, scenario)
+    play(feed, scenario, rows=5)
 
 
-def test_a_click_puts_the_cursor_there(feed: Any, speed_rows: Rows) -> None:
+def test_a_click_puts_the_cursor_there(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await pilot.click(RowTable, offset=(20, 3))
         assert table(app).viewport.cursor == 83
         assert not table(app).viewport.following
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
 @pytest.mark.parametrize("key", ["space", "p"])
@@ -109,8 +104,6 @@ def test_pause_freezes_the_view_and_counts_what_is_new(
     feed: Any, speed_rows: Rows, key: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await press(app, pilot, key)
         feed.give(speed_rows(1234, start=100))
         await settle(app, pilot)
@@ -121,13 +114,11 @@ def test_pause_freezes_the_view_and_counts_what_is_new(
         assert rpms(app)[-1] == 1333
         assert "LIVE" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
 def test_pause_keeps_its_rows_under_a_filter_too(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await press(app, pilot, "space", "f")
         await type_line(app, pilot, "motor = 1")
         await press(app, pilot, "enter")
@@ -136,39 +127,29 @@ def test_pause_keeps_its_rows_under_a_filter_too(feed: Any, speed_rows: Rows) ->
         assert rpms(app)[-1] == 96
         assert "PAUSED, 25 new" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
-def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(1000))
-        await settle(app, pilot)
         await press(app, pilot, "g", "t")
         await settle(app, pilot)
         assert "time +05:30" in page(app)
         assert table(app).render_line(0).text.startswith("  17:30:00.000")
-        await press(app, pilot, "colon")
-        await type_line(app, pilot, "17:30:00.5")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "colon", "17:30:00.5")
         assert table(app).viewport.cursor == 500
-        await press(app, pilot, "colon")
-        await type_line(app, pilot, "2026-01-31 17:31")
-        await press(app, pilot, "enter")
+        await enter_line(app, pilot, "colon", "2026-01-31 17:31")
         await pilot.pause()
         assert "2026-01-31 17:31 is after the last row (17:30:00.999)" in page(app)
         await press(app, pilot, "t", "t")
         await settle(app, pilot)
         assert "time UTC" in page(app)
 
-    play(feed, scenario, options=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
+    play(feed, scenario, options=StartOptions(zone=ZoneInfo("Asia/Kolkata")), rows=1000)
 
 
-def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows) -> None:
+def test_local_times_hold_for_panes_and_notices_too(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(3))
-        await settle(app, pilot)
         for pane in ("enter", "M", "S"):
             await press(app, pilot, pane)
             assert "12:00:00" in page(app)
@@ -182,7 +163,9 @@ def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows)
         await settle(app, pilot)
         assert "17:30:00.000  /dev/ttyUSB0 lost" in page(app)
 
-    play(feed, scenario, size=(120, 50), options=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
+    play(
+        feed, scenario, size=(120, 50), options=StartOptions(zone=ZoneInfo("Asia/Kolkata")), rows=3
+    )
 
 
 def test_a_narrow_head_still_names_the_zone() -> None:
@@ -197,10 +180,8 @@ def times(app: SniffApp) -> list[str]:
     return [text[2:14].strip() for text in texts if text.strip()]
 
 
-def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any, speed_rows: Rows) -> None:
+def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await press(app, pilot, "G", "t")
         assert times(app)[-1] == "+0.099000"
         assert lines(app)[1].strip().startswith("+ start")
@@ -215,13 +196,11 @@ def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any, speed_r
         await press(app, pilot, "g")
         assert times(app)[1] == "-0.089000"
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
-def test_columns_are_chosen_ordered_and_sized(feed: Any, speed_rows: Rows) -> None:
+def test_columns_are_chosen_ordered_and_sized(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(5))
-        await settle(app, pilot)
         await press(app, pilot, "C")
         assert isinstance(app.screen, ColumnChooser)
         await settle(app, pilot)
@@ -237,13 +216,11 @@ def test_columns_are_chosen_ordered_and_sized(feed: Any, speed_rows: Rows) -> No
         await settle(app, pilot)
         assert lines(app)[1].split()[:3] == ["time", "UTC", "kind"]
 
-    play(feed, scenario)
+    play(feed, scenario, rows=5)
 
 
-def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any, speed_rows: Rows) -> None:
+def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(5))
-        await settle(app, pilot)
         count = len(table(app).columns)
         await press(app, pilot, "C", *(["space", "down"] * count), "enter")
         await settle(app, pilot)
@@ -252,13 +229,11 @@ def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any, speed_rows
         await settle(app, pilot)
         assert len(table(app).columns) == 1
 
-    play(feed, scenario)
+    play(feed, scenario, rows=5)
 
 
-def test_the_mouse_opens_rows_and_the_chooser(feed: Any, speed_rows: Rows) -> None:
+def test_the_mouse_opens_rows_and_the_chooser(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(50))
-        await settle(app, pilot)
         await pilot.click(RowTable, offset=(20, 3), times=2)
         await settle(app, pilot)
         assert app.query_one(DetailPane).display
@@ -271,7 +246,7 @@ def test_the_mouse_opens_rows_and_the_chooser(feed: Any, speed_rows: Rows) -> No
         await settle(app, pilot)
         assert "kind" not in lines(app)[1]
 
-    play(feed, scenario)
+    play(feed, scenario, rows=50)
 
 
 def test_the_scroll_bar_reaches_every_row(feed: Any, speed_rows: Rows) -> None:
@@ -357,10 +332,8 @@ def test_commands_are_found_by_the_words_that_people_type(feed: Any, language: s
     play(feed, scenario, options=StartOptions(language=language))
 
 
-def test_the_language_is_switched_while_the_screen_is_open(feed: Any, speed_rows: Rows) -> None:
+def test_the_language_is_switched_while_the_screen_is_open(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         await rush(app, pilot, "ctrl+p", *"language", "enter")
         await settle(app, pilot)
         assert "退出" in page(app)
@@ -372,13 +345,11 @@ def test_the_language_is_switched_while_the_screen_is_open(feed: Any, speed_rows
         assert "Quit" in page(app)
         assert app.choices.language is None
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
-def test_everything_can_be_picked_from_a_list(feed: Any, speed_rows: Rows) -> None:
+def test_everything_can_be_picked_from_a_list(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         await rush(app, pilot, "ctrl+p", *"first", "enter")
         assert table(app).viewport.cursor == 0
         await rush(app, pilot, "ctrl+p", *"filter", "space", *"rows", "enter", *"rpm", "escape")
@@ -390,16 +361,12 @@ def test_everything_can_be_picked_from_a_list(feed: Any, speed_rows: Rows) -> No
         await rush(app, pilot, "ctrl+p", *"freeze", "enter")
         assert table(app).viewport.paused
 
-    play(feed, scenario)
+    play(feed, scenario, rows=100)
 
 
 @pytest.mark.parametrize("typed", ["[/", '[a="', "[/x]", "[b]"])
-def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(
-    feed: Any, speed_rows: Rows, typed: str
-) -> None:
+def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(feed: Any, typed: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
         for list_key in ("ctrl+p", "x"):
             await press(app, pilot, list_key)
             await press(app, pilot, *typed)
@@ -409,16 +376,12 @@ def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(
             await press(app, pilot, "escape")
         assert len(app.screen_stack) == 1
 
-    play(feed, scenario)
+    play(feed, scenario, rows=10)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 2), (20, 5), (40, 10)])
-def test_lists_draw_on_the_smallest_terminals(
-    feed: Any, speed_rows: Rows, size: tuple[int, int]
-) -> None:
+def test_lists_draw_on_the_smallest_terminals(feed: Any, size: tuple[int, int]) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(100))
-        await settle(app, pilot)
         for key in ("ctrl+p", "x", "C"):
             await press(app, pilot, key, "down", "down")
             await settle(app, pilot)
@@ -430,7 +393,7 @@ def test_lists_draw_on_the_smallest_terminals(
             await press(app, pilot, "escape")
             assert len(app.screen_stack) == 1
 
-    play(feed, scenario, size)
+    play(feed, scenario, size, rows=100)
 
 
 def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_rows: Rows) -> None:
@@ -514,10 +477,8 @@ def test_a_file_without_times_is_not_played(feed: Any) -> None:
     play(feed, scenario)
 
 
-def test_rows_have_the_colours_of_the_users_rules(feed: Any, speed_rows: Rows) -> None:
+def test_rows_have_the_colours_of_the_users_rules(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(9))
-        await settle(app, pilot)
         assert "nonsense" in page(app)
         here = table(app)
         backgrounds = []
@@ -528,4 +489,4 @@ def test_rows_have_the_colours_of_the_users_rules(feed: Any, speed_rows: Rows) -
         assert backgrounds == [["dark_red"], ["blue"], [], [], ["blue"], ["blue"], [], []]
 
     colors = {"rpm = 0": "on dark_red", "motor IN (1, 2)": "on blue", "nonsense = 1": "red"}
-    play(feed, scenario, options=StartOptions(colors=colors))
+    play(feed, scenario, options=StartOptions(colors=colors), rows=9)
