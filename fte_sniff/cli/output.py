@@ -79,6 +79,9 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
             return "no row is between --from and --to"
         if not tally.rows and reading.notes:
             return ""  # the notes name the reason
+        if not tally.rows and (selections := reading.source.selections):
+            wanted = " and ".join(printable(one.filter_text) for one in selections)
+            return f"nothing was selected when the recording was written: {wanted}"
         if tally.rows and not reading.written and reading.row_filter is not None:
             return f"none of them matches the filter: {printable(reading.row_filter.text)}"
     if not tally.rows:

@@ -147,9 +147,8 @@ class RecordingReader:
         if not self.is_whole or self.times is None or self._summary is None:
             return None
         first_ns, last_ns = self.times
-        return (
-            0 if EARLY_NAME in self._summary.metadata or not self._is_ours else first_ns
-        ), last_ns
+        shown = self._is_ours and EARLY_NAME not in self._summary.metadata
+        return first_ns if shown else 0, last_ns
 
     def gaps(self) -> list[Gap]:
         """The gaps that the file's metadata reports; reads no chunk."""

@@ -352,6 +352,14 @@ def test_a_report_of_no_rows_says_so(run, tmp_path, samples) -> None:
     assert "There are no rows" in (tmp_path / "r.html").read_text("utf-8")
 
 
+def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
+    run("decode", samples / "clean.mcap", "--filter", "offset < 0", "-o", "none.mcap")
+    for command in (["report", "none.mcap", "-o", "x.html"], ["stats", "none.mcap"]):
+        done = run(*command)
+        line = "fte-sniff: nothing was selected when the recording was written: offset < 0\n"
+        assert (done.returncode, line in done.stderr) == (0, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
