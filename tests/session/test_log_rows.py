@@ -88,7 +88,7 @@ def test_after_the_clock_was_set_back_the_order_is_that_of_the_lines(tmp_path: P
     notes: list[str] = []
     rows = [row for rows in rows_of_log(LogReader(str(path)), notes.append) for row in rows]
     assert [row.port[-2:] for row in rows] == ["tx", "rx"] * 200
-    assert any("line 201: the time goes back by 5.905 s" in note for note in notes)
+    assert any("line 201 steps back in time: '5.905 s'" in note for note in notes)
 
 
 @given(st.integers(0, 10**6), st.sampled_from([100, 999, 5000]), st.sampled_from([0, 20_000]))

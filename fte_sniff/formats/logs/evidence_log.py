@@ -47,7 +47,7 @@ class EvidenceLog(LogForm):
         self._pattern, self._paste = options.pattern, not options.whole
         given = options.pattern is not None and "dir" in options.pattern.groupindex
         self.layout = Layout(found[0], lines, given=given)
-        self.clock = LogClock(self.layout.times, options)
+        self.clock = LogClock(self.layout.times, options, self._count)
         self.score, self.is_certain = found[0].score, len(found[0].frames) >= _CERTAIN
         self.single = self._paste or not self.layout.streams
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
@@ -219,19 +219,19 @@ class EvidenceLog(LogForm):
             found[-1] = found[-1]._replace(data=found[-1].data[:-1])
         return found
 
-    def _count(self, what: str, number: int, text: bytes | str) -> None:
+    def _count(self, what: str, number: int, text: bytes | str, lines: int = 1) -> None:
         text = text if isinstance(text, str) else text[:120].decode("utf-8", "replace")
         count, first, example = self._seen.get(what, (0, number, text))
-        self._seen[what] = count + 1, first, example
+        self._seen[what] = count + lines, first, example
 
     def notes(self) -> list[str]:
         """How the log was read, one line each."""
         notes = list(self._notes)
         for what, (count, number, text) in self._seen.items():
             shown = " ".join(text.replace(_MARK.decode(), " ").split())
-            shown = repr(shown if len(shown) <= 60 else shown[:59] + "…")
-            one = f"line {number} {what.replace(' ', 's ', 1)}: {shown}"
-            many = f"{count:,} lines {what}, for example line {number}: {shown}"
+            shown = shown and f": {shown if len(shown) <= 60 else shown[:59] + '…'!r}"
+            one = f"line {number} {what.replace(' ', 's ', 1)}{shown}"
+            many = f"{count:,} lines {what}, for example line {number}{shown}"
             notes.append(one if count == 1 else many)
         if _LIKE in self._seen:
             notes.append(f"{_REGEX} the bytes are")

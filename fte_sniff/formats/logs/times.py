@@ -46,12 +46,12 @@ DATES: Final = {
 """Regular expressions of the dates before a clock; an earlier one is preferred."""
 _HALF: Final = "[AaPp][Mm]|上午|下午"
 _MICROS: Final = r"(?:,(?P<us>\d{3})(?=\]))?"  # Zephyr
+_ZONE: Final = r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 CLOCK: Final = (
     rf"(?:(?P<half>{_HALF}) *)?"
     r"(?P<h>2[0-4]|[01]?\d)(?::|时)(?P<mi>[0-5]\d)(?::|分)(?P<s>[0-5]\d|60)(?:秒)?"
-    rf"(?:(?:\.|[:,](?=\d{{3}}(?!\d)))(?P<f>\d{{1,9}}){_MICROS})?"
-    rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?"
-    r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
+    rf"(?:(?:\.|[:,](?=\d{{3}}(?!\d)|\d{{6}}[+-]))(?P<f>\d{{1,9}}){_MICROS})?"
+    rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?{_ZONE}"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
 _WHOLE: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)"
@@ -63,7 +63,8 @@ _SOCAT: Final = r" (?P<h>\d\d):(?P<mi>\d\d):(?P<s>\d\d)\.000(?P<f>\d{6})" + _MIC
 _DAY_DIGITS: Final = r"(?P<y>20\d\d){0}(?P<mo>0[1-9]|1[0-2]){0}(?P<d>0[1-9]|[12]\d|3[01])"
 _CLOCK_DIGITS: Final = r"(?P<h>[01]\d|2[0-3]){0}(?P<mi>[0-5]\d){0}(?P<s>[0-5]\d)"
 _COMPACT: Final = (
-    f"{_DAY_DIGITS}{_CLOCK_DIGITS}".format("") + rf"(?:[.,](?P<f>\d{{1,9}}){_MICROS})?(?![\w.])"
+    f"{_DAY_DIGITS}T?{_CLOCK_DIGITS}".format("")
+    + rf"(?:[.,](?P<f>\d{{1,9}}){_MICROS})?{_ZONE}(?![\w.])"
 )
 _IN_NAME: Final = rf"(?<!\d){_DAY_DIGITS}(?:[-_ T.]+{_CLOCK_DIGITS})?(?!\d)".format("[-_.hm]?")
 CLOCKS: Final = {
@@ -106,6 +107,8 @@ Fields = Mapping[str, tuple[int, int]]
 """By name, where a field of a time begins and ends in the line."""
 Read = Callable[[int, int], Any]
 """Reads the number between two offsets of many lines at once."""
+Count = Callable[[str, int, str, int], None]
+"""Reports what lines do: the number of the first, an example, and how many there are."""
 
 
 class Stamp(NamedTuple):
@@ -313,11 +316,11 @@ def _unit(text: Text, where: str, start: int) -> int:
 class LogClock:
     """Turns the stamps of one log, in their order, into nanoseconds since 1970 UTC."""
 
-    def __init__(self, rule: TimeRule, options: LogOptions) -> None:
-        self._rule, self._options = rule, options
+    def __init__(self, rule: TimeRule, options: LogOptions, count: Count) -> None:
+        self._rule, self._options, self._count = rule, options, count
         self._base_ns, self._last, self._last_ns = 0, Stamp(NO_TIME), 0
-        self._notes: dict[str, tuple[str, int]] = {}
-        """By what they are about, and how many lines."""
+        self.notes: list[str] = []
+        """What the times lack, and where that comes from."""
 
     def settle(self, stamps: Sequence[Stamp], name: str, written_ns: int | None) -> None:
         """Decide what the times count from.
@@ -328,10 +331,10 @@ class LogClock:
         kind, day, self._last = self._rule.kind, self._options.day, stamps[0]
         if kind not in _LACKING:
             return
-        given, (named, has_clock) = day and _midnight_ns(day), time_in_name(name)
+        given, named = day and _midnight_ns(day), time_in_name(name, clock=kind == "since")
         passed = _DAY_NS * sum(b.ns < a.ns - _DAY_NS // 2 for a, b in pairwise(stamps))
         if kind == "since":
-            given, named = self._options.start_ns, named if has_clock else None
+            given = self._options.start_ns
             passed = 0 if written_ns is None else max(stamp.ns for stamp in stamps)
         other = "the time of the first read"
         if written_ns is not None:
@@ -345,8 +348,7 @@ class LogClock:
         if kind != "year-less":
             self._base_ns = base_ns if kind == "since" else _midnight_ns(begin.date())
         if source:
-            text = f"its times {_LACKING[kind].format(begin, source)} sets another"
-            self._notes["base"] = text, 1
+            self.notes.append(f"its times {_LACKING[kind].format(begin, source)} sets another")
 
     def times(self, ns: Array, zones: Array, lines: Array) -> Array:
         """The times of consecutive lines, by their stamps; without one, that before."""
@@ -355,11 +357,11 @@ class LogClock:
         missing = ns == NO_TIME
         if missing.any():
             alone = missing & (self._rule.where != "above")
-            self._note("none", alone, lines, "has no time; it gets the time of the line before it")
+            self._report("lack a time; that of the line before is taken", alone, lines)
             last = np.maximum.accumulate(np.arange(1, len(ns) + 1) * ~missing)
             ns, zones = (np.append(self._last[at], own)[last] for at, own in enumerate((ns, zones)))
-        wrong = ~missing & (ns % self._rule.resolution_ns != 0)
-        self._note("finer", wrong, lines, "its time is finer than those of the first lines")
+        finer = ~missing & (ns % self._rule.resolution_ns != 0)
+        self._report("show a finer time than the first lines", finer, lines)
         t_ns = ns + self._base_ns
         if self._rule.kind == "clock":
             t_ns += _DAY_NS * np.cumsum(np.append(self._last.ns, ns[:-1]) - _DAY_NS // 2 > ns)
@@ -367,8 +369,8 @@ class LogClock:
         if self._rule.kind not in ("since", "epoch"):
             t_ns -= self._east_s(t_ns, zones) * SECOND
         before = np.append(self._last_ns, t_ns[:-1])
-        text = f"the time goes back by {(before - t_ns)[(t_ns < before).argmax()] / SECOND:,.9g} s"
-        self._note("back", t_ns < before, lines, text)
+        fall_s = f"{(before - t_ns)[(t_ns < before).argmax()] / SECOND:,.9g} s"
+        self._report("step back in time", t_ns < before, lines, fall_s)
         self._last_ns = int(t_ns[-1])
         return np.maximum(t_ns, 0)
 
@@ -380,26 +382,16 @@ class LogClock:
             return zones
         if self._options.zone is None:
             note = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
-            self._notes["zone"] = note, 1
+            self.notes += [] if note in self.notes else [note]
         quarters = local_ns // _QUARTER_NS  # zones change at quarters of an hour
-        starts = np.flatnonzero(np.diff(quarters, prepend=-1))
+        starts = np.flatnonzero(np.diff(quarters, prepend=quarters[0] - 1))
         east = [_east_s(self._options, own * _QUARTER_NS) for own in quarters[starts].tolist()]
         sizes = np.diff(starts, append=len(quarters))
         return np.where(zones == NO_TIME, np.repeat(east, sizes), zones)
 
-    def _note(self, problem: str, wrong: Any, lines: Array, text: str) -> None:
-        if wrong.any():
-            new = f"line {lines[wrong.argmax()]}: {text}", 0
-            first, count = self._notes.get(problem, new)
-            self._notes[problem] = first, count + int(wrong.sum())
-
-    @property
-    def notes(self) -> list[str]:
-        """How the times were read, one line each."""
-        return [
-            text if count == 1 else f"{text}, and {count - 1:,} times more"
-            for text, count in self._notes.values()
-        ]
+    def _report(self, what: str, which: Any, lines: Array, example: str = "") -> None:
+        if which.any():
+            self._count(what, int(lines[which.argmax()]), example, int(which.sum()))
 
 
 def _east_s(options: LogOptions, local_ns: int) -> int:
@@ -407,11 +399,12 @@ def _east_s(options: LogOptions, local_ns: int) -> int:
     return int((there.utcoffset() or timedelta()).total_seconds())
 
 
-def time_in_name(name: str) -> tuple[int | None, bool]:
-    """The time in a file name, nanoseconds since 1970, and whether it has a time of day."""
+def time_in_name(name: str, *, clock: bool) -> int | None:
+    """The date in a file name, or with `clock` the time, nanoseconds since 1970; None without."""
     for found in re.finditer(_IN_NAME, Path(name).name):
         with suppress(ValueError):
             year, month, day, hour, minute, second = (int(text or 0) for text in found.groups())
             when = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
-            return int(when.timestamp()) * SECOND, found["h"] is not None
-    return None, False
+            if found["h"] or not clock:
+                return int(when.timestamp()) * SECOND
+    return None

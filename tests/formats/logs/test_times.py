@@ -60,6 +60,8 @@ def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
         ("1769954602123 tx ", "2026-02-01T14:03:22.123"),
         ("1769954602123456000,0,", "2026-02-01T14:03:22.123"),
         ("20260201140322.123 TX ", "2026-02-01T14:03:22.123"),
+        ("20260201T140322.123+00:00 TX ", "2026-02-01T14:03:22.123"),
+        ("2026-02-01T14:03:22,123456+00:00 TX ", "2026-02-01T14:03:22.123"),
         ("时间：14:03:22.123，方向：接收，数据：", "2026-01-31T14:03:22.123"),
         ("time:14:03:22.123 data:", "2026-01-31T14:03:22.123"),
         ("TX: ", None),
@@ -140,7 +142,12 @@ def test_times_that_go_back_are_kept_and_reported_once() -> None:
     text = "".join(f"[2026-01-31 14:00:{s}Z] {BYTES}\n" for s in ("05", "04", "06", "03"))
     rows, notes = read(text)
     assert [iso_time((row.t_ns or 0) + FRAME_NS)[17:19] for row in rows] == ["05", "04", "06", "03"]
-    assert notes == ["log: line 2: the time goes back by 1 s, and 1 times more"]
+    assert notes == ["log: 2 lines step back in time, for example line 2: '1 s'"]
+
+
+def test_a_time_before_1970_is_that_of_1970() -> None:
+    text = "".join(f"1969-12-31 23:5{minute}:00 RX: {BYTES}\n" for minute in range(5))
+    assert times_of(text) == [0] * 5
 
 
 def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
@@ -248,8 +255,8 @@ def test_what_contradicts_the_first_lines_of_a_pipe_is_reported() -> None:
     text = "".join(f"{line} RX: {BYTES}\n" for line in first + later)
     rows, notes = read(text, LogOptions(zone=UTC))
     assert len(rows) == 3001
-    assert "log: line 3000: has no time; it gets the time of the line before it" in notes
-    assert "log: line 3001: its time is finer than those of the first lines" in notes
+    assert "log: line 3000 lacks a time; that of the line before is taken" in notes
+    assert "log: line 3001 shows a finer time than the first lines" in notes
 
 
 @pytest.mark.parametrize(
@@ -288,4 +295,4 @@ def test_lines_without_a_time_are_reported() -> None:
     lines = [f"[2026-01-31 12:00:0{n}Z] {BYTES}" for n in range(5)]
     rows, notes = read("\n".join([*lines, f"[] {BYTES}"]), LogOptions())
     assert rows[-1].t_ns == (rows[-2].t_ns or 0) + FRAME_NS
-    assert notes == ["log: line 6: has no time; it gets the time of the line before it"]
+    assert notes == ["log: line 6 lacks a time; that of the line before is taken"]
