@@ -113,7 +113,7 @@ def folded(text: bytes) -> bytes:
 
 def lane_of(line: bytes, start: int, stop: int) -> bytes:
     """The key of the lane of a run: the text before it, and whether words follow at once."""
-    words = re.match(rb"(?: |: ?)[^\s.+\xe2]", line[stop : stop + 3])
+    words = re.match(rb"(?: |: ?)[^\s.+\xe2].", line[stop : stop + 4])
     return folded(line[:start]) + ("…".encode() if words else b"")
 
 
