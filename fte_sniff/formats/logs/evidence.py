@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, lru_cache
-from itertools import accumulate, product
+from itertools import accumulate, combinations, product
 from typing import Final
 
-from fte_sniff.formats.logs.forms import Extractor
+from fte_sniff.formats.logs.forms import Extractor, Run
 from fte_sniff.formats.logs.times import masked
 from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, TAIL, FrameKind
 
@@ -31,6 +32,10 @@ _LEAST_SHARE: Final = 0.05
 _LEAST_SHARE_CUT: Final = 0.8
 """The same for a lane of whose runs numbers are left out."""
 _MOST_LANES: Final = 48
+_COPIED: Final = 0.9
+"""Share of the runs of a lane that repeat those of another from which on it is a copy."""
+_MOST_HALVES: Final = 4
+"""Lanes of which two may make frames only together, such as the halves of a dump."""
 _CUTS: Final = [(first, last) for first, last in product(range(5), range(3)) if first + last]
 """Numbers of each run that are no data: offsets before the others, a count or sum after them."""
 _WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
@@ -208,18 +213,37 @@ class Sample:
         return [best] if best and best.size > 1 else []
 
     def lanes(self, extractor: Extractor, needed: int | None = None) -> list[Lane]:
-        """The runs of an extractor by what is before them; none if no byte is the needed one."""
+        """The runs of an extractor by what is before them; none if no byte is the needed one.
+
+        A lane whose runs repeat those before them, such as a second key of JSON, is none.
+        """
         text = self._masked if extractor.masks_times else self._text
         runs = list(extractor.runs(text)) if re.search(extractor.needs, text) else []
         if needed is not None and not any(needed in run.data for run in runs):
             return []
-        lanes: dict[bytes, list[tuple[int, bytes]]] = {}
+        lanes, same = dict[bytes, list[tuple[int, bytes]]](), Counter[tuple[bytes, bytes]]()
+        last, last_key = Run(0, 0, b""), b""
         for run in runs:
-            number = bisect_right(self._starts, run.start)
-            start, end = self._starts[number - 1 : number + 1]
-            key = lane_of(text[start : end - 1], run.start - start, run.stop - start)
+            start = self._starts[bisect_right(self._starts, run.start) - 1]
+            key = lane_of(text[start : run.stop + 3], run.start - start, run.stop - start)
             lanes.setdefault(key, []).append((run.start, run.data))
-        return [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
+            if last.data == run.data:
+                same[last_key, key] += 1
+            last, last_key = run, key
+        copies = {
+            key
+            for (other, key), count in same.items()
+            if count >= _COPIED * len(lanes[key])
+            and len({data for _, data in lanes[key]}) > 3
+            and other != key
+            and _alike(other, key)
+        }
+        return [Lane({key: slice(None)}, own) for key, own in lanes.items() if key not in copies]
+
+
+def _alike(one: bytes, other: bytes) -> bool:
+    """Whether two lanes have the same direction and port, or none."""
+    return all(label_of(kind, one) == label_of(kind, other) for kind in ("word", "arrow", "port"))
 
 
 def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> list[Lane]:
@@ -233,7 +257,11 @@ def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> list[Lane]:
 def _joined(lanes: Iterable[Lane]) -> list[Lane]:
     """Choose lanes greedily; a lane joins another if that makes frames whole."""
     most = sorted(lanes, key=lambda lane: (-len(lane.frames), -len(lane.data)))[:_MOST_LANES]
-    chosen: list[Lane] = []
+    poor = [lane for lane in most if 2 * lane.outside > len(lane.data)][:_MOST_HALVES]
+    pairs = [(one.joined(two), one, two) for one, two in combinations(poor, 2)]
+    both, *halves = max(pairs, key=lambda pair: pair[0].score, default=(Lane({}, []),))
+    chosen = [both] * (both.score > sum(max(half.score, 0) for half in halves))
+    most = [lane for lane in most if not chosen or lane not in halves]
     for lane in sorted(most, key=lambda one: -one.score):
         joined = [one.joined(lane) for one in chosen]
         gains = [new.score - old.score for new, old in zip(joined, chosen, strict=True)]

@@ -90,6 +90,10 @@ class PlainLog(LogForm):
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
         """The log, if all lines of a sample are plain, but for typing errors in short words."""
         data = b""
+        comments = [found[0] for line in lines if (found := re.search(rb"(?:#|//).*", line))]
+        timed = sum(masked(text) != text for text in comments)
+        if len({direction_of(text) for text in comments} - {None}) > 1 or 2 * timed > len(lines):
+            return None  # they say more of the bytes than plain hex does
         for line in lines:
             if re.match(_PREFIX, line):
                 return None

@@ -111,6 +111,9 @@ def values(number: int, sent: Sent) -> dict[str, object]:
         "pascal": "".join(f"#${b:02X}" for b in data),
         "bars": " | ".join(map(UPPER, data)),
         "cells": "".join(f"<td>{b:02X}</td>" for b in data),
+        "decimals": "".join(f"<{b:03}>" for b in data),
+        "plc": ", ".join(f"B#16#{b:02X}" for b in data),
+        "waves": " ".join(f"h{b:02X}" for b in data),
         "modbus": "".join(f"[{b:02X}]" if tx else f"<{b:02X}>" for b in data),
         "ns": (1_700_000_000_000 + sent.ms) * 10**6,
         "outgoing": "outgoing" if tx else "incoming",
@@ -174,6 +177,15 @@ def octal_words(log: Sequence[Sent]) -> str:
         f"{16 * at:07o} {' '.join(f'{word:06o}' for word in row)}\n" for at, row in enumerate(rows)
     ]
     return "".join(lines) + f"{len(data):07o}\n"
+
+
+def hexyl(log: Sequence[Sent]) -> str:
+    data = b"".join(sent.data for sent in log)
+    return "".join(
+        f"│{at:08x}│ {data[at : at + 8].hex(' '):<23} ┊ {data[at + 8 : at + 16].hex(' '):<23} │"
+        f"{shown(data[at : at + 8]):<8}┊{shown(data[at + 8 : at + 16]):<8}│\n"
+        for at in range(0, len(data), 16)
+    )
 
 
 def node_array(log: Sequence[Sent]) -> str:
@@ -304,6 +316,12 @@ ONE_LINE: dict[str, Layout] = {
     "Elixir": line("{t} [debug] {tx}: <<{dec}>>"),
     "SSCOM": line("[{t}]{zh}{arrow}◇{spaced} □"),
     "PlatformIO": line("{t} > {lower}"),
+    "Bray's Terminal": line("{t} {TX} {decimals}"),
+    "Siemens": line("{n:4} {t} {send} {plc}"),
+    "WaveForms": line("{TX}: {waves}"),
+    "words after bytes": line("{spaced}   # {TX} at {t}"),
+    "heading with a count": line("[{t}] {outgoing} {len} bytes:\n\t{lower}"),
+    "tshark -T json": line(' "{tx}": {{\n  "tcp.payload": "{colons}",\n  "data.data": "{colons}"'),
     "Eclipse": line("{t} [{tx}]\t{lower}\t{noise}"),
 }  # fmt: skip
 
@@ -313,6 +331,7 @@ OTHERS: dict[str, Layout] = {
     "Eltima": heading_above,
     "Saleae 2": saleae2,
     "DSView": dsview,
+    "hexyl": hexyl,
     "two columns": two_columns,
     "hexdump -C": hexdump,
     "C array": c_array,
