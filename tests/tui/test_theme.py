@@ -5,11 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from rich.color import Color
+from rich.color import Color, ColorSystem
 from rich.style import Style
 from textual.theme import BUILTIN_THEMES, Theme
 
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, encode
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_of
@@ -50,6 +50,23 @@ def test_bytes_have_contrast_under_every_theme(name: str) -> None:
         if (ratio := contrast(style, background)) < (3.0 if name == "reserve" else 4.5)
     }
     assert not low
+
+
+@pytest.mark.parametrize(("name", "background"), [("textual-dark", 0), ("textual-light", 15)])
+def test_signs_of_rows_have_contrast_in_16_colours(name: str, background: int) -> None:
+    palette = palette_of(ALL_THEMES[name], Colors.SIXTEEN)
+    wrong = (Status.SUSPECT, Status.MALFORMED)
+    texts = [palette.raised, *(palette.statuses[status] for status in wrong)]
+    signs = [palette.raised_mark, *(palette.marks[status] for status in wrong)]
+    for style in (*texts, *signs):
+        assert style.color
+        colors = [style.color, style.bgcolor or Color.parse(f"color({background})")]
+        # As a terminal of 16 colours draws them.
+        text, behind = (
+            Color.from_triplet(color.downgrade(ColorSystem.STANDARD).get_truecolor())
+            for color in colors
+        )
+        assert contrast(Style(color=text), behind.name) >= 4.5
 
 
 def looks(palette: Palette, kind: str) -> list[tuple[object, ...]]:

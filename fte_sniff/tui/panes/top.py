@@ -473,8 +473,9 @@ class TopView(ScrollView, can_focus=True):
             return self._head(width)
         if at < len(self._lines) and self._palette is not None:
             line = self._lines[at]
-            style = self._cursor_style if at == self._cursor_at else self._base
-            strip = Strip(self._segments(line, self._palette)).apply_style(style)
+            chosen = at == self._cursor_at
+            style = self._cursor_style if chosen else self._base
+            strip = Strip(self._segments(line, self._palette, chosen=chosen)).apply_style(style)
             return strip.adjust_cell_length(width, style)
         if at == len(self._lines) and self._pending:
             text = _(BEHIND).format(rows=self._pending)
@@ -492,8 +493,9 @@ class TopView(ScrollView, can_focus=True):
             text += " " + (fit_right if column.number else fit)(head, cells)
         return Strip([Segment(fit(text, width), style)], width)
 
-    def _segments(self, line: TopLine, palette: Palette) -> list[Segment]:
-        stale, kind = line.is_stale, palette.kinds[line.stats.kind.name]
+    def _segments(self, line: TopLine, palette: Palette, *, chosen: bool) -> list[Segment]:
+        # Muted text is not readable on the cursor's background in 16 colours.
+        stale, kind = line.is_stale and not chosen, palette.kinds[line.stats.kind.name]
         raised = line.is_raised
         mark = Segment(RAISED_MARK, palette.raised_mark) if raised else Segment(" ", Style.null())
         segments = [mark]

@@ -222,8 +222,14 @@ LIGHT = Palette(
 def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) -> Palette:
     """The palette in the 16 colours of a terminal, with looks that need no colours."""
     cmd, _motor, rpm, pulses, *_, mecanum = hues
+    # The nearest of the 16 to the colours of a light theme is a yellow that is not seen on white.
+    suspect, malformed = ("#ffff55", "#ff5555") if hues is _DARK_16 else ("#aa00aa", "#aa0000")
     return replace(
         palette,
+        statuses=_by_status(Style(color=suspect), Style(color=malformed)),
+        marks=_by_status(_sign("#000000", "#ffff55"), _sign("#ffffff", "#aa0000")),
+        raised=Style(color=malformed),
+        raised_mark=_sign("#ffffff", "#aa0000"),
         hues=(cmd, rpm, pulses, mecanum),
         field_hues=hues,
         faint=framing,
