@@ -54,9 +54,12 @@ def begin_recording(
     channels = Channels()
 
     def channel_id(port: str, topic: Topic) -> int:
-        for channel in channels.of_port(PortFacts(port)):
-            file.add_channel(channel)
-        return channels.id_of(port, topic)
+        try:
+            return channels.id_of(port, topic)
+        except KeyError:  # tried first, because each odd row asks
+            for channel in channels.of_port(PortFacts(port)):
+                file.add_channel(channel)
+            return channels.id_of(port, topic)
 
     file = McapFile(
         target,
