@@ -123,7 +123,7 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
         return f" {sign} {words} " if sign else ""
     fired = "" if not state.fired else _("triggered {count:,}×").format(count=state.fired) + " "
     span = timedelta(seconds=int(elapsed_s))
-    # As wide as the widest, so that the title does not move to and fro.
+    # As wide as the widest, so that the title does not move each time.
     return f" {sign} {words} {fired}{span} {size_text(state.recorded_bytes):<7} "
 
 
