@@ -81,7 +81,7 @@ class PlainLog(LogForm):
 
     def __init__(self, data: bytes = b"") -> None:
         """A log whose sample has these bytes."""
-        self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [(0, data)])])
+        self.found = Hypothesis(_PLAIN_HEX, [Lane({}, [(0, data)])])
         self.score = self.found.score if self.found.frames else 0.0
         self.is_certain = self.found.share >= _CERTAIN
         self.is_chance = self.found.size >= _FEW_BYTES and self.found.share < _CHANCE

@@ -73,6 +73,7 @@ def test_each_style_of_paste_gives_the_same_bytes(text: str) -> None:
         ("12:34:56", "123456"),
         ("01:01:03 E8 00", "010103E800"),
         ("AA 01 EE 13 55 EE\n77", "AA01EE1355EE77"),
+        ("6 00 0F EE AA 01 02 F8 FB 00 00 00 00 EE", "06000FEEAA0102F8FB00000000EE"),
         ("\x1b[1;31mAA\x1b[0m 01\x1b[K", "AA01"),
         ("01", "01"),
     ],
