@@ -116,10 +116,14 @@ def folded(text: bytes) -> bytes:
     return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
 
 
-def lane_of(line: bytes, start: int, stop: int) -> bytes:
-    """The key of the lane of a run: the text before it, and whether words follow at once."""
-    words = re.match(rb"(?: |: ?)[^\s.+\xe2].", line[stop : stop + 4])
-    return folded(line[:start]) + ("…".encode() if words else b"")
+def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
+    """The key of the lane of a run: what is before it in its line, and if words follow at once.
+
+    The arguments after the text are the offsets of the line, and of the run.
+    """
+    key, after = folded(text[line:start]), text[stop : stop + 4]
+    words = after[:1] in (b" ", b":") and re.match(rb"(?: |: ?)[^\s.+\xe2].", after)
+    return key + "…".encode() if words else key
 
 
 class Lane:
@@ -224,8 +228,8 @@ class Sample:
         lanes, same = dict[bytes, list[tuple[int, bytes]]](), Counter[tuple[bytes, bytes]]()
         last, last_key = Run(0, 0, b""), b""
         for run in runs:
-            start = self._starts[bisect_right(self._starts, run.start) - 1]
-            key = lane_of(text[start : run.stop + 3], run.start - start, run.stop - start)
+            line = self._starts[bisect_right(self._starts, run.start) - 1]
+            key = lane_of(text, line, run.start, run.stop)
             lanes.setdefault(key, []).append((run.start, run.data))
             if last.data == run.data:
                 same[last_key, key] += 1

@@ -18,8 +18,10 @@ _LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
 _LABELS: Final = ("both", "word", "first word", "arrow", "port")
-_LONE: Final = ("word before", "word above", "word after", "given after", "arrow above")
-"""Labels of which a single one is no accident, if no others separate streams."""
+_SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
+"""Where the labels that separate streams may be, and their kind."""
+_LONE: Final = (*product(("before", "above", "after"), ("word",)), ("above", "arrow"))
+"""The same of a label that is the only one; other lone labels are an accident."""
 
 
 class Found(NamedTuple):
@@ -57,11 +59,10 @@ class Layout:
         texts, runs = self._sampled(lines)
         self.times = time_rule(texts)
         bytewise = all(len(run.data) == 1 for run in runs)
+        texts = [one._replace(line=masked(one.line), above=masked(one.above)) for one in texts]
         self.times.first_byte = self.times.kind == "since" and bytewise
-        rules = [("after", "given")]
-        if not given:
-            rules = [*product(("before", "above", "after"), _LABELS), ("before", "lane")]
-        for least, (where, kind) in product((2, 1), rules):
+        rules = [(2, *rule) for rule in _SEVERAL] + [(1, *rule) for rule in _LONE]
+        for least, where, kind in [(1, "after", "given")] if given else rules:
             if self._separates(kind, where, texts, runs, least):
                 break
 
@@ -70,7 +71,7 @@ class Layout:
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), False
         for run in self.hypothesis.extractor.runs(hidden):
-            key = lane_of(hidden, run.start, run.stop)
+            key = lane_of(hidden, 0, run.start, run.stop)
             cut = self.hypothesis.cuts.get(without_labels(key))
             if cut is None:
                 others |= len(run.data) >= _LIKE_BYTES
@@ -138,7 +139,6 @@ class Layout:
             or labels.count(None) > (1 - _COVERED) * len(labels)
             or (where == "above" and len({text.above for text in texts}) < 2)
             or len(named) < least
-            or (len(named) < 2 and f"{kind} {where}" not in _LONE)
         ):
             return False
         pieces = [
