@@ -62,7 +62,7 @@ def speed(work: str, whole: Path, part: Path, lines: int, checkout: Path) -> flo
 def evidence_seconds(log: Path) -> float:
     """Processor time to find the layout of a log."""
     began = time.process_time()
-    LogReader(str(log)).explain()
+    LogReader(str(log)).form.explain()
     return time.process_time() - began
 
 

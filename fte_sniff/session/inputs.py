@@ -443,12 +443,12 @@ class LogInput(Input):
         """One port, named like the input; those of a text log as its first lines show them."""
         from fte_sniff.recording.metadata import PortFacts
 
-        names = [self.name] if self._log is None else self._log.ports
+        names = [self.name] if self._log is None else self._log.form.ports(self._log.name)
         return [PortFacts(name) for name in names]
 
     def explain(self) -> list[str]:
         """Where a text log has its bytes, times and directions, one line each."""
-        return ["raw bytes"] if self._log is None else self._log.explain()
+        return ["raw bytes"] if self._log is None else self._log.form.explain()
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0

@@ -163,7 +163,7 @@ class _Streams:
         self.size = self._count = 0
         """Bytes of all streams, and rows so far."""
         self.is_one = form.is_one_stream
-        ports = log.ports if log.is_file else ()
+        ports = form.ports(log.name) if log.is_file else ()
         self._streams = {port: _Stream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         """Whether rows are merged by time; else by line."""

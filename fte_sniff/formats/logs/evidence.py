@@ -31,6 +31,7 @@ _LEAST_SHARE: Final = 0.05
 """Of the bytes of the chosen lanes, how many are in frames."""
 _LEAST_SHARE_CUT: Final = 0.8
 """The same for a lane of whose runs numbers are left out."""
+_ALMOST_ALL: Final = 0.95
 _MOST_LANES: Final = 48
 _COPIED: Final = 0.9
 """Share of the runs of a lane that repeat those of another from which on it is a copy."""
@@ -181,6 +182,11 @@ class Hypothesis:
         for lane in lanes:
             for key, cut in lane.cuts.items():
                 self.cuts.setdefault(without_labels(key), cut)
+
+    @property
+    def rank(self) -> tuple[int, bool]:
+        """Whole frames, and whether there is almost nothing else."""
+        return len(self.frames), self.share >= _ALMOST_ALL
 
     @property
     def accepted(self) -> bool:

@@ -48,7 +48,7 @@ class EvidenceLog(LogForm):
         given = options.pattern is not None and "dir" in options.pattern.groupindex
         self.layout = Layout(found[0], lines, given=given)
         self.clock = LogClock(self.layout.times, options, self._count)
-        self.score, self.is_certain = found[0].score, len(found[0].frames) >= _CERTAIN
+        self.rank, self.is_certain = found[0].rank, len(found[0].frames) >= _CERTAIN
         self.single = self._paste or not self.layout.streams
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}

@@ -64,11 +64,8 @@ def _reversed_words(run: bytes) -> bytes:
 def _numbers(
     unit: bytes, base: int, size: int, order: Literal["little", "big"], run: bytes
 ) -> bytes:
-    values = [int(digits, base) for digits in re.findall(unit, run)]
-    signed = min(values) < 0
-    if size == 1 and not signed:
-        return bytes(values)
-    return b"".join(value.to_bytes(size, order, signed=signed) for value in values)
+    values = (int(digits, base) for digits in re.findall(unit, run))
+    return b"".join(value.to_bytes(size, order, signed=value < 0) for value in values)
 
 
 def _text(code: bytes, run: bytes) -> bytes:

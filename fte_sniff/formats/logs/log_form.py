@@ -45,8 +45,8 @@ class LogForm(ABC):
     """Of its times; None if it has none."""
     single: bool = False
     """Whether its rows have one port, whatever it says of directions."""
-    score: float = 0.0
-    """Of the frames in its sample."""
+    rank: tuple[int, bool] = 0, False
+    """Whole frames in its sample, and whether there is almost nothing else."""
     is_certain: bool = False
     """Whether its sample shows that no other kind of log is better."""
     is_chance: bool = False

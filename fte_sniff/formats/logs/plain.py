@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime
 from typing import Final
@@ -27,21 +27,18 @@ _GAP: Final = rb"[\s,;:|\-\[\](){}\"'`<>]"
 _PAIR: Final = rb"[0-9A-Fa-f]{2}"
 _TOKEN: Final = (
     rb"(?s:(?:%b|\xe2\x96\xa1|(?<=%b)\.(?=%b|\Z)|#.*|//.*|/\*.*?(?:\*/|\Z)|\A```.*)++"
-    rb"|(?:0[xX]|\$|&[hH])?(?P<pairs>(?:%b)++)(?:[hH](?![0-9A-Za-z]))?"
-    rb"|\\x(?P<escape>%b)(?![0-9A-Fa-f])"
-    rb"|(?:0[xX]|\$|&[hH])?(?<![0-9A-Fa-f])(?P<lone>[0-9A-Fa-f])(?=%b|\Z))"
-) % (_GAP, _PAIR, _GAP, _PAIR, _PAIR, _GAP)
-"""What is between bytes, or bytes."""
-_PLAIN: Final = re.sub(rb"\?P<\w+>", b"?:", _TOKEN) + rb"*+"
-_MISTYPED: Final = rb"%b|(?:0[xX]|\\x)?.{1,3}" % _PLAIN
-"""A word of plain hex, perhaps with a typing error."""
+    rb"|(?:0[xX]|\$|&[hH]|\\x)?(?P<digits>(?:%b)++|(?<![0-9A-Fa-f])[0-9A-Fa-f](?=%b|\Z))"
+    rb"(?:[hH](?![0-9A-Za-z]))?)"
+) % (_GAP, _PAIR, _GAP, _PAIR, _GAP)
+"""What is between bytes, or the digits of bytes."""
+_SHORT: Final = rb"(?:0[xX]|\\x)?.{0,3}"
+"""A byte, perhaps with a typing error."""
 _PREFIX: Final = (
     rb"\s*(?:[0-9A-Fa-f]{4,16}(?::|\s{2,})\s*%b\b"
     rb"|\[?[\dT -]*\d:\d\d:\d\d\]?\s+(?:AA|aa|55)\b"
     rb"|[^0-9A-Za-z]*?(?:>|<[^0-9A-Za-z]))"
 ) % _PAIR
 """An address, a time or an arrow before bytes."""
-_CERTAIN: Final = 0.95
 _FEW_BYTES: Final = 100
 _CHANCE: Final = 0.005
 """Share of many bytes in frames from which on they are evidence."""
@@ -62,8 +59,8 @@ def bytes_of_line(line: bytes, number: int = 1, column: int = 0) -> bytes:
         if token.start() > at:
             break
         at = token.end()
-        if token.lastgroup is not None:
-            found += bytes.fromhex(token[token.lastgroup].decode().zfill(2))
+        if digits := token["digits"]:
+            found += bytes.fromhex(digits.decode().zfill(2))
     if at == len(line):
         return bytes(found)
     at += re.match(rb"[0-9A-Fa-f](?!%b|\Z)" % _GAP, line[at:]) is not None  # half a byte
@@ -81,9 +78,9 @@ class PlainLog(LogForm):
 
     def __init__(self, data: bytes = b"") -> None:
         """A log whose sample has these bytes."""
-        self.found = Hypothesis(_PLAIN_HEX, [Lane({}, [(0, data)])])
-        self.score = self.found.score if self.found.frames else 0.0
-        self.is_certain = self.found.share >= _CERTAIN
+        self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [(0, data)])])
+        self.rank = self.found.rank
+        self.is_certain = self.rank[1]
         self.is_chance = self.found.size >= _FEW_BYTES and self.found.share < _CHANCE
 
     @classmethod
@@ -97,13 +94,12 @@ class PlainLog(LogForm):
         for line in lines:
             if re.match(_PREFIX, line):
                 return None
-            if re.fullmatch(_PLAIN, line):
+            try:
                 data += bytes_of_line(line)
-                continue
-            words = re.split(rb"%b+" % _GAP, line)
-            is_labelled = direction_of(line) or masked(line) != line
-            if is_labelled or not all(re.fullmatch(_MISTYPED, word) for word in words):
-                return None
+            except InputTextError:
+                short = all(re.fullmatch(_SHORT, word) for word in re.split(_GAP, line))
+                if direction_of(line) or masked(line) != line or not short:
+                    return None
         return cls(data)
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
@@ -129,25 +125,28 @@ class PlainLog(LogForm):
 
 _TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}Z"
 _OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
-_OWN: Final = {
+_OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
     "table": (
         r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw\b",
         rf"\s*(?:(?P<time>{_TIME})\s)?(?P<port>)(?:.*?{_OFFSET}(?:[a-z_]+|-)\s.*?\s\s"
         r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s\s+[a-z_,]+)?\s*\Z"
         rf"|(?<=Z\s)|-\s|{_OFFSET})",
+        str,
     ),
     "CSV": (
         "time,port,offset,",
         rf"(?=\d{{4}}-|,)(?:(?P<time>{_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
         r".*,(?P<raw>[0-9A-F]+)\s*\Z)?",
+        lambda port: port[1:-1].replace('""', '"') if port[:1] == '"' else port,
     ),
     "JSON lines": (
         r'\s*\{"time": *[^,]*, *"port":',
         rf'\s*\{{(?:"time": *(?:null|"(?P<time>{_TIME})"), *"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
         r'.*"raw": *"(?P<raw>[0-9A-F]+)"\}\s*\Z)?',
+        json.loads,
     ),
 }
-"""How own rows in a format begin, and each row; what matches without `raw` is a row that is cut."""
+"""How own rows in a format begin, each row, and its port; a row without `raw` is cut."""
 
 
 class OwnLog(LogForm):
@@ -157,17 +156,14 @@ class OwnLog(LogForm):
     is_certain = True
 
     def __init__(self, what: str, lines: Sequence[bytes]) -> None:
-        """Rows in a format, of which the first lines are known; they show its ports."""
-        self._what, self._ports = what, dict[str, None]()
-        with suppress(InputTextError):
-            for _, _, _, port in self._rows(lines, 1):
-                self._ports |= {port: None} if port else {}
+        """Rows in a format, of which the first lines are known."""
+        self._what, self._first = what, TextBlock(b"\n".join(lines))
 
     @classmethod
     def by_sample(cls, lines: Sequence[bytes]) -> OwnLog | None:
         """The log, if the first line with text is one of this program's."""
         line = next((line for line in lines if line.strip()), b"").decode("utf-8", "replace")
-        for what, (heading, row) in _OWN.items():
+        for what, (heading, row, _) in _OWN.items():
             found = re.match(row, line)
             if re.match(heading, line) or (found and found["raw"]):
                 return cls(what, lines)
@@ -175,32 +171,29 @@ class OwnLog(LogForm):
 
     def ports(self, name: str) -> list[str]:
         """Those of the first rows."""
-        return [*self._ports] or [name]
+        ports = dict[str, None]()
+        with suppress(InputTextError):
+            ports.update((row.port, None) for row in self.read(self._first, name))
+        return [*ports] or [name]
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
-        for number, data, t_ns, port in self._rows(block.lines, block.first):
-            yield StreamBytes(port or name, data, [len(data)], [number], [t_ns], first=True)
-
-    def explain(self) -> list[str]:
-        """What it is."""
-        return [f"rows that fte-sniff wrote as {self._what}"]
-
-    def _rows(self, lines: Sequence[bytes], first: int) -> Iterator[tuple[int, bytes, int, str]]:
-        """Line, bytes, beginning and port of rows; raises InputTextError if one is cut."""
-        for number, line in enumerate(lines, first):
-            found = re.match(_OWN[self._what][1], line.decode("utf-8", "replace"))
+        _, row, port_of = _OWN[self._what]
+        for number, line in enumerate(block.lines, block.first):
+            found = re.match(row, line.decode("utf-8", "replace"))
             if found and not found["raw"]:
                 raise InputTextError(
                     f"line {number}: this row of fte-sniff's {self._what} is cut or damaged; pass"
                     " the recording itself, or its rows with --format csv or jsonl"
                 )
             if found:
-                port = found["port"]
-                if port[:1] == '"':
-                    is_csv = self._what == "CSV"
-                    port = port[1:-1].replace('""', '"') if is_csv else json.loads(port)
-                yield number, bytes.fromhex(found["raw"]), _begin_ns(found["time"]), port
+                data, t_ns = bytes.fromhex(found["raw"]), _begin_ns(found["time"])
+                port = port_of(found["port"]) or name
+                yield StreamBytes(port, data, [len(data)], [number], [t_ns], first=True)
+
+    def explain(self) -> list[str]:
+        """What it is."""
+        return [f"rows that fte-sniff wrote as {self._what}"]
 
 
 def _begin_ns(text: str | None) -> int:

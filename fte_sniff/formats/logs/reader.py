@@ -83,11 +83,6 @@ class LogReader:
         """Bytes of its file that were read so far; 0 of a stream, and after the end."""
         return 0 if self._file is None or self._file.closed else self._file.tell()
 
-    @property
-    def ports(self) -> list[str]:
-        """The ports of its rows; reads the first lines."""
-        return self.form.ports(self.name)
-
     def again(self) -> LogReader:
         """The same log from its start; raises UsageError if it can be read only once."""
         if not self.is_file:
@@ -96,10 +91,6 @@ class LogReader:
                 " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
             )
         return LogReader(self.name, self.options)
-
-    def explain(self) -> list[str]:
-        """The form, lanes, times and directions of the log, one line each."""
-        return self.form.explain()
 
     def read(self) -> Iterator[Iterator[StreamBytes]]:
         """Read the bytes once, a block of lines at a time; raises FileError."""
@@ -157,11 +148,11 @@ class LogReader:
         for count in _SAMPLE_LINES:
             while len(lines) < count and (block := next(blocks, None)):
                 seen.append(block)
-                lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: _SAMPLE_LINES[-1]]]
+                lines += map(_cut, block.lines[: _SAMPLE_LINES[-1]])
             yield lines[:count], len(lines) < count or count == _SAMPLE_LINES[-1]
 
     def _decided(self, lines: Sequence[bytes]) -> LogForm:
-        """What the log is, by a sample: the kind with the best score.
+        """What the log is, by a sample: the kind with the most frames.
 
         Raises:
             FileError: it is no text.
@@ -177,7 +168,7 @@ class LogReader:
         written_ns = Path(self.name).stat().st_mtime_ns if self.is_file else None
         blocks = self._file_blocks if self.is_file else lambda: iter(())
         found = EvidenceLog.by_sample(lines, options, self.name, written_ns, blocks)
-        best = max(filter(None, (plain, found)), key=lambda one: one.score, default=None)
+        best = max(filter(None, (plain, found)), key=lambda one: one.rank, default=None)
         if best is None and not looks_like_text(b"\n".join(lines)):
             raise FileError(f"{self.where}holds no text; if it holds raw bytes, add --input raw")
         if best is None and not options.whole:
@@ -200,10 +191,16 @@ def _sample(path: Path) -> list[bytes]:
             lines = lines_of(file.read(_SAMPLE_BYTES), encoding)
             if len(lines) > 2:
                 lines = lines[number > 0 : len(lines) - (number < 3)]
-            elif number:  # within a very long line
-                lines = [re.sub(rb"\A\S{0,9}\s", b"", line) for line in lines]
-            sample += [line[:_LONGEST_SAMPLED] for line in lines]
+            elif number and lines:  # within a very long line
+                lines[:1] = lines[0].split(None, 1)[-1:]
+            sample += map(_cut, lines)
     return sample
+
+
+def _cut(line: bytes) -> bytes:
+    """The first words of a long line."""
+    end = line.rfind(b" ", 0, _LONGEST_SAMPLED) if len(line) > _LONGEST_SAMPLED else -1
+    return line[: end if end > 0 else _LONGEST_SAMPLED]
 
 
 def _nothing_found(lines: Sequence[bytes]) -> str:
