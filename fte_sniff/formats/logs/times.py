@@ -286,16 +286,16 @@ def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> Ti
 
 
 def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
-    """The first form with a column of rising numbers."""
+    """The first form with a column of rising numbers in more than half of the parts."""
     for pattern, kind, unit in NUMBERS:
         rows = [[*_compiled(pattern).finditer(part)] for part in parts]
-        for column in range(min(map(len, rows), default=0)):
-            values = [row[column] for row in rows]
+        for column in range(max(map(len, rows), default=0)):
+            values = [row[column] for row in rows if len(row) > column]
             scale = unit or _unit(texts[0], where, values[0].start())
             times = [float(b"%b.%b" % (one["n"], one["f"] or b"0")) for one in values]
             falls = sum(later < earlier for earlier, later in pairwise(times))
             changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
-            if scale and falls <= len(times) // 50 and changes:
+            if scale and falls <= len(times) // 50 and changes and len(times) > 0.5 * len(parts):
                 places = max(len(one["f"] or b"") for one in values)
                 return TimeRule(where, pattern, kind, column, scale, max(1, scale // 10**places))
     return None

@@ -296,3 +296,10 @@ def test_lines_without_a_time_are_reported() -> None:
     rows, notes = read("\n".join([*lines, f"[] {BYTES}"]), LogOptions())
     assert rows[-1].t_ns == (rows[-2].t_ns or 0) + FRAME_NS
     assert notes == ["log: line 6 lacks a time; that of the line before is taken"]
+
+
+def test_one_line_without_a_number_does_not_drop_the_others() -> None:
+    text = "".join(f"{second}.5 RX: {BYTES}\n" for second in range(5)) + f" RX: {BYTES}\n"
+    found = times_of(text, LogOptions(start_ns=10**18))
+    assert None not in found
+    assert found[5] == found[4]
