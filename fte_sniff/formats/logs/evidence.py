@@ -113,8 +113,9 @@ def without_labels(text: bytes) -> str:
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
     """The text with each number as 0, and white space as one space; a column is apart."""
-    text = re.sub(NUMBER_TOKEN, b"0", re.sub(rb" {8,}", b" ~ ", text))
-    return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
+    if b"  " in text or b"\t" in text:
+        text = re.sub(rb"[ \t]+", b" ", re.sub(rb" {8,}", b" ~ ", text))
+    return re.sub(NUMBER_TOKEN, b"0", text) if text.strip(b" ") else b""
 
 
 def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
