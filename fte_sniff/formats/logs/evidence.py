@@ -124,7 +124,7 @@ def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
     The arguments after the text are the offsets of the line, and of the run.
     """
     key, after = folded(text[line:start]), text[stop : stop + 4]
-    words = after[:1] in (b" ", b":") and re.match(rb"(?: |: ?)[^\s.+\xe2].", after)
+    words = after[:1] in (b" ", b":") and re.match(rb"(?: [^\s.+\xe2].|: ?[^\s.+\xe2])", after)
     return key + "…".encode() if words else key
 
 

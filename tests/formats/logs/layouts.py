@@ -332,6 +332,7 @@ OTHERS: dict[str, Layout] = {
     "Saleae 2": saleae2,
     "DSView": dsview,
     "hexyl": hexyl,
+    "Wireshark YAML": line("  - packet: {n}\n    peer: 0\n    data: !!binary |\n      {b64}"),
     "two columns": two_columns,
     "hexdump -C": hexdump,
     "C array": c_array,
