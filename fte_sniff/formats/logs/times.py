@@ -51,7 +51,7 @@ CLOCK: Final = (
     rf"(?:(?P<half>{_HALF}) *)?"
     r"(?P<h>2[0-4]|[01]?\d)(?::|时)(?P<mi>[0-5]\d)(?::|分)(?P<s>[0-5]\d|60)(?:秒)?"
     rf"(?:(?:\.|[:,](?=\d{{3}}(?!\d)|\d{{6}}[+-]))(?P<f>\d{{1,9}}){_MICROS})?"
-    rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?{_ZONE}"
+    rf"(?![\d_]|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?{_ZONE}"
 )
 """A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
 _WHOLE: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)"
