@@ -22,6 +22,8 @@ NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
+_GOES_ON: Final = rb": ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}"
+"""After a run that is a part of something else: of words, or of numbers with colons."""
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
@@ -113,9 +115,12 @@ def without_labels(text: bytes) -> str:
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
     """The text with each number as 0, and white space as one space; a column is apart."""
-    if b"  " in text or b"\t" in text:
-        text = re.sub(rb"[ \t]+", b" ", re.sub(rb" {8,}", b" ~ ", text))
-    return re.sub(NUMBER_TOKEN, b"0", text) if text.strip(b" ") else b""
+    if b" " * 8 in text:
+        text = re.sub(rb" {8,}", b" ~ ", text)
+    text = re.sub(NUMBER_TOKEN, b"0", text)
+    if not text.strip(b" "):
+        return b""
+    return re.sub(rb"\s+", b" ", text) if b"  " in text or b"\t" in text else text
 
 
 def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
@@ -123,9 +128,9 @@ def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
 
     The arguments after the text are the offsets of the line, and of the run.
     """
-    key, after = folded(text[line:start]), text[stop : stop + 4]
-    words = after[:1] in (b" ", b":") and re.match(rb"(?: [^\s.+\xe2].|: ?[^\s.+\xe2])", after)
-    return key + "…".encode() if words else key
+    key, after = folded(text[line:start]), text[stop : stop + 8]
+    goes_on = after[:1] in (b" ", b":") and re.match(_GOES_ON, after)
+    return key + "…".encode() if goes_on else key
 
 
 class Lane:
