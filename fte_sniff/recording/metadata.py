@@ -56,18 +56,21 @@ def host_facts(start_ns: int) -> dict[str, str]:
     }
 
 
+EARLY_NAME = f"{PROGRAM}.early"
+"""The metadata record of a file with a row before its first message: the log times, which never
+fall, do not show that row's time."""
+
+MARKS = "library.marks"
+"""In the file's own metadata record: what its library marks. Older files mark no early rows."""
+
+
 def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:
     """The file's own metadata record: its library, the caller's `facts`, and each port."""
-    found = {"library": library_name(), **facts}
+    found = {"library": library_name(), **facts, MARKS: EARLY_NAME}
     for number, port in enumerate(ports, 1):
         found[f"port.{number}.name"] = port.name
         found[f"port.{number}.baud"] = "" if port.baud is None else str(port.baud)
     return found
-
-
-EARLY_NAME = f"{PROGRAM}.early"
-"""The metadata record of a file with a row before its first message: the log times, which never
-fall, do not show that row's time."""
 
 
 def early_facts(time_ns: int) -> dict[str, str]:

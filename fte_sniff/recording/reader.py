@@ -36,6 +36,7 @@ from fte_sniff.recording.messages.columns import Losses
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
+    MARKS,
     PROGRAM,
     PortFacts,
     Selection,
@@ -147,7 +148,8 @@ class RecordingReader:
         if not self.is_whole or self.times is None or self._summary is None:
             return None
         first_ns, last_ns = self.times
-        shown = self._is_ours and EARLY_NAME not in self._summary.metadata
+        is_marked = self.metadata.get(PROGRAM, {}).get(MARKS) == EARLY_NAME
+        shown = is_marked and EARLY_NAME not in self._summary.metadata
         return first_ns if shown else 0, last_ns
 
     def gaps(self) -> list[Gap]:

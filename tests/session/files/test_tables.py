@@ -469,6 +469,14 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
     assert scan(folder).filter(wanted).collect().equals(read(folder).filter(wanted))
 
 
+def test_a_file_whose_library_marks_no_early_rows_shows_no_first_time(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    write_recording(path, [PortFacts("a")], [RowBatch.from_rows([Frame("a", 0, FRAME, START)])])
+    assert RecordingReader(path).span_ns == (START, START)
+    path.write_bytes(path.read_bytes().replace(b"library.marks", b"library.other"))
+    assert RecordingReader(path).span_ns == (0, START)
+
+
 def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Path) -> None:
     rows = [Frame("a", 0, FRAME, START + 9), Frame("b", 0, FRAME, START + 3)]
     path = tmp_path / "x.mcap"
