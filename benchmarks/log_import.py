@@ -4,8 +4,8 @@
 
 Each figure is rows in a second of processor time to a recording, from the difference between all
 lines and an eighth of them, so that start-up does not count; the median of the rounds. Also the
-time to find the evidence, and the memory for one line of 250 MB. `--against` names another
-checkout, which reads a hundredth of the lines.
+time to find the evidence, the time for 1 MB of a repeated token, and the memory for one line of
+250 MB. `--against` names another checkout, which reads a hundredth of the lines.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -23,10 +24,18 @@ import numpy as np
 
 from benchmarks.decode_speed import cost
 from benchmarks.recording_speed import frame_pool
+from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.session.log_rows import rows_of_log
 
 PART = 8
+TOKENS = (
+    *("a", "A", "0", "1", "AA", "aa", "AA01", "0x", "0xAA", "AA ", "A ", "1 ", "12 ", "0b", "b'"),
+    *("\\", "\\x", "\\xaa", "<", "<AA>", "[", "[1]", "(", "{", "'", '"', "'a'", ":", "-", ",", ";"),
+    *("12:", "AA:", "AA-", "$", "h", "AAh ", "%", "=", "AB=", "RX ", "->", "é", "收"),
+)
+"""What a form of bytes may begin with, or be confused with."""
 BYTE_US = 86.8
 WORK = {
     "log": ("rows.log", "-o", "out.mcap"),
@@ -66,6 +75,21 @@ def evidence_seconds(log: Path) -> float:
     return time.process_time() - began
 
 
+def slowest_token(folder: Path) -> tuple[float, str]:
+    """Most processor time to answer 1 MB of a token that is repeated, in one line or in many."""
+    found = []
+    for token in TOKENS:
+        for end in ("", "\n"):
+            path = folder / "token.txt"
+            path.write_text((token + end) * (1_000_000 // len(token + end)))
+            began = time.process_time()
+            with suppress(FteSniffError):
+                for _ in rows_of_log(LogReader(str(path)), lambda _note: None):
+                    pass
+            found.append((time.process_time() - began, token + end))
+    return max(found)
+
+
 def memory_mb(folder: Path) -> float:
     """Most memory while a line of 250 MB is read."""
     frame = "AA 01 01 03 E8 00 00 00 00 EE " * 100_000
@@ -98,6 +122,8 @@ def main() -> None:
         for work, rows in speeds.items():
             print(f"{work:6}{rows:14,.0f} rows/s  {rows / speeds['raw']:5.2f}x raw")
         print(f"evidence {evidence_seconds(whole / 'rows.log'):.2f} s")
+        seconds, token = slowest_token(folder)
+        print(f"1 MB of a repeated token: at most {seconds:.2f} s, of {token!r}")
         if chosen.against:
             few = chosen.lines // 100
             old = [write_inputs(folder / f"old{n}", few // n) for n in (1, PART)]

@@ -100,15 +100,16 @@ class PlainLog(LogForm):
                 short = all(re.fullmatch(_SHORT, word) for word in re.split(_GAP, line))
                 if direction_of(line) or masked(line) != line or not short:
                     return None
-        return cls(data)
+        text = b"".join(lines).strip()
+        return None if text and not re.search(rb"[0-9A-Fa-f]", text) else cls(data)
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         data = bytearray()
-        with suppress(ValueError):
-            data += bytearray.fromhex(block.text.translate(_BLANKS).decode("latin-1"))
         try:
-            for number, line in enumerate(() if data else block.lines, block.first):
+            data += bytearray.fromhex(block.text.translate(_BLANKS).decode("latin-1"))
+        except ValueError:  # other separators, or a mistake
+            for number, line in enumerate(block.lines, block.first):
                 data += bytes_of_line(line, number, block.column or 0)
         finally:
             if data:

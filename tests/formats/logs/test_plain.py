@@ -154,3 +154,8 @@ def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) ->
     rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert [row.raw for row in rows] == [bytes.fromhex(A), bytes.fromhex(F)]
     assert notes == [f"x: line 1 holds words that are not read as bytes: {words!r}"]
+
+
+def test_lines_without_a_digit_are_no_plain_hex() -> None:
+    with pytest.raises(InputTextError, match="no frames found in 3 lines"):
+        list(rows_of_log(LogReader("x", stream=BytesIO(b"[\n-\n]\n")), lambda _note: None))
