@@ -413,7 +413,11 @@ def _pair_lines(pair: Pair, left_width: int, width: int) -> Iterator[Text]:
 
 
 class HelpPage(ModalScreen[None]):
-    """The help page over the screen."""
+    """The help page over the screen.
+
+    Textual's HelpPanel lists the keys of the focused widget; this page explains the signs and the
+    colours of bytes too, in the language of the screen.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(keys, action, short, priority=True, show=bool(short), key_display=display)

@@ -56,7 +56,8 @@ def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
     ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
     starts = np.append(0, ends[:-1] + 1)
     lengths = ends - starts
-    for length in np.unique(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)]).tolist():
+    counts = np.bincount(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)])
+    for length in np.flatnonzero(counts).tolist():
         rows = np.flatnonzero(lengths == length)
         lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
         for _ in range(_MOST_SHAPES):

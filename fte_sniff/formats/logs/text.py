@@ -93,7 +93,8 @@ def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
             end = pending.find(b"\n") + 1 or end
         if end:
             text = _clean(pending[:end])
-            block = TextBlock(text if is_cut else text.removesuffix(b"\n") + b"\n", number, column)
+            text += b"" if is_cut or text.endswith(b"\n") else b"\n"
+            block = TextBlock(text, number, column)
             yield block
             number += block.count
             column = column + end if is_cut and column is not None else None
