@@ -22,8 +22,8 @@ NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
-_GOES_ON: Final = rb": ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}"
-"""After a run that is a part of something else: of words, or of numbers with colons."""
+_GOES_ON: Final = rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}"
+"""After a run that is a part of something else: of words, or of numbers with colons or dashes."""
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
@@ -129,7 +129,7 @@ def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
     The arguments after the text are the offsets of the line, and of the run.
     """
     key, after = folded(text[line:start]), text[stop : stop + 8]
-    goes_on = after[:1] in (b" ", b":") and re.match(_GOES_ON, after)
+    goes_on = after[:1] in (b" ", b":", b"-") and re.match(_GOES_ON, after)
     return key + "…".encode() if goes_on else key
 
 

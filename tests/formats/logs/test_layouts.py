@@ -90,7 +90,7 @@ def test_a_layout_comes_back_exactly(name: str, seed: int) -> None:
     assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
 
 
-BARE = {
+BARE = {"tshark -T json",
     "MATLAB", "RealTerm brackets", "Arduino", "text beside", "XCOM", "libmodbus",
     "words after bytes", "heading with a count",
 }  # fmt: skip
@@ -222,6 +222,18 @@ def test_headings_without_a_time_are_no_lines_without_one() -> None:
     ]
     _, notes = rows_of("".join(lines).encode())
     assert not any("a time; that of" in note for note in notes)
+
+
+@pytest.mark.parametrize("count", [1, 3, 9, 20])
+def test_network_addresses_among_numbered_lines_are_no_bytes(count: int) -> None:
+    log = a_log(1)
+    lines = ONE_LINE["number before"](log).splitlines()
+    for at in range(count):
+        lines.insert(2 * at + 1, "00-1A-2B-3C-4D-5E")
+    rows, notes = rows_of("\n".join(lines).encode())
+    assert found_in(rows) == frames_of(log)
+    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
+    assert any("no bytes" in note for note in notes)
 
 
 def test_every_form_names_its_programs() -> None:
