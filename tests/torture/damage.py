@@ -8,7 +8,7 @@ BOMBS       chunks and records that are small in the file and large in memory or
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -153,9 +153,17 @@ def _lz4(blocks: Iterable[bytes]) -> bytes:
 def _packed_chunk(random: Random, unit: bytes, size: int, claimed: int | None = None) -> bytes:
     """A chunk of about `size` bytes of copies of a unit; `claimed` is the size that it states."""
     name, pack, limit = random.choice((("zstd", _zstd, 1 << 32), ("lz4", _lz4, 100 << 20)))
-    size = min(size, limit)
-    real = sum(map(len, _repeated(unit, size)))
-    packed = pack(_repeated(unit, size))
+    return _chunk_of(name, pack, [*_repeated(unit, min(size, limit))], claimed)
+
+
+def _chunk_of(
+    name: str,
+    pack: Callable[[Iterable[bytes]], bytes],
+    blocks: Sequence[bytes],
+    claimed: int | None = None,
+) -> bytes:
+    """A chunk of these blocks; equal ones are one object, for a child has its parent's peak."""
+    real, packed = sum(map(len, blocks)), pack(blocks)
     head = struct.pack("<QQQI", START_NS, START_NS, real if claimed is None else claimed, 0)
     return framed(CHUNK, head + _text(name) + struct.pack("<Q", len(packed)) + packed)
 
@@ -170,7 +178,11 @@ def _empty_messages(random: Random) -> bytes:
 
 
 def _large_message(random: Random) -> bytes:
-    return _packed_chunk(random, _message(1, bytes(random.choice((20, 120)) << 20)), 1)
+    size = random.choice((20, 120)) << 20
+    name, pack = random.choice((("zstd", _zstd), ("lz4", _lz4)))
+    start = _message(1)
+    head = start[:1] + struct.pack("<Q", len(start) - 9 + size) + start[9:]
+    return _chunk_of(name, pack, [head, *[bytes(1 << 20)] * (size >> 20)])
 
 
 def _many_channels(random: Random) -> bytes:
