@@ -45,23 +45,25 @@ class MeasureKind:
     example: str
     needs: str
     """What it needs to have a value."""
+    is_timed: bool = False
+    """Whether that includes rows with times."""
 
 
 MEASURES: Final = {
     "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0", "a row"),
     "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001", "a row"),
     "rate": MeasureKind(
-        Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30", "two different times"
+        Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30", "two different times", True
     ),
     "max_gap": MeasureKind(
-        Argument.FILTER, "s", "max_gap(motor = 1) < 0.5", "two matching rows with times"
+        Argument.FILTER, "s", "max_gap(motor = 1) < 0.5", "two matching rows with times", True
     ),
     "delay": MeasureKind(
-        Argument.PERCENTILE, "ms", "delay(p95) < 20", "an answered command with times"
+        Argument.PERCENTILE, "ms", "delay(p95) < 20", "an answered command with times", True
     ),
     "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0", "a row"),
     "online": MeasureKind(
-        Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor, with times"
+        Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor, with times", True
     ),
     "min": MeasureKind(
         Argument.FIELD, "", "min(rpm, motor = 1) >= -300", "a matching row with the field"
@@ -70,7 +72,7 @@ MEASURES: Final = {
     "mean": MeasureKind(
         Argument.FIELD, "", "mean(rpm, motor = 1) > 0", "a matching row with the field"
     ),
-    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60", "two rows with times"),
+    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60", "two rows with times", True),
 }
 """The measures by name."""
 

@@ -138,7 +138,7 @@ class RuleCheck:
     def _needs(self, rule: Rule) -> str:
         if not self.total.rows:
             return "a row"
-        needs = MEASURES[rule.measure].needs
-        if "times" in needs and self.total.first_ns is None:
-            return f"{needs}; no row has a time, try --start"
-        return needs
+        kind = MEASURES[rule.measure]
+        if kind.is_timed and self.total.first_ns is None:
+            return f"{kind.needs}; no row has a time, try --start"
+        return kind.needs
