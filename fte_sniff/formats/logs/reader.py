@@ -1,4 +1,4 @@
-"""A log as rows: plain hex, rows that this program wrote, or a text whose layout frames decide."""
+"""A log as bytes: plain hex, rows that this program wrote, or a text whose layout frames decide."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class LogOptions:
 
 
 class LogReader:
-    """The rows of a log, whose format is decided by its first lines and a sample of the others."""
+    """The bytes of a log, whose kind is decided by its first lines and a sample of the others."""
 
     def __init__(
         self,

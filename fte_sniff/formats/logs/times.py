@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from functools import cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -170,11 +170,9 @@ class TimeRule:
 
     def find(self, text: bytes, start: int, stop: int) -> Fields | None:
         """Where the fields of the time are in a part of a line."""
-        found = [*_compiled(self.pattern).finditer(text, start, stop)]
-        if len(found) <= self.column:
-            return None
-        one = found[self.column]
-        return {name: one.span(name) for name, part in one.groupdict().items() if part}
+        found = _compiled(self.pattern).finditer(text, start, stop)
+        one = next(islice(found, self.column, None), None)
+        return one and {name: one.span(name) for name, part in one.groupdict().items() if part}
 
     def stamp(self, text: bytes, fields: Fields, read: Read | None = None) -> Stamp | None:
         """The time of the fields of a line, None if it is impossible.
