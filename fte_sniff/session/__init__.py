@@ -8,6 +8,7 @@ Modules:
     doctor           The checks of `doctor`: machine, ports, line.
     file_jobs        Measure many files, one job a file: public check() and stats().
     following        Follow a recording that another program writes, across its files.
+    framing          Frame the chunks of one port; rows as a list where they are few.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
     input_reading    InputReading: rows of inputs through a filter, merged by
                      time, with the gaps found.

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import IO, TYPE_CHECKING
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.tally import Tally
@@ -17,13 +17,12 @@ from fte_sniff.errors import FileError, FteSniffError, InputTextError, UsageErro
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     Chunk,
-    Framer,
     Gap,
     PortEvent,
     PortEventKind,
     iso_time,
 )
-from fte_sniff.protocol.framer.segments import DecidedSpan
+from fte_sniff.session.framing import decided_spans, rows_of_spans
 from fte_sniff.session.progress import size_of
 
 if TYPE_CHECKING:
@@ -33,15 +32,6 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.row_batch import Ints, RowBatch, Rows
-
-SPAN_BYTES: Final = 1 << 19
-"""Bytes that are framed before their rows are yielded, unless a reader waits for them."""
-
-FEW: Final = 20_000
-"""Rows of an input that come as lists, before numpy and polars are loaded for the others."""
-
-_FEWEST: Final = 100
-"""Spans of fewer rows become lists; for them numpy is slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,69 +87,6 @@ class InputBatch:
         origin = self.origin if isinstance(self.origin, int) else self.origin[:count]
         rows = self.rows[:count]
         return replace(self, rows=rows, reload=None, changes=changes, origin=origin)
-
-
-def decided_spans(
-    chunks: Iterable[Chunk],
-    name: str,
-    note: Callable[[str], None],
-    drained: Callable[[], bool],
-    baud: int = DEFAULT_BAUD,
-) -> Iterator[DecidedSpan]:
-    """Frame all chunks, about `SPAN_BYTES` at a time.
-
-    Args:
-        chunks: of one port; their times may fall.
-        name: the port.
-        note: called with a message if the input ends within a frame.
-        drained: whether the next chunk has to be waited for, so that rows are not held back.
-        baud: bits per second.
-
-    Raises:
-        FileError: there is no chunk.
-        FteSniffError: raised by the chunks, after the rows before it.
-    """
-    framer = Framer(name, baud)
-    size, empty = 0, True
-    try:
-        before_ns = None
-        for chunk in chunks:
-            if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
-                framer.reset_clock()
-            before_ns = before_ns if chunk.t_ns is None else chunk.t_ns
-            empty = False
-            framer.push(chunk)
-            size += len(chunk.data)
-            if size >= SPAN_BYTES or drained():
-                size = 0
-                yield framer.drain()
-    except FteSniffError:
-        framer.finish()
-        yield framer.drain()
-        raise
-    if empty:
-        raise FileError(f"{name}: is empty; there is nothing to decode")
-    framer.finish()
-    from fte_sniff.session.log_rows import cut_frame_note
-
-    last = framer.drain()
-    yield last
-    if cut := cut_frame_note(last):
-        note(f"{name}: {cut}")
-
-
-def rows_of_spans(spans: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Rows]:
-    """The rows of each span; the first `few` rows come as lists."""
-    count = 0
-    for span in spans:
-        rows = len(span)
-        count += rows
-        if count < few or rows < min(few, _FEWEST):
-            yield span.rows()
-            continue
-        from fte_sniff.row_batch import RowBatch
-
-        yield RowBatch.from_span(span)
 
 
 STDIN_NAME = "stdin"

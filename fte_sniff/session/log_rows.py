@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, StreamBytes
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Framer
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
+from fte_sniff.session.framing import FEW, FEWEST, cut_frame_note
 
 if TYPE_CHECKING:
     from fte_sniff.formats.logs.log_form import Array
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from fte_sniff.protocol.framer.segments import DecidedSpan
     from fte_sniff.row_batch import RowBatch, Rows
 
-FEW: Final = 20_000
-"""Rows of a log that come as lists, so that few are written without polars."""
-_FEW_AT_ONCE: Final = 100
 _MOST_HELD: Final = 1_000_000
 """Rows that wait for another stream, about 50 MB."""
 _FAR_NS: Final = 10**9
@@ -198,7 +196,7 @@ class _Streams:
 
     def drain(self, *, final: bool = False) -> Iterator[Rows]:
         """The rows that are decided and in order, if there are any."""
-        few = max(FEW - self._count, _FEW_AT_ONCE)
+        few = max(FEW - self._count, FEWEST)
         rows: Rows = []
         for stream in self._streams.values():
             span = stream.drain(final=final)
@@ -241,11 +239,3 @@ class _Streams:
         if len(later):
             self._held = [(places[:, later], rows.select(later))]
         return rows.select(now)
-
-
-def cut_frame_note(last: DecidedSpan) -> str | None:
-    """That a stream whose last rows these are ends within a frame."""
-    row = last.last()
-    if row is None or row[1] or Fault.TRUNCATED not in row[2]:
-        return None
-    return f"ends in the middle of a frame ({row[0]} of {FRAME_LENGTH} bytes)"
