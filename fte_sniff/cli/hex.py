@@ -14,7 +14,8 @@ import click
 from fte_sniff.cli.output import format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.formats.log_form import LogOptions
+from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Row
 from fte_sniff.session.log_rows import rows_of_log

@@ -51,7 +51,7 @@ from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.logs.reader import LogOptions
+    from fte_sniff.formats.log_form import LogOptions
     from fte_sniff.session.file_jobs import FileJob, Model
 
 STDIN = Path("-")
@@ -203,7 +203,7 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.logs.reader import LogOptions
+        from fte_sniff.formats.log_form import LogOptions
 
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
@@ -389,7 +389,7 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if chosen is InputKind.RAW:
         chunks = clocked(raw_chunks(path), query.start_ns(), query.baud)
         return LogInput(chunks, str(path), first_ns=query.start_ns, baud=query.baud)
-    from fte_sniff.formats.logs.reader import LogReader
+    from fte_sniff.formats.log_reader import LogReader
 
     return LogInput(LogReader(str(path), query.log_options()), str(path))
 
@@ -422,6 +422,6 @@ def _stream(stream: BufferedReader, name: str, query: InputQuery) -> Input:
     if chosen is InputKind.RAW:
         chunks = clocked(raw_stream_chunks(stream, name), query.start_ns(), query.baud)
         return LogInput(chunks, name, lambda: True, baud=query.baud)
-    from fte_sniff.formats.logs.reader import LogReader
+    from fte_sniff.formats.log_reader import LogReader
 
     return LogInput(LogReader(name, query.log_options(), stream), name)

@@ -63,7 +63,7 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
-    from fte_sniff.formats.logs.text import looks_like_text
+    from fte_sniff.formats.text_blocks import looks_like_text
 
     return InputKind.HEX if looks_like_text(first) else InputKind.RAW
 

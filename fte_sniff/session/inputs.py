@@ -27,7 +27,7 @@ from fte_sniff.session.progress import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.logs.reader import LogReader
+    from fte_sniff.formats.log_reader import LogReader
     from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
@@ -337,7 +337,7 @@ class LogInput(Input):
             baud: bits per second of the chunks; None for the default.
         """
         super().__init__(name)
-        from fte_sniff.formats.logs.reader import LogReader
+        from fte_sniff.formats.log_reader import LogReader
 
         self._drained, self._first_ns, self._baud = drained, first_ns, baud or DEFAULT_BAUD
         self._log = source if isinstance(source, LogReader) else None

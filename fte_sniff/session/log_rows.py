@@ -14,15 +14,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import FileError, InputTextError
-from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, StreamBytes
+from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, StreamBytes
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Framer
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 from fte_sniff.session.framing import FEW, FEWEST, cut_frame_note
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.logs.log_form import Array
-    from fte_sniff.formats.logs.reader import LogReader
+    from fte_sniff.formats.log_form import Array
+    from fte_sniff.formats.log_reader import LogReader
     from fte_sniff.protocol.framer.segments import DecidedSpan
     from fte_sniff.row_batch import RowBatch, Rows
 

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.formats.logs import text
-from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.formats import text_blocks
+from fte_sniff.formats.log_form import LogOptions
+from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, byte_time_ns, encode
 from fte_sniff.session import log_rows
 from fte_sniff.session.log_rows import rows_of_log
@@ -49,7 +50,7 @@ def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few: int, size: int
 ) -> None:
     monkeypatch.setattr(log_rows, "FEW", few)
-    monkeypatch.setattr(text, "BLOCK_BYTES", size)
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", size)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
     rows = rows_of(LogReader(str(path)))
@@ -61,7 +62,7 @@ def test_rows_that_wait_for_a_direction_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(log_rows, "_MOST_HELD", 100)
-    monkeypatch.setattr(text, "BLOCK_BYTES", 3000)
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 3000)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
     batches = rows_of_log(LogReader(str(path)), lambda _: None)
@@ -111,7 +112,7 @@ def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
     whole = rows_of(LogReader(str(path)))
     assert times_of(whole) == sorted(times_of(whole))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text, "BLOCK_BYTES", size)
+        patch.setattr(text_blocks, "BLOCK_BYTES", size)
         patch.setattr(log_rows, "FEW", few)
         assert rows_of(LogReader(str(path))) == whole
         split = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))

@@ -12,17 +12,16 @@ from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import InputTextError
+from fte_sniff.formats.log_form import LogForm, StreamBytes
 from fte_sniff.formats.logs.evidence import Hypothesis, Sample, without_labels
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Found, Layout, left_out, without_bytes
-from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
-from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
+from fte_sniff.formats.text_blocks import TextBlock
 from fte_sniff.protocol import byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.logs.log_form import Array
-    from fte_sniff.formats.logs.reader import LogOptions
+    from fte_sniff.formats.log_form import Array, LogOptions
 
 _AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Final, NamedTuple
 
+from fte_sniff.formats.log_form import NO_TIME
 from fte_sniff.formats.logs.evidence import Hypothesis, frames_in, label_of, lane_of, without_labels
-from fte_sniff.formats.logs.log_form import NO_TIME
 from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"

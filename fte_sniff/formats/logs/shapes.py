@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from fte_sniff.formats.log_form import NO_TIME
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
 from fte_sniff.formats.logs.layout import Layout, without_bytes
-from fte_sniff.formats.logs.log_form import NO_TIME
 from fte_sniff.formats.logs.times import OF_CLOCK, Fields, Stamp, TimeRule
 
 _MOST_SHAPES: Final = 24

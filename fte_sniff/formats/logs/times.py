@@ -16,11 +16,10 @@ from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME
+from fte_sniff.formats.log_form import LATEST_NS, NO_TIME
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.logs.log_form import Array
-    from fte_sniff.formats.logs.reader import LogOptions
+    from fte_sniff.formats.log_form import Array, LogOptions
 
 SECOND: Final = 10**9
 _DAY_NS: Final = 86_400 * SECOND

@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FteSniffError
+from fte_sniff.formats.log_form import LogOptions
+from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.logs.forms import EXTRACTORS
-from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
 from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
@@ -358,8 +359,8 @@ def test_lines_that_a_dump_leaves_out_are_reported() -> None:
 
 
 def test_lines_around_a_very_long_one_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 3000)
-    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("fte_sniff.formats.text_blocks.LONGEST_LINE", 3000)
+    monkeypatch.setattr("fte_sniff.formats.text_blocks.BLOCK_BYTES", 1000)
     one = frame_of(KINDS[1], random.Random(1)).hex(" ")
     for after in (0, 1, 100):
         content = f"x: {one}\n" * 100 + f"x: {one} " * 500 + "\n" + f"x: {one}\n" * after

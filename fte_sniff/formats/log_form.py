@@ -1,22 +1,48 @@
-"""What a log is read as: its kind, and the bytes of its streams."""
+"""What a log is read as: what the user says of it, its kind, and the bytes of its streams."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from fte_sniff.protocol import DEFAULT_BAUD
+
 if TYPE_CHECKING:
+    import re
+    from datetime import date, tzinfo
+
     import numpy as np
     import numpy.typing as npt
 
-    from fte_sniff.formats.logs.text import TextBlock
+    from fte_sniff.formats.text_blocks import TextBlock
 
     Array = npt.NDArray[np.int64]
 
 LATEST_NS: Final = 2**63 - 1
 """In 2262: a table's times are 64 bits, nanoseconds since 1970."""
 NO_TIME: Final = -(2**63)
+
+
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """What the user says of a log."""
+
+    day: date | None = None
+    """The date of the first time that has none."""
+    zone: tzinfo | None = None
+    """Of times without one; None for UTC."""
+    start_ns: int | None = None
+    """When the seconds of the log, or its bytes, began."""
+    form: str | None = None
+    """The extractor."""
+    pattern: re.Pattern[bytes] | None = None
+    """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
+    whole: bool = True
+    """Whether the text is a log; else a paste, of which a part may be bytes."""
+    baud: int = DEFAULT_BAUD
+    """Bits per second, for the time that bytes take."""
 
 
 class StreamBytes(NamedTuple):

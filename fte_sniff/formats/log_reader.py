@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO, Final
+from typing import IO, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
-from fte_sniff.formats.logs.log_form import LogForm, StreamBytes
-from fte_sniff.formats.logs.plain import OwnLog, PlainLog
-from fte_sniff.formats.logs.text import (
+from fte_sniff.formats.log_form import LogForm, LogOptions, StreamBytes
+from fte_sniff.formats.plain_log import OwnLog, PlainLog
+from fte_sniff.formats.text_blocks import (
     SNIFFED,
     TextBlock,
     encoding_of,
@@ -21,36 +20,12 @@ from fte_sniff.formats.logs.text import (
     looks_like_text,
     text_blocks,
 )
-from fte_sniff.protocol import DEFAULT_BAUD
-
-if TYPE_CHECKING:
-    from datetime import date, tzinfo
 
 _SAMPLE_BYTES: Final = 10 << 10
 """Bytes of each of the four blocks of a sample of a file."""
 _SAMPLE_LINES: Final = tuple(2**power for power in range(12))
 """Lines of a sample of a stream."""
 _LONGEST_SAMPLED: Final = 4096
-
-
-@dataclass(frozen=True, slots=True)
-class LogOptions:
-    """What the user says of a log."""
-
-    day: date | None = None
-    """The date of the first time that has none."""
-    zone: tzinfo | None = None
-    """Of times without one; None for UTC."""
-    start_ns: int | None = None
-    """When the seconds of the log, or its bytes, began."""
-    form: str | None = None
-    """The extractor."""
-    pattern: re.Pattern[bytes] | None = None
-    """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
-    whole: bool = True
-    """Whether the text is a log; else a paste, of which a part may be bytes."""
-    baud: int = DEFAULT_BAUD
-    """Bits per second, for the time that bytes take."""
 
 
 class LogReader:

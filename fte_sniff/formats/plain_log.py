@@ -16,11 +16,11 @@ from datetime import datetime
 from typing import Final
 
 from fte_sniff.errors import InputTextError
+from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
 from fte_sniff.formats.logs.evidence import Hypothesis, Lane, direction_of
 from fte_sniff.formats.logs.forms import Extractor
-from fte_sniff.formats.logs.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
-from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import SECOND, masked
+from fte_sniff.formats.text_blocks import TextBlock
 
 _BLANKS: Final = bytes.maketrans(b",:;-", b"    ")
 _GAP: Final = rb"[\s,;:|\-\[\](){}\"'`<>]"
