@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -252,6 +253,16 @@ class _Job:
     result: Future[_Decoded]
 
 
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """Threads that all passes share.
+
+    With its own threads, each pass would take more memory: glibc may give a new thread a new heap
+    before the last thread has returned its own, and keeps all of them.
+    """
+    return ThreadPoolExecutor(cores(), "unpacks chunks")
+
+
 class BatchReader:
     """One pass over a recording, in batches."""
 
@@ -301,23 +312,25 @@ class BatchReader:
     def read(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
         """The rows and events of the records, in their order, with the range of each batch."""
         first = True
-        with ThreadPoolExecutor(cores(), "unpacks chunks") as threads:
-            try:
-                for sections in self._sections_of_jobs(records):
-                    size = sum(section.load for section in sections)
-                    while self._jobs and not self._has_room(size):
-                        yield from self._next_batches()
-                    result = threads.submit(self._decode, sections, self._channels.version)
-                    self._jobs.append(_Job(sections, size, result))
-                    if first:
-                        # The first rows come sooner if the next job does not share the cores.
-                        first = False
-                        yield from self._next_batches()
-                while self._jobs:
+        try:
+            for sections in self._sections_of_jobs(records):
+                if first:
+                    # The first rows come sooner if the next job does not share the cores.
+                    first = False
+                    yield from self._finished(
+                        sections, self._decode(sections, self._channels.version)
+                    )
+                    continue
+                size = sum(section.load for section in sections)
+                while self._jobs and not self._has_room(size):
                     yield from self._next_batches()
-            finally:
-                for job in self._jobs:
-                    job.result.cancel()
+                result = _threads().submit(self._decode, sections, self._channels.version)
+                self._jobs.append(_Job(sections, size, result))
+            while self._jobs:
+                yield from self._next_batches()
+        finally:
+            for job in self._jobs:
+                job.result.cancel()
 
     def read_again(self, records: Iterable[RawRecord]) -> Iterator[RowBatch]:
         """The rows and events of a few records, in their order, without threads."""

@@ -27,6 +27,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.recording.batch_reader import JOB, TimeRange
+from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.messages.codec import encode_row
 from fte_sniff.recording.messages.packer import topic_of
 from fte_sniff.recording.messages.schema import schema_data, schema_name
@@ -239,6 +240,21 @@ def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeR
     assert len(batches) > 1
     assert sum(len(batch) for batch in batches) > JOB // 200
     assert [row for batch in batches for row in batch] == list(reader)
+
+
+def test_reading_again_starts_no_further_threads(tmp_path: Path, make_rows: MakeRows) -> None:
+    """The memory that the C library keeps for each thread would grow with the number of files."""
+    path = tmp_path / "long.mcap"
+    with RecordingWriter(path, [PortFacts("one")]) as writer:
+        rows = make_rows(30_000, "one")
+        for start in range(0, len(rows), 1000):
+            writer.write(rows[start : start + 1000])
+    threads: set[threading.Thread] = set()
+    for _ in range(cores() + 1):
+        for _ in RecordingReader(path).batches():
+            running = threading.enumerate()
+            threads.update(one for one in running if one.name.startswith("unpacks chunks"))
+    assert 0 < len(threads) <= cores()
 
 
 def test_a_message_that_only_looks_equally_long_is_not_misread(
