@@ -7,11 +7,10 @@ run form a lane. Whole frames in the bytes of lanes give the score of an extract
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
-from itertools import accumulate, combinations, product
+from itertools import combinations, product
 from typing import Final
 
 from fte_sniff.formats.logs.forms import Extractor, Run
@@ -34,6 +33,10 @@ _LEAST_SHARE: Final = 0.05
 _LEAST_SHARE_CUT: Final = 0.8
 """The same for a lane of whose runs numbers are left out."""
 _ALMOST_ALL: Final = 0.95
+LIKE_BYTES: Final = 4
+"""Bytes of a run from which on it is no number by accident."""
+_LONGEST_KEY: Final = 100
+"""Characters before a run that make its lane."""
 _MOST_LANES: Final = 48
 _COPIED: Final = 0.9
 """Share of the runs of a lane that repeat those of another from which on it is a copy."""
@@ -123,14 +126,24 @@ def folded(text: bytes) -> bytes:
     return re.sub(rb"\s+", b" ", text) if b"  " in text or b"\t" in text else text
 
 
-def lane_of(text: bytes, line: int, start: int, stop: int) -> bytes:
-    """The key of the lane of a run: what is before it in its line, and if words follow at once.
+def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes]]:
+    """Runs of a text with the keys of their lanes.
 
-    The arguments after the text are the offsets of the line, and of the run.
+    The key is what is before a run in its line, with earlier runs as numbers, and whether words
+    follow at once. In a line of many records, the end of that is the same for each of them.
     """
-    key, after = folded(text[line:start]), text[stop : stop + 8]
-    goes_on = after[:1] in (b" ", b":", b"-") and re.match(_GOES_ON, after)
-    return key + "…".encode() if goes_on else key
+    before, end = b"", 0
+    for run in runs:
+        if line := text.rfind(b"\n", end, run.start) + 1:
+            before, end = b"", line
+        key, after = before + folded(text[end : run.start]), text[run.stop : run.stop + 8]
+        key = key[-_LONGEST_KEY:]
+        goes_on = after[:1] in (b" ", b":", b"-") and re.match(_GOES_ON, after)
+        yield run, key + "…".encode() if goes_on else key
+        if len(run.data) >= LIKE_BYTES:
+            before, end = key + b"0", run.stop
+        elif run.start - end > _LONGEST_KEY:
+            before, end = key, run.start
 
 
 class Lane:
@@ -215,7 +228,6 @@ class Sample:
         self.lines = lines
         self._text = b"\n".join(lines)
         self._masked = b"\n".join(map(masked, lines))
-        self._starts = list(accumulate((len(line) + 1 for line in lines), initial=0))
 
     def hypotheses(self, extractors: Iterable[Extractor]) -> list[Hypothesis]:
         """What the extractors find, the best score first; only those with frames."""
@@ -239,9 +251,7 @@ class Sample:
             return []
         lanes, same = dict[bytes, list[tuple[int, bytes]]](), Counter[tuple[bytes, bytes]]()
         last, last_key = Run(0, 0, b""), b""
-        for run in runs:
-            line = self._starts[bisect_right(self._starts, run.start) - 1]
-            key = lane_of(text, line, run.start, run.stop)
+        for run, key in runs_in_lanes(text, runs):
             lanes.setdefault(key, []).append((run.start, run.data))
             if last.data == run.data:
                 same[last_key, key] += 1

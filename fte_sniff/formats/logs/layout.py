@@ -8,7 +8,14 @@ from itertools import product
 from typing import Final, NamedTuple
 
 from fte_sniff.formats.log_form import NO_TIME
-from fte_sniff.formats.logs.evidence import Hypothesis, frames_in, label_of, lane_of, without_labels
+from fte_sniff.formats.logs.evidence import (
+    LIKE_BYTES,
+    Hypothesis,
+    frames_in,
+    label_of,
+    runs_in_lanes,
+    without_labels,
+)
 from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
@@ -16,7 +23,6 @@ _MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
-_LIKE_BYTES: Final = 4
 _LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
 """Where the labels that separate streams may be, and their kind."""
@@ -70,11 +76,10 @@ class Layout:
         """The bytes of a line, or what a heading says; whether other runs look like bytes too."""
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), False
-        for run in self.hypothesis.extractor.runs(hidden):
-            key = lane_of(hidden, 0, run.start, run.stop)
+        for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
             cut = self.hypothesis.cuts.get(without_labels(key))
             if cut is None:
-                others |= len(run.data) >= _LIKE_BYTES
+                others |= len(run.data) >= LIKE_BYTES
                 continue
             gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
             one = Found(run.data[cut], run.start, run.stop, key, cut, gap)
