@@ -52,8 +52,8 @@ class StreamBytes(NamedTuple):
     data: bytes
     sizes: Sequence[int] | Array = ()
     """How many bytes are of each line."""
-    lines: Sequence[int] | Array = ()
-    """The numbers of the lines; none if the log is one stream without times."""
+    order: Sequence[int] | Array = ()
+    """Numbers that rise with the lines; none if the log is one stream without times."""
     times: Sequence[int] | Array | None = None
     """The times of the lines, nanoseconds since 1970 or `NO_TIME`; None if none has one."""
     gaps: Sequence[int] = ()

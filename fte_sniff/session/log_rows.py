@@ -83,7 +83,7 @@ class _Stream:
         """Append the bytes of lines."""
         self.label = new.label if not self.frames or self.label == new.label else None
         log, size, silences = self._log, len(new.data), dict[int, int]()
-        if not log.is_one and len(new.lines):
+        if not log.is_one and len(new.order):
             silences = self._append_lines(new)
         for start, stop in pairwise([*sorted({0, *silences, *new.gaps}), size]):
             if start in new.gaps:
@@ -107,7 +107,7 @@ class _Stream:
         passed, self._last_ns = now - before, int(now[-1])
         log.by_time &= bool(passed.min() >= -_FAR_NS)
         floors = np.maximum(before, 0) * (not new.first) * (passed >= 0)
-        columns = np.stack([self._size + stops, new.lines, t_ns, floors])
+        columns = np.stack([self._size + stops, new.order, t_ns, floors])
         self._lines = columns if self._lines is None else np.hstack([self._lines, columns])
         text = np.frombuffer(new.data + b"\0", np.uint8)
         whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)

@@ -60,6 +60,8 @@ class EvidenceLog(LogForm):
         self._labels: list[str | None] = [None]
         self._label = 0
         """Of the labels so far, that of the last line."""
+        self._read = 0
+        """Runs so far."""
         self._seen: dict[str, tuple[int, int, str]] = {}
         """By what they do, how many lines, and number and text of the first."""
 
@@ -175,6 +177,8 @@ class EvidenceLog(LogForm):
         read = (table[1] > 0) | (table[5] > 0) | (self.layout.times.where == "above")
         table = table if read.all() else table[:, read]
         lines, sizes, labels, ns, zones, gaps, begins = table
+        order = self._read + np.arange(lines.size)
+        self._read += lines.size
         if self.resolution_ns is not None and lines.size:
             times = self.clock.times(ns, zones, lines)
         elif self._start_ns is not None:
@@ -190,7 +194,7 @@ class EvidenceLog(LogForm):
             at = None if times is None else times[mine]
             left_out, first = stops[gaps[mine] > 0].tolist(), self.layout.times.first_byte
             port, word = self._port(name, self._labels[label]), self._labels[label]
-            yield StreamBytes(port, data.tobytes(), own, lines[mine], at, left_out, first, word)
+            yield StreamBytes(port, data.tobytes(), own, order[mine], at, left_out, first, word)
 
     def _port(self, name: str, label: str | None) -> str:
         known = self.layout.streams

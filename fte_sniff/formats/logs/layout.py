@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from itertools import product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate, product
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from fte_sniff.formats.log_form import NO_TIME
@@ -22,6 +23,10 @@ _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
 _MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
+_BORDER: Final = re.compile(rb"[}\])]\s*,?\s*(?=[{\[(])|</\w+>|;")
+"""Between two records in a line."""
+_FAR: Final = 4096
+"""Bytes of a line that are searched for what is not near its bytes."""
 _COVERED: Final = 0.95
 _LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
@@ -42,6 +47,8 @@ class Found(NamedTuple):
     """Which of its numbers are data."""
     gap: bool = False
     """Whether the log leaves out bytes after it."""
+    parts: Mapping[str, Sequence[tuple[int, int]]] = MappingProxyType({})
+    """Of the line, `before` and `after` it, what may be about it: near it, then its record."""
     label: str | None = None
     """Of its stream."""
     fields: Fields | None = None
@@ -63,7 +70,13 @@ class Layout:
         """By lane, the label of its stream."""
         self.times = time_rule([])
         texts, runs = self._sampled(lines)
-        self.times = time_rule(texts)
+        near = [
+            text.near(run.parts["before"][0][0], run.parts["after"][0][1])
+            for text, run in zip(texts, runs, strict=True)
+        ]
+        self.times = time_rule(near)
+        if self.times.where == "none":
+            self.times = time_rule(texts)
         bytewise = all(len(run.data) == 1 for run in runs)
         texts = [one._replace(line=masked(one.line), above=masked(one.above)) for one in texts]
         self.times.first_byte = self.times.kind == "since" and bytewise
@@ -75,33 +88,32 @@ class Layout:
     def read(self, line: bytes) -> tuple[list[Found], bool]:
         """The bytes of a line, or what a heading says; whether other runs look like bytes too."""
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
-        found, others = list[Found](), False
+        found, others = list[Found](), set[int]()
         for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
             cut = self.hypothesis.cuts.get(without_labels(key))
             if cut is None:
-                others |= len(run.data) >= LIKE_BYTES
+                others |= {run.start} if len(run.data) >= LIKE_BYTES else set()
                 continue
             gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
-            one = Found(run.data[cut], run.start, run.stop, key, cut, gap)
-            found.append(
-                self._described(one, line, before=(0, run.start), after=(run.stop, len(line)))
-            )
+            found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
+        found = [self._described(one, line) for one in _with_parts(found, line)]
         if not found and "above" in (self.labelled, self.times.where):
-            heading = self._described(Found(), line, above=(0, len(line)))
+            heading = self._described(Found(parts={"above": ((0, len(line)),)}), line)
             found = [heading] * bool(heading.fields or heading.label)
-        return found, others
+        of_times = {at for one in found for at, _ in (one.fields or {}).values()}
+        return found, not others <= of_times
 
-    def _described(self, found: Found, line: bytes, **parts: tuple[int, int]) -> Found:
-        """The bytes with the label and the time that are in these parts of the line."""
+    def _described(self, found: Found, line: bytes) -> Found:
+        """The bytes with their label and time."""
         label = self._names.get(found.key)
-        if self.labelled in parts and not self._names:
-            label = label_of(self.labels, line[slice(*parts[self.labelled])])
+        if not self._names:
+            label = _label(self.labels, line, found.parts.get(self.labelled, ()))
         found = found._replace(label=label)
-        fields = None
-        if self.times.where in parts:
-            fields = self.times.find(line, *parts[self.times.where])
-        stamp = self.times.stamp(line, fields) if fields else None
-        return found._replace(fields=fields, stamp=stamp) if stamp else found
+        for part in found.parts.get(self.times.where, ()):
+            fields = self.times.find(line, *part)
+            if fields and (stamp := self.times.stamp(line, fields)):
+                return found._replace(fields=fields, stamp=stamp)
+        return found
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
@@ -130,13 +142,15 @@ class Layout:
         self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found], least: int
     ) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
-        labels: list[str | None] = [
-            str(run.key) if kind == "lane" else label_of(kind, text.part(where))
-            for text, run in zip(texts, runs, strict=True)
-        ]
-        if where == "above":  # of the last heading that has one
-            for at in range(1, len(labels)):
+        if where == "above":
+            labels = [label_of(kind, text.above) for text in texts]
+            for at in range(1, len(labels)):  # of the last heading that has one
                 labels[at] = labels[at] or labels[at - 1]
+        elif kind == "lane":
+            labels = [str(run.key) for run in runs]
+        else:
+            pairs = zip(texts, runs, strict=True)
+            labels = [_label(kind, text.line, run.parts[where]) for text, run in pairs]
         known = sorted({label for label in labels if label is not None})
         named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
         if (
@@ -161,6 +175,25 @@ class Layout:
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
+
+
+def _with_parts(found: Sequence[Found], line: bytes) -> Iterator[Found]:
+    """Bytes of a line with the parts of the line that are about them."""
+    stops = [0, *(one.stop for one in found)]
+    starts = [*(one.start for one in found[1:]), len(line)]
+    borders = [[*_BORDER.finditer(line, *gap)] for gap in zip(stops[1:], starts[:-1], strict=False)]
+    begins = accumulate((own[-1].end() if own else 0 for own in borders), max, initial=0)
+    ends = (own[0].start() if own else len(line) for own in reversed(borders))
+    records = zip(begins, [*accumulate(ends, min, initial=len(line))][::-1], strict=True)
+    for one, last, following, (begin, end) in zip(found, stops, starts, records, strict=False):
+        before = (max(begin, last), one.start), (begin, min(one.start, begin + _FAR))
+        after = (one.stop, min(end, following)), (one.stop, min(end, one.stop + _FAR))
+        yield one._replace(parts={"before": before, "after": after})
+
+
+def _label(kind: str, line: bytes, parts: Iterable[tuple[int, int]]) -> str | None:
+    """The label in the first part of a line that has one."""
+    return next(filter(None, (label_of(kind, line[slice(*part)]) for part in parts)), None)
 
 
 def without_bytes(line: bytes, found: Sequence[Found]) -> bytes:

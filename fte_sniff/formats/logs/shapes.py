@@ -75,7 +75,9 @@ def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
 def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     """The shape of a line; None if lines like it must be parsed one by one."""
     found, others = layout.read(line)
-    if others or len({one.label for one in found}) != 1 or any(one.gap for one in found):
+    if others or not found or any(one.gap for one in found):
+        return None
+    if any((one.label, one.fields) != (found[0].label, found[0].fields) for one in found):
         return None
     pairs, skipped = list[int](), list[int]()
     for one in found:

@@ -134,6 +134,11 @@ class Text(NamedTuple):
         before, after = self.line[: self.start], self.line[self.stop :]
         return {"before": before, "after": after, "above": self.above}[where]
 
+    def near(self, begin: int, end: int) -> Text:
+        """The same with a part of the line."""
+        line, start, stop = self.line[begin:end], self.start - begin, self.stop - begin
+        return self._replace(line=line, start=start, stop=stop)
+
 
 @cache
 def _compiled(pattern: str) -> re.Pattern[bytes]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import re
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -20,7 +21,7 @@ from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
 from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
-from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent
+from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent, clock
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -393,3 +394,31 @@ def test_an_arrow_behind_a_prefix_is_no_part_of_plain_hex(foreign: str) -> None:
     rows, _ = rows_of("\n".join([*lines[:9], foreign, *lines[9:]]).encode())
     assert found_in(rows) == frames_of(log)
     assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
+
+
+RECORDS = {
+    "JSON": '{{"t": {seconds}, "dir": "{way}", "hex": "{digits}"}}',
+    "JSON, the bytes first": '{{"hex":"{digits}","dir":"{way}","time":"2026-01-31T{clock}"}}',
+    "XML": '<frame time="2026-01-31 {clock}" way="{way}">{pairs}</frame>',
+    "text": "[2026-01-31 {clock}] {way}: {pairs};",
+    "base64": '{{"time":"2026-01-31T{clock}","{way}":"{base64}"}}',
+}
+
+
+@pytest.mark.parametrize("between", [", ", ",", " "])
+@pytest.mark.parametrize("name", RECORDS)
+def test_records_in_one_line_are_as_in_lines_of_their_own(name: str, between: str) -> None:
+    records = [
+        RECORDS[name].format(
+            seconds=1769817600 + one.ms / 1000,
+            clock=clock(one.ms),
+            way=one.way,
+            digits=one.data.hex(),
+            pairs=one.data.hex(" "),
+            base64=b64encode(one.data).decode(),
+        )
+        for one in a_log(seed=4, frames=400)
+    ]
+    one_line, lines = (rows_of(joint.join(records).encode()) for joint in (between, "\n"))
+    assert len(lines[0]) == 400
+    assert one_line == lines
