@@ -42,7 +42,7 @@ _PREFIX: Final = (
 _FEW_BYTES: Final = 100
 _CHANCE: Final = 0.005
 """Share of many bytes in frames from which on they are evidence."""
-_PLAIN_HEX: Final = Extractor("plain hex", "hex editors, xxd -p, fte-sniff", b"", bytes)
+_PLAIN_HEX: Final = Extractor("plain hex", "hex editors, xxd -p, fte-sniff")
 _FIX: Final = (
     "write each byte as two hex digits, as in AA 01 01 03 E8 00 00 00 00 EE; # starts a comment"
 )
