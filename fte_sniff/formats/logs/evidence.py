@@ -275,7 +275,7 @@ def _alike(one: bytes, other: bytes) -> bool:
 def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> list[Lane]:
     """The lanes with the best score; numbers are left out only if that is better for all."""
     choices = [_joined(lanes)]
-    if not extractor.order:
+    if not extractor.swaps:
         choices.append(_joined([lane.without_numbers() for lane in lanes]))
     return max(choices, key=lambda chosen: sum(lane.score for lane in chosen))
 

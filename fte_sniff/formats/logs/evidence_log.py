@@ -217,7 +217,7 @@ class EvidenceLog(LogForm):
         for one in found:
             if one.gap:
                 self._count("leave out bytes", number, line[one.stop :])
-        has_words = self.layout.hypothesis.extractor.order == "little"
+        has_words = self.layout.hypothesis.extractor.swaps
         if has_words and found and _is_padded(found[-1].data, line, *block.lines[at + 1 : at + 2]):
             found[-1] = found[-1]._replace(data=found[-1].data[:-1])
         return found
@@ -292,8 +292,8 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
             )
     if good or not (options.form or options.pattern or not options.whole):
         return good and [good[0], *(one for one in ranked if one is not good[0])]
-    digits = [one._replace(masks_times=True) for one in forms if options.form or one.name.startswith("hex")]
-    return ranked or sample.longest(digits)
+    forms = [one for one in forms if options.form or one.name.startswith("hex")]
+    return ranked or sample.longest(one._replace(masks_times=True) for one in forms)
 
 
 def _first(one: Hypothesis) -> str:

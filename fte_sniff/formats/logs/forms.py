@@ -36,8 +36,8 @@ class Extractor(NamedTuple):
     """Of a unit of a run and the separator before it; groups are named by their kinds."""
     needs: bytes = b""
     """What a text with such runs has."""
-    order: str = ""
-    """`little` or `big` if the units are words of several bytes."""
+    swaps: bool = False
+    """Whether units are words whose last byte comes first."""
     masks_times: bool = True
     """Whether the first date or time of a line cannot be bytes."""
     cut: slice = slice(None)
@@ -45,19 +45,20 @@ class Extractor(NamedTuple):
 
     def runs(self, text: bytes) -> Iterator[Run]:
         """The runs of a line, or of several lines."""
+        decoded, bytes_of = re.compile(self.unit).sub, _swapped if self.swaps else _bytes_of
         for found in re.finditer(self.pattern, text):
             with suppress(ValueError, OverflowError):
-                if data := re.sub(self.unit, self._bytes, found[0])[self.cut]:
+                if data := decoded(bytes_of, found[0])[self.cut]:
                     yield Run(*found.span(), data)
-
-    def _bytes(self, unit: re.Match[bytes]) -> bytes:
-        data = _bytes_of(unit)
-        return data[::-1] if self.order == "little" else data
 
 
 def _bytes_of(unit: re.Match[bytes]) -> bytes:
     kind = unit.lastgroup or ""
     return _KINDS[kind[0]](unit[kind])
+
+
+def _swapped(unit: re.Match[bytes]) -> bytes:
+    return _bytes_of(unit)[::-1]
 
 
 def _number(base: int, size: int, digits: bytes) -> bytes:
@@ -124,8 +125,7 @@ def _text_with(code: str, kind: str) -> str:
 _BEGIN: Final = r"(?:(?![0-9A-Za-z])|(?<![0-9A-Za-z]))"
 _END: Final = r"(?:(?<![0-9A-Za-z])|(?![0-9A-Za-z]))"
 """Where no word goes on."""
-_GROUP: Final = "(?P<x>(?:[0-9A-F]{2})++(?![0-9a-f])|(?:[0-9a-f]{2})++(?![0-9A-F]))"
-"""Pairs of digits in one case; mixed case is a word."""
+_GROUP: Final = "(?P<x>(?:[0-9A-Fa-f]{2})++)"
 _BYTE: Final = r"(?<![\w.])(?<!\d:)(?P<d>-?\d{1,3})(?!\w|[.:]\d|\"\s*:)"
 _ANY: Final = r"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
 _STRING: Final = r"[bu]?(?:\"(?P<t>(?:[^\"\\\n]|\\.)*+)\"|'(?P<t1>(?:[^'\\\n]|\\.)*+)')"
@@ -137,6 +137,8 @@ _OD_CELL: Final = r" (?P<o>[0-3][0-7]{2})|  \\(?P<e>[0abtnvfr])|   (?P<c>[ -~])"
 _BASE64: Final = r"(?<![\w+/-])(?P<q>(?:Q{4})*Q{2}(?:==|Q=|Q{2}))(?![\w+/=-])".replace(
     "Q", r"[\w+/-]"
 )
+_TOGETHER: Final = "(?<=[0-9A-F]{2})(?=[0-9A-F]{2})|(?<=[0-9a-f]{2})(?=[0-9a-f]{2})"
+"""Between digits in one case; mixed case is a word."""
 _NONE: Final = "(?!)"
 _FORMS: Final = (
     ("hex pairs, spaces", "@@", " ", "SSCOM, CoolTerm, Docklight, socat -x, most terminals"),
@@ -149,7 +151,7 @@ _FORMS: Final = (
      "spreadsheets, LabVIEW, HTerm, PulseView, Markdown tables"),
     ("hex pairs, points", "@@", "[._/]", "Cisco consoles, Verilog test benches, PLC consoles"),
     ("hex pairs, tags", "@@", r"(?:</?[a-z]\w*>)++", "tables in HTML and XML"),
-    ("hex digits", rf"(?:0[xX]|\\x)?{_GROUP}", _NONE, "Tasmota, logcat, candump, MQTT, SQL"),
+    ("hex digits", r"(?:0[xX]|\\x)?@@", _TOGETHER, "Tasmota, logcat, candump, MQTT, SQL"),
     ("hex words", _GROUP, " ", "xxd, usbmon, LabVIEW, od -x, hexdump, xxd -e"),
     ("hex words, columns", _GROUP, " {2,5}", "hexdump -x, od -x of macOS"),
     ("unpadded hex", "@", " {1,2}| ?[,-] ?",
@@ -192,14 +194,15 @@ _FORMS: Final = (
 def _extractors() -> Iterator[Extractor]:
     units = set[str]()
     for name, unit, separator, tools in _FORMS:
-        one = _unnamed(unit)
-        run, two = f"{_BEGIN}{one}(?:(?:{separator}){one})*+{_END}", f"{one}(?:{separator}){one}"
-        patterns = run, f"(?:{separator})?(?:{_expanded(unit)})", two if unit in units else ""
+        one, between = _unnamed(unit), f"(?:{separator})"
+        several = unit in units or separator == _TOGETHER
+        run = f"{_BEGIN}{one}(?:{between}{one})*+{_END}".encode()
+        part = f"{between}?(?:{_expanded(unit)})".encode()
+        needs = f"{one}(?:{between}{one}){{3}}".encode() if several else b""
         units.add(unit)
-        for order in ("big", "little") if "words" in name else ("",):
-            full = f"{name}, {order} endian" if order else name
-            masks = name != "hex pairs, colons"
-            yield Extractor(full, tools, *(one.encode() for one in patterns), order, masks)
+        for order in (", big endian", ", little endian") if "words" in name else ("",):
+            swaps, masks = order == ", little endian", name != "hex pairs, colons"
+            yield Extractor(name + order, tools, run, part, needs, swaps, masks)
 
 
 EXTRACTORS: Final = tuple(_extractors())
