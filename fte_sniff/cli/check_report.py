@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,9 +10,9 @@ from xml.etree import ElementTree as ET
 
 import click
 
+from fte_sniff.cli.output import print_json
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
-from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import iso_time
 
 if TYPE_CHECKING:
@@ -59,8 +58,7 @@ def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> N
     """Print the verdicts on standard output; `errors` are those of files that cannot be read."""
     verdicts = check.verdicts()
     if form == "json":
-        text = json.dumps(_object(check, verdicts, errors), ensure_ascii=False, indent=2)
-        click.echo(printable_json(text))
+        print_json(_object(check, verdicts, errors))
     elif form == "junit":
         click.echo(junit_xml(verdicts, errors))
     else:

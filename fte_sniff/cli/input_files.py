@@ -330,9 +330,11 @@ class InputQuery:
         if not found:
             raise unreadable[0]
         found.sort(key=lambda one: (one[0] is None, one[0] or 0))
-        times = (_times_of(job.open(), progress) for _, job in found)
+        jobs = [job for _, job in found]
+        times = (_times_of(job.open(), progress) for job in jobs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        jobs = [replace(job, span=span) for _, job in found]
+        if span is not None:
+            jobs = [replace(job, span=span) for job in jobs]
         progress.expect([job.size for job in jobs])
         return jobs, InputReading([], span, wanted, None, self.baud, unreadable, progress)
 

@@ -1,16 +1,17 @@
-"""The format option of a command, and its summary at the end."""
+"""The format option of a command, JSON for people, and the summary at the end."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, printable
-from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, printable_json
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
@@ -32,6 +33,13 @@ def format_option(
         show_default=default is not None,
         help="Format of the rows; a table has no colours if the output is not a terminal.",
     )
+
+
+def print_json(value: Any) -> None:
+    """Print indented JSON on standard output, without a copy of the whole text."""
+    encoder = json.JSONEncoder(ensure_ascii=False, indent=2)
+    sys.stdout.writelines(map(printable_json, encoder.iterencode(value)))
+    sys.stdout.write("\n")
 
 
 ENOUGH_ROWS = 5

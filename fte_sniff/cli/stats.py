@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
-from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.formats.writers import printable_json
+from fte_sniff.cli.output import print_json
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.stats_json import statistics_json
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
@@ -48,8 +43,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     make = partial(StatisticsSummary, LineSetup(query.baud or DEFAULT_BAUD))
     summary, measured = measure(query, make, jobs, cluster)
     if form == "json":
-        numbers = statistics_json(summary, measured.reading)
-        click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
+        print_json(statistics_json(summary, measured.reading))
     else:
         from fte_sniff.cli.stats_report import print_lines, report_lines
 

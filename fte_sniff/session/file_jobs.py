@@ -77,8 +77,6 @@ class FileJob(Generic[Model]):
     """Only rows that it matches; None for all."""
     baud: int | None = None
     """The baud of every port; None for that of the file."""
-    bauds: Mapping[str, int] = field(default_factory=dict)
-    """The baud of ports at its start that differs from what the file names."""
     size: int | None = None
     """Bytes of the file; None if unknown."""
 
@@ -122,8 +120,15 @@ def count_file(
     job: FileJob[Model],
     interrupts: Interrupts | None = None,
     progress: Progress | None = None,
+    bauds: Mapping[str, int] | None = None,
 ) -> FileResult[Model]:
-    """Do one job; with `interrupts`, Ctrl-C ends it with the rows so far.
+    """Do one job.
+
+    Args:
+        job: what to do.
+        interrupts: delays Ctrl-C, which then ends the job with the rows so far.
+        progress: shows how far it has come.
+        bauds: by port, the baud at its start where it differs from what the file names.
 
     Raises FteSniffError as `Input.batches`.
     """
@@ -134,7 +139,7 @@ def count_file(
     result.model.begin(one.name)
     result.named_bauds = {port.name: port.baud for port in one.ports if port.baud}
     try:
-        _count_rows(result, reading, one, job, interrupts)
+        _count_rows(result, reading, one, bauds or {}, interrupts)
     except KeyboardInterrupt:
         if interrupts is None:
             raise
@@ -149,16 +154,16 @@ def _count_rows(
     result: FileResult[Model],
     reading: InputReading,
     one: Input,
-    job: FileJob[Model],
+    bauds: Mapping[str, int],
     interrupts: Interrupts | None,
 ) -> None:
-    if isinstance(one, RecordingInput) and job.span is not None:
+    if isinstance(one, RecordingInput) and reading.span is not None:
         result.first = one.first_place()
     for batch in reading.batches_of(one):
         if result.first is None and len(batch.rows) and isinstance(one, RecordingInput):
             first = batch.rows[0]
             result.first = first.port, first.offset
-        changes = [_at_start(change, job.bauds) for change in batch.changes]
+        changes = [_at_start(change, bauds) for change in batch.changes]
         changes = [change for change in changes if not _is_another(change.what)]
         for change in changes:
             if isinstance(change.what, BaudChange):
@@ -207,7 +212,7 @@ class FileMerger(Generic[Model]):
             self.model.observe_change(Gap(ANOTHER[0], reason=ANOTHER[1]))
         if before is not None and (bauds := _bauds_in_force(before, result)):
             # The next file of a capture names the baud of the beginning, not of the end.
-            result = count_file(replace(job, bauds=bauds))
+            result = count_file(job, bauds=bauds)
         self.model.merge(result.model)
         self._reading.include(result.counts)
         self._before = replace(result, model=self.model)

@@ -36,6 +36,8 @@ class WorkerPool(Executor):
         """`workers` is the largest number of processes, at least 1."""
         self._most = workers
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
+        self._unfinished: set[Future[Any]] = set()
+        """Those of calls that wait or run."""
         self._threads: list[threading.Thread] = []
         self._processes: set[subprocess.Popen[bytes]] = set()
         self._starting: set[subprocess.Popen[bytes]] = set()
@@ -44,6 +46,8 @@ class WorkerPool(Executor):
     def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
         """Call a function of a module; it, its arguments and its result are pickled."""
         future: Future[_Result] = Future()
+        self._unfinished.add(future)
+        future.add_done_callback(self._unfinished.discard)
         self._calls.put((future, fn, args, kwargs))
         if len(self._threads) < self._most:
             thread = threading.Thread(target=self._serve, daemon=True)
@@ -125,10 +129,7 @@ class WorkerPool(Executor):
 
     def _unneeded(self) -> list[subprocess.Popen[bytes]]:
         """The processes that still start although no call is left for them."""
-        calls = [self._calls.get() for _ in range(self._calls.qsize())]
-        for call in calls:
-            self._calls.put(call)
-        left = any(not call[0].cancelled() for call in calls if call is not None)
+        left = any(not future.running() for future in list(self._unfinished))
         return [] if left else list(self._starting)
 
 

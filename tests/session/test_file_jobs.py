@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
 import threading
+import tracemalloc
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -44,8 +46,12 @@ def opened(path: Path) -> Input:
     return RecordingInput(RecordingReader(path))
 
 
+def new_model(rules):
+    return partial(StatisticsSummary, LineSetup()) if rules is None else partial(RuleCheck, rules)
+
+
 def measured(paths: Sequence[Path], model, executor=None):
-    make = partial(StatisticsSummary, LineSetup()) if model is None else partial(RuleCheck, model)
+    make = new_model(model)
     merger = FileMerger(make(), InputReading([]))
     jobs = [FileJob(path, opened, make) for path in paths]
     for job, result in finished_jobs(jobs, executor, 3, helps=True):
@@ -89,6 +95,41 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
             expected = numbers(measured(whole, model))
             assert numbers(measured(split, model)) == expected
             assert numbers(measured(split, model, executor)) == expected
+
+
+@pytest.mark.parametrize("rules", [None, ["delay(p95) < 20", "max_gap(motor = 1) < 1"]])
+def test_memory_does_not_grow_with_the_number_of_files(
+    tmp_path: Path, rules: list[str] | None
+) -> None:
+    (path,) = write_parts(tmp_path / "parts", [[reset_at(number) for number in range(9)]])
+    model = rules and [Rule.parse(text) for text in rules]
+    measured([path], model)  # loads what is loaded once
+    held, peaks = [], []
+    with ThreadPoolExecutor(2) as executor:
+        for files in (20, 200):
+            tracemalloc.start()
+            try:
+                found = measured([path] * files, model, executor)
+                gc.collect()
+                now, peak = tracemalloc.get_traced_memory()
+            finally:
+                tracemalloc.stop()
+            held.append(now)
+            peaks.append(peak)
+            del found
+    a_line_each = 180 * 400
+    assert held[1] - held[0] < a_line_each
+    assert peaks[1] < 2 * peaks[0]  # not a result of each file
+
+
+def test_no_more_jobs_wait_than_allowed(tmp_path: Path) -> None:
+    (path,) = write_parts(tmp_path / "parts", [[reset_at(0)]])
+    taken: list[FileJob[StatisticsSummary]] = []
+    jobs = (taken.append(job) or job for job in [FileJob(path, opened, new_model(None))] * 9)
+    with ThreadPoolExecutor(2) as executor:
+        for number, _ in enumerate(finished_jobs(jobs, executor, 3)):
+            assert len(taken) <= number + 3
+    assert len(taken) == 9
 
 
 def test_a_baud_that_changed_in_one_file_holds_in_the_next(tmp_path: Path) -> None:
