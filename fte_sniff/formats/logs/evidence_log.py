@@ -98,9 +98,9 @@ class EvidenceLog(LogForm):
                 example = f"for example {like[0]!r}; {_REGEX} they are"
                 log._notes.append(f"what may be times is not read, {example}")
         stamps = [found[0].stamp for _, found in read if found and found[0].fields]
-        if stamps and log._paste and times.kind not in ("date", "epoch"):
+        if not stamps or (log._paste and times.kind not in ("date", "epoch")):
             log.layout.times = TimeRule()  # nobody asks when a pasted line was
-        elif stamps:
+        else:
             log.clock.settle(stamps, name, written_ns)
         timed = log.layout.times.where != "none"
         log.resolution_ns = times.resolution_ns if timed else None
@@ -128,10 +128,10 @@ class EvidenceLog(LogForm):
             import numpy as np
 
             rows = [
-                (at, len(own.data), self._number(own.label), *own.stamp, own.gap)
+                (at, len(own.data), self._number(own.label), own.stamp, own.gap)
                 for at, own in found
             ]
-            tables.append(np.array(rows, np.int64).reshape(-1, 6).T)
+            tables.append(np.array(rows, np.int64).reshape(-1, 5).T)
             data += [one.data for _, one in found]
             yield from self._streams(
                 np.hstack(tables), np.frombuffer(b"".join(data), np.uint8), name
@@ -146,7 +146,7 @@ class EvidenceLog(LogForm):
         left = np.ones(block.count, np.bool_)
         for rows, own, label, stamp in alike_lines(block.text, self.layout):
             size = len(own) // len(rows)
-            columns = block.first + rows, size, self._number(label), *stamp, 0
+            columns = block.first + rows, size, self._number(label), stamp, 0
             tables.append(np.stack(np.broadcast_arrays(*columns)))
             data.append(own)
             left[rows] = False
@@ -162,7 +162,7 @@ class EvidenceLog(LogForm):
         """The bytes of lines in their order, by the labels of their streams.
 
         Args:
-            table: for each line its number, size, label, time, zone, and whether a gap follows.
+            table: for each line its number, size, label, time, and whether a gap follows.
             text: the bytes of all lines.
         """
         import numpy as np
@@ -174,13 +174,13 @@ class EvidenceLog(LogForm):
             known = np.maximum.accumulate(np.arange(1, table.shape[1] + 1) * (table[2] > 0))
             table[2] = np.append(self._label, table[2])[known]
         self._label, times = int(table[2, -1]), None
-        read = (table[1] > 0) | (table[5] > 0) | (self.layout.times.where == "above")
+        read = (table[1] > 0) | (table[4] > 0) | (self.layout.times.where == "above")
         table = table if read.all() else table[:, read]
-        lines, sizes, labels, ns, zones, gaps, begins = table
+        lines, sizes, labels, ns, gaps, begins = table
         order = self._read + np.arange(lines.size)
         self._read += lines.size
         if self.resolution_ns is not None and lines.size:
-            times = self.clock.times(ns, zones, lines)
+            times = self.clock.times(ns, lines)
         elif self._start_ns is not None:
             times = self._start_ns + np.cumsum(sizes) * self._byte_ns
             self._start_ns += int(sizes.sum()) * self._byte_ns

@@ -17,7 +17,7 @@ from fte_sniff.formats.logs.evidence import (
     runs_in_lanes,
     without_labels,
 )
-from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
+from fte_sniff.formats.logs.times import Fields, Text, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
 _MOST_HEADINGS: Final = 8
@@ -53,7 +53,8 @@ class Found(NamedTuple):
     """Of its stream."""
     fields: Fields | None = None
     """Of its time."""
-    stamp: Stamp = Stamp(NO_TIME)
+    stamp: int = NO_TIME
+    """Its time, as `TimeRule.stamp` reads it."""
 
 
 class Layout:
@@ -111,7 +112,8 @@ class Layout:
         found = found._replace(label=label)
         for part in found.parts.get(self.times.where, ()):
             fields = self.times.find(line, *part)
-            if fields and (stamp := self.times.stamp(line, fields)):
+            stamp = self.times.stamp(line, fields) if fields else None
+            if stamp is not None:
                 return found._replace(fields=fields, stamp=stamp)
         return found
 

@@ -15,7 +15,7 @@ import numpy as np
 from fte_sniff.formats.log_form import NO_TIME
 from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
 from fte_sniff.formats.logs.layout import Layout, without_bytes
-from fte_sniff.formats.logs.times import OF_CLOCK, Fields, Stamp, TimeRule
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule
 
 _MOST_SHAPES: Final = 24
 """Of one length; the lines of others are parsed one by one."""
@@ -32,8 +32,8 @@ class AlikeLines(NamedTuple):
     data: bytes
     """Their bytes; of each line the same number."""
     label: str | None
-    stamp: Stamp
-    """Their times: int64 columns, or one for all."""
+    stamp: Any
+    """Their times: an int64 column, or one for all."""
 
 
 class _Shape(NamedTuple):
@@ -104,7 +104,7 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     return _Shape(line, found[0].label, fields, sorted(digits), pairs + skipped, len(data))
 
 
-def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Stamp | None]:
+def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Any]:
     """Which lines have a shape, their bytes and times; no times if one of them is impossible.
 
     `table` has a column for each line, uint8.
@@ -119,7 +119,7 @@ def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Stamp
         table, high, low = (own[:, same] for own in (table, high, low))
     data = (high << np.uint8(4) | low)[: shape.size].T.tobytes()
     read = partial(_number, table)
-    stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else Stamp(NO_TIME)
+    stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
     return same, data, stamp
 
 
