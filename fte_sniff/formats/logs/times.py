@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cache, lru_cache
-from itertools import islice, pairwise, product
+from itertools import chain, islice, pairwise, product
 from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -28,7 +28,7 @@ _DAY_NS: Final = 86_400 * SECOND
 _QUARTER_NS: Final = 900 * SECOND
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
-_NAMED: Final = rf"(?i:{_MONTHS})[a-z]*"
+_NAMED: Final = rf"(?=[ADFJMNOSadfjmnos])(?i:{_MONTHS})[a-z]*"
 _YEAR: Final = r"(?:19|2[01])\d\d"
 _DATES: Final = {
     "date": (
@@ -61,8 +61,9 @@ _FRACTION: Final = r"\.(?P<f>\d{1,9})\d*"
 _NUMBER: Final = rf"{_WHOLE}(?:{_FRACTION})?(?![\w.])"
 FORMS: Final[tuple[tuple[str, int, str], ...]] = (
     *(
-        (kind, SECOND, rf"{_BEGIN}(?P<date>{'|'.join(dates)}){_THEN}{_CLOCK}")
+        (kind, SECOND, f"{_BEGIN}(?P<date>{one}){_THEN}{_CLOCK}")
         for kind, dates in _DATES.items()
+        for one in dates
     ),
     ("clock", SECOND, _BEGIN + _CLOCK),
     *(  # `time`, candump; JavaScript; ROS, InfluxDB
@@ -77,7 +78,8 @@ FORMS: Final[tuple[tuple[str, int, str], ...]] = (
     ("since", SECOND, rf"{_WHOLE}{_FRACTION}(?![\w.])"),  # dmesg, tshark
 )
 """Kinds of times, nanoseconds of one, and regular expressions; an earlier one is preferred."""
-_ANY: Final = re.sub(r"\?P<\w+>", "?:", "|".join(pattern for _, _, pattern in FORMS[:3]))
+_ALL_DATES: Final = "|".join(chain.from_iterable(_DATES.values()))
+_ANY: Final = re.sub(r"\?P<\w+>", "?:", f"{_BEGIN}(?:(?:{_ALL_DATES}){_THEN})?{_CLOCK}")
 _IN_NAME: Final = (
     r"(?<!\d)(20\d\d[-_.]?\d\d[-_.]?\d\d)(?:[-_ T.]+(\d\d[-_.hm]?\d\d[-_.hm]?\d\d))?(?!\d)"
 )
@@ -207,11 +209,12 @@ class TimeRule:
         if self.kind == "unread":
             return ["numbers in the lines above the bytes may be times; they are not read"]
         form, fractions, dates = _compiled(self.pattern), {b""}, {b""}
+        fields = [name for name in ("f", "us", "date") if name in form.groupindex]
         days = [list[date](), list[date]()]
-        for text in texts if "h" in form.groupindex else ():
-            found = [one.groupdict(b"") for one in form.finditer(text)]
-            fractions |= {one["f"] + one["us"] for one in found}
-            dates |= {one.get("date", b"") for one in found}
+        for text in texts if len(fields) > 1 else ():
+            found = {one.group(*fields) for one in form.finditer(text)}
+            fractions |= {(f or b"") + (us or b"") for f, us, *_ in found}
+            dates |= {own for one in found for own in one[2:]}
             digits = max(len(fraction.rstrip(b"0")) for fraction in fractions)
             self.resolution_ns = SECOND // 10**digits
             days = [
