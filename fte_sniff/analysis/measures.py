@@ -192,7 +192,7 @@ class MatchRate(MatchShare):
     """`rate(FILTER)`."""
 
     def value(self, total: RowCount) -> float | None:
-        """Matching rows per second; None if the duration is unknown or 0, except without any."""
+        """Matching rows per second; 0 without any, None if the duration is unknown or 0."""
         if not self.count:
             return 0 if total.rows else None
         return self.count * _SECOND / total.duration_ns if total.duration_ns else None

@@ -47,13 +47,20 @@ class MeasureKind:
     """What it needs to have a value."""
     is_timed: bool = False
     """Whether that includes rows with times."""
+    covered_by_any_row: bool = False
+    """Whether a rule fails, and is not uncovered, if there are rows and no value."""
 
 
 MEASURES: Final = {
     "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0", "a row"),
     "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001", "a row"),
     "rate": MeasureKind(
-        Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30", "two different times", True
+        Argument.FILTER,
+        "1/s",
+        "rate(kind = 'speed_feedback') >= 30",
+        "two different times",
+        is_timed=True,
+        covered_by_any_row=True,
     ),
     "max_gap": MeasureKind(
         Argument.FILTER, "s", "max_gap(motor = 1) < 0.5", "two matching rows with times", True

@@ -26,7 +26,7 @@ class RuleResult(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     NOT_COVERED = "not covered"
-    """The measure has no value."""
+    """The rows that the measure needs did not come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Verdict:
 
     rule: Rule
     value: float | None
-    """The measure, in the rule's unit; None if it has no value."""
+    """The measure, in the rule's unit; None if not covered, and for a failed rate in no time."""
     result: RuleResult
     row: RowPosition | None = None
     """The first row that violates a failed rule, if one row can show it."""
@@ -128,12 +128,18 @@ class RuleCheck:
             value = None if self.unseen else measure.value(self.total)
             if value is None:
                 needs = "" if self.unseen else self._needs(rule)
-                found.append(Verdict(rule, None, RuleResult.NOT_COVERED, None, needs))
+                found.append(Verdict(rule, None, self._without_value(rule), None, needs))
             elif rule.holds(value):
                 found.append(Verdict(rule, value, RuleResult.PASS))
             else:
                 found.append(Verdict(rule, value, RuleResult.FAIL, measure.row))
         return found
+
+    def _without_value(self, rule: Rule) -> RuleResult:
+        """Rows in no time have no rate: the rule fails with every comparison."""
+        covered = self.total.rows and not self.unseen
+        fails = covered and MEASURES[rule.measure].covered_by_any_row
+        return RuleResult.FAIL if fails else RuleResult.NOT_COVERED
 
     def _needs(self, rule: Rule) -> str:
         if not self.total.rows:

@@ -94,9 +94,9 @@ def _word(verdict: Verdict) -> str:
 
 
 def measured_text(verdict: Verdict) -> str:
-    """The measured value with its unit; a dash without a value."""
+    """The measured value with its unit; a dash if the rule is not covered."""
     if verdict.value is None:
-        return "–"
+        return "no duration" if verdict.result == "fail" else "–"
     return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
 
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.measures import RowPosition
-from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.rules import OPERATORS, Rule
 from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
 from fte_sniff.row_batch import NO_TIME
@@ -241,16 +241,27 @@ NO_TIMES = "two different times; no row has a time, try --start"
         ([0, SECOND // 2], 4, ""),
     ],
 )
-def test_a_rate_needs_two_different_times_unless_no_row_matches(
+def test_a_rate_of_matching_rows_fails_without_two_different_times(
     times: list[int | None], value: float | None, needs: str
 ) -> None:
     rows = [
         replace(frame("speed", 0, motor=1, rpm=1), t_ns=t_ns, offset=10 * number)
         for number, t_ns in enumerate(times)
     ]
-    matching, other = verdict("rate(motor = 1) == 4", *rows), verdict("rate(motor = 2) == 0", *rows)
-    assert (matching.value, matching.needs) == (value, needs)
-    assert matching.result == ("not covered" if value is None else "pass")
+    for sign, number in itertools.product(OPERATORS, (0, 4, 9)):
+        rule = Rule.parse(f"rate(motor = 1) {sign} {number}", may_be_uncovered=True)
+        parts = [RuleCheck([rule]) for _ in rows]
+        for part, row in zip(parts, rows, strict=True):
+            part.observe([row])
+        whole, *rest = parts
+        for part in rest:
+            whole.merge(part)
+        (matching,) = whole.verdicts()
+        passes = value is not None and rule.holds(value)
+        assert matching.result == ("pass" if passes else "fail")
+        assert (matching.value, matching.needs, matching.refuses) == (value, needs, not passes)
+        assert value is not None or matching.row is None
+    other = verdict("rate(motor = 2) == 0", *rows)
     assert (other.value, other.result, other.needs) == (0, "pass", "")
     assert verdict("rate(motor = 2) == 0").needs == "a row"
 

@@ -58,6 +58,22 @@ def test_the_table(run, samples: Path) -> None:
     assert needs == "    needs a matching row with the field"
 
 
+def test_a_rate_without_times_fails_and_says_what_it_needs(run, samples: Path) -> None:
+    arguments = ["check", samples / "clean.raw", "--expect", "rate(feedback) != 0", "--format"]
+    text, told, suites = (run(*arguments, form) for form in ("text", "json", "junit"))
+    assert {text.returncode, told.returncode, suites.returncode} == {1}
+    _, failed, needs = text.stdout.splitlines()
+    assert re.fullmatch(r"! rate\(feedback\) != 0 +no duration +!= 0 +fail", failed)
+    assert needs == "    needs two different times; no row has a time, try --start"
+    (rule,) = json.loads(told.stdout)["rules"]
+    assert (rule["verdict"], rule["measured"], rule["row"]) == ("fail", None, None)
+    assert rule["needs"] == needs.removeprefix("    needs ")
+    ((case,),) = JUnitXml.fromstring(suites.stdout.encode())
+    assert case.result[0].type == "fail"
+    assert case.result[0].message.endswith("fail, measured no duration; " + needs.strip())
+    assert run(*arguments, "text", "--start", "2026-01-31T12:00:00Z").returncode == 0
+
+
 def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text(
