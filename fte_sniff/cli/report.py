@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fte_sniff.session.input_reading import InputReading
 
 _DELAY_BINS = 60
+_SUFFIXES = (".html", ".htm")
 
 
 @click.command(name="report", short_help="One HTML page with plots, to send to a colleague.")
@@ -45,6 +46,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     fte-sniff report logs/ --from -10m -o last.html
     """
     check_inputs(query.files, output)
+    _check_suffix(output)
     try:
         from fte_sniff.cli.report_page import ReportFacts, page, title_of
     except ModuleNotFoundError as error:
@@ -82,6 +84,16 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         print_err(f"fte-sniff: {advice}")
     print_err(f"fte-sniff: {output}: {reading.written:,} rows, {len(text) / 1e6:,.1f} MB")
     exit_if_unreadable(reading)
+
+
+def _check_suffix(output: Path) -> None:
+    """Check that the name of a file has no extension of another format; raises UsageError."""
+    if output.suffix.lower() in ("", *_SUFFIXES) or (output.exists() and not output.is_file()):
+        return
+    raise UsageError(
+        f"{output}: a report is HTML, and {output.suffix} is not one of {' '.join(_SUFFIXES)};"
+        f" name it {output.with_suffix('.html')}"
+    )
 
 
 def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:

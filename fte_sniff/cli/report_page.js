@@ -56,25 +56,26 @@
     return { x: Float64Array.from(points, (p) => p[0]), y: Float64Array.from(points, (p) => p[1]) };
   }
 
-  // A line that ends at each of the other times (NaN is drawn as a gap); one that holds its value
-  // goes on to the end of the capture.
+  // A line that ends at each of the other times (NaN is drawn as a gap). One that holds its value
+  // holds it until then, or until the end of the capture.
   function broken(line, others, holds) {
     const breaks = others.slice().sort((a, b) => a - b);
-    const x = new Float64Array(line.x.length + breaks.length + 1);
+    const x = new Float64Array(line.x.length + 2 * breaks.length + 1);
     const y = new Float64Array(x.length);
-    let n = 0, b = 0, open = false;
+    let n = 0, b = 0, open = false, value;
     const interrupt = (until) => {
       for (; b < breaks.length && breaks[b] <= until; b++) {
+        if (open && holds) { x[n] = breaks[b]; y[n++] = value; }
         if (open) { x[n] = breaks[b]; y[n++] = NaN; }
         open = false;
       }
     };
     for (let i = 0; i < line.x.length; i++) {
       interrupt(line.x[i]);
-      x[n] = line.x[i]; y[n++] = line.y[i]; open = true;
+      x[n] = line.x[i]; y[n++] = value = line.y[i]; open = true;
     }
     interrupt(Infinity);
-    if (open && holds) { x[n] = meta.last; y[n++] = line.y[line.y.length - 1]; }
+    if (open && holds) { x[n] = meta.last; y[n++] = value; }
     return { x: x.subarray(0, n), y: y.subarray(0, n) };
   }
 
@@ -93,6 +94,8 @@
   }
 
   // ---- What is drawn of a range ---------------------------------------------------------------------
+
+  const SHORT = 4; // pixels
 
   function firstAfter(x, value) {
     let low = 0, high = x.length;
@@ -133,6 +136,17 @@
     return { x: xs, y: ys };
   }
 
+  // The points of lines that are too short to be seen.
+  function dots({ x, y }, pixel) {
+    const found = { x: [], y: [] };
+    for (let start = 0, end; start < y.length; start = end + 1) {
+      for (end = start; end < y.length && y[end] === y[end];) end++;
+      if (x[end - 1] - x[start] > SHORT * pixel) continue;
+      for (let i = start; i < end; i++) { found.x.push(x[i]); found.y.push(y[i]); }
+    }
+    return found;
+  }
+
   // Intervals that are less than a pixel apart become one; none is narrower than a pixel.
   function bands(found, low, high, pixel) {
     const left = [], right = [];
@@ -166,13 +180,17 @@
   const whole = [range.start, range.end];
   const figures = models.roots().filter((root) => root.x_range === range);
 
+  const timesOf = (numbers) => numbers.flatMap((number) => Array.from(all[number].x));
+
   const plots = meta.plots.filter((plot) => plot.name !== "faults").map((plot) => {
     if (plot.lines) {
-      const lines = Object.entries(plot.lines).map(([name, number]) => [`chassis-${name}`, all[number]]);
+      const others = timesOf(plot.others);
+      const lines = Object.entries(plot.lines).map(
+        ([name, number]) => [`chassis-${name}`, broken(all[number], others, true)]);
       return { ...plot, lines, times: null };
     }
     const target = merged(plot.target), actual = merged(plot.actual);
-    const others = plot.others.flatMap((number) => Array.from(all[number].x));
+    const others = timesOf(plot.others);
     const times = Float64Array.from(others.concat(Array.from(target.x))).sort();
     const gaps = meta.gaps.map((gap) => gap[0]);
     return {
@@ -198,6 +216,7 @@
         if (drawn.y[i] > most) most = drawn.y[i];
       }
       source(name).data = drawn;
+      source(`${name}-dots`).data = dots(drawn, (high - low) / pixels);
     }
     const pad = Math.max(1, (most - least) * 0.06);
     if (least <= most) figureOf[plot.name].y_range.setv({ start: least - 1.5 * pad, end: most + pad });

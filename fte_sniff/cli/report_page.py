@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,12 +20,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from bokeh.embed import components
 from bokeh.models import (
+    BasicTicker,
     BoxZoomTool,
     ColumnDataSource,
     DataRange1d,
     DatetimeTicker,
     DatetimeTickFormatter,
     HoverTool,
+    NoOverlap,
     NumeralTickFormatter,
     Range1d,
     TapTool,
@@ -106,9 +109,14 @@ TEXTS: Final = {
     "feedback": later("Feedback"),
     "answered": later("Answered"),
     "unanswered": later("Unanswered"),
+    "neither": later("Neither"),
+    "neither_note": later(
+        "neither: resets, which need no answer, and commands still open where rows end"
+    ),
     "delay": later("Delay"),
     "lost": later("Times offline"),
     "error_bits": later("ERROR bits"),
+    "error_bit": later("bit {bit} in {frames} of {feedback} frames"),
     "time": later("Time"),
     "offset": later("Offset"),
     "raw": later("Bytes of the row"),
@@ -263,6 +271,7 @@ class _Plots:
         wheel = WheelZoomTool(dimensions="width", modifiers="ctrl")
         made.add_tools(wheel)
         made.toolbar.active_scroll = wheel
+        made.xaxis.major_label_policy = NoOverlap()
         made.xaxis.ticker = DatetimeTicker(desired_num_ticks=5)
         made.xaxis.formatter = DatetimeTickFormatter(
             microseconds="%H:%M:%S.%f", milliseconds="%H:%M:%S.%3N", seconds="%H:%M:%S",
@@ -310,26 +319,21 @@ class _Plots:
         traces = [one for one in self._timeline.traces if one.motor in (motor, ALL_MOTORS)]
         commands = [one for one in traces if one.kind.direction is Direction.CONTROL]
         plot = f"{name}-{motor}"
-        title = _("Motor {motor}: {name}").format(motor=motor, name=f"{name} [{field.unit}]")
+        unit = "" if field.unit.lower() == name else f" [{field.unit}]"
+        title = _("Motor {motor}: {name}").format(motor=motor, name=f"{name}{unit}")
         made = self._figure(plot, title, 230, y_range=Range1d(start=0, end=1))
         if self._timeline.errors[motor].points()[1].any():
             self._bands(made, f"{plot}-error", _BAD, "ERROR")
         if not self._timeline.online[motor].points()[1].all():
             self._bands(made, f"{plot}-offline", _OFF, _("not ONLINE"), hatch_pattern="/")
-        made.step(
-            "x", "y", mode="after", source=_empty(f"{plot}-target", "x", "y"), line_width=1.5,
-            line_color=_TARGET, name=_("target"),
-        )  # fmt: skip
-        actual = made.line(
-            "x", "y", source=_empty(f"{plot}-actual", "x", "y"), line_width=1.5,
-            line_color=_ACTUAL, name=_("actual"),
-        )  # fmt: skip
+        self._line(made, f"{plot}-target", _TARGET, _("target"), holds=True)
+        actual = self._line(made, f"{plot}-actual", _ACTUAL, _("actual"), holds=False)
         made.scatter(
             "x", 0.02, size=6, marker="triangle", source=_empty(f"{plot}-commands", "x"),
             fill_color=_TARGET, line_color=None, y_range_name="share",
             name=_("commands"),
         )  # fmt: skip
-        self._finish(made, [actual])
+        self._finish(made, actual)
         self.meta.append({
             "name": plot,
             "motor": motor,
@@ -340,24 +344,43 @@ class _Plots:
             ),
         })  # fmt: skip
 
+    def _line(self, made: Any, source: str, colour: str, label: str, *, holds: bool) -> list[Any]:
+        """A line, with dots where it is too short to be seen."""
+        options = {"source": _empty(source, "x", "y"), "line_width": 1.5, "line_color": colour}
+        line = (
+            made.step("x", "y", mode="after", name=label, **options)
+            if holds
+            else made.line("x", "y", name=label, **options)
+        )
+        dots = made.scatter(
+            "x", "y", size=5, source=_empty(f"{source}-dots", "x", "y"), color=colour
+        )
+        line.js_link("visible", dots, "visible")
+        return [line, dots]
+
     def _add_chassis(self) -> None:
         traces = [one for one in self._timeline.traces if one.motor == ALL_MOTORS and one.field]
         if not traces:
             return
         made = self._figure("chassis", _("Chassis commands"), 230, y_range=Range1d(start=0, end=1))
-        units = {one.name: one.unit for one in VALUE_FIELDS}
+        fields = {one.name: one for one in VALUE_FIELDS}
         for trace, colour in zip(traces, _CHASSIS, strict=False):
-            made.step(
-                "x", "y", mode="after", source=_empty(f"chassis-{trace.field}", "x", "y"),
-                line_width=1.5, line_color=colour,
-                name=f"{trace.field.rpartition('_')[0]} [{units[trace.field]}]",
-            )  # fmt: skip
+            field = fields[trace.field]
+            label = f"{field.option} [{field.unit}]"
+            self._line(made, f"chassis-{trace.field}", colour, label, holds=True)
         self._finish(made, [])
-        self.meta.append(
-            {"name": "chassis", "lines": {one.field: self._numbers[one] for one in traces}}
-        )
+        self.meta.append({
+            "name": "chassis",
+            "lines": {one.field: self._numbers[one] for one in traces},
+            "others": self._numbered(
+                one
+                for one in self._timeline.traces
+                if one.kind.direction is Direction.CONTROL and one not in traces
+            ),
+        })  # fmt: skip
 
     def _finish(self, made: Any, hovered: Sequence[Any]) -> None:
+        made.yaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
         made.yaxis.formatter = NumeralTickFormatter(format="0,0")
         if hovered:
             made.add_tools(
@@ -377,26 +400,33 @@ def _empty(name: str, *columns: str) -> ColumnDataSource:
 
 
 def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any:
-    """Answer delays of all motors; None without any."""
-    if not any(delays.values()):
+    """Answer delays, with the motors stacked; None without any."""
+    every = [bar for bars in delays.values() for bar in bars]
+    if not every:
         return None
+    ends = min(low for low, _high, _count in every), max(high for _low, high, _count in every)
     made = figure(
         height=230, sizing_mode="stretch_width", toolbar_location=None, tools="",
         name="delays", tags=[_("Answer delays [ms]")], x_axis_type="log", y_axis_label=_("answers"),
-        min_border_left=115, y_range=DataRange1d(start=0),
+        min_border_left=115, x_range=(ends[0] / 1.05e6, ends[1] * 1.05e-6),
+        y_range=DataRange1d(start=0),
     )  # fmt: skip
-    for number, (motor, bins) in enumerate(delays.items()):
-        if bins:
-            made.quad(
-                left=[low / 1e6 for low, _high, _count in bins],
-                right=[high / 1e6 for _low, high, _count in bins],
-                bottom=0,
-                top=[count for _low, _high, count in bins],
-                fill_color=(*_CHASSIS, _BAD)[number % 4],
-                fill_alpha=0.35,
-                line_color=(*_CHASSIS, _BAD)[number % 4],
-                name=_("motor {motor}").format(motor=motor),
-            )
+    made.xaxis.major_label_policy = NoOverlap()
+    made.yaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
+    tops: Counter[float] = Counter()
+    for motor, bars in delays.items():
+        bottoms = [tops[low] for low, _high, _count in bars]
+        tops.update({low: count for low, _high, count in bars})
+        made.quad(
+            left=[low / 1e6 for low, _high, _count in bars],
+            right=[high / 1e6 for _low, high, _count in bars],
+            bottom=bottoms,
+            top=[tops[low] for low, _high, _count in bars],
+            fill_color=(*_CHASSIS, _BAD)[motor - 1],
+            fill_alpha=0.6,
+            line_color=None,
+            name=_("motor {motor}").format(motor=motor),
+        )
     return made
 
 

@@ -28,7 +28,14 @@ from fte_sniff.row_batch import RowBatch
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 
 MS = 1_000_000
+NOON_MS = 1_769_860_800_000 - 10 * 86.8e-3
+"""When the first byte began of a frame that a log shows at 12:00 on 2026-01-31, UTC."""
 HOSTILE = "<script>window.hit=1</script>\"'><img src=x onerror=window.hit=1>"
+
+HIDDEN = """
+    return Bokeh.documents[0].roots().flatMap((one) => one.renderers)
+        .filter((one) => !one.visible).map((one) => one.data_source.name);
+"""
 
 needs_browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and ChromeDriver are not installed"
@@ -134,6 +141,61 @@ def test_a_narrow_range_has_exactly_the_rows(run, tmp_path, browser, samples) ->
     targets = [value for value in source(browser, "rpm-2-target")["y"] if value is not None]
     speeds = [row["rpm"] for row in commands if row["kind"] == "speed"]
     assert targets[: len(speeds)] == speeds
+
+
+SHORT_LOG = """
+[12:00:00.000] TX: AA 01 01 03 E8 00 00 00 00 EE
+[12:00:00.050] TX: AA 01 01 01 F4 00 00 00 00 EE
+[12:00:00.060] RX: 55 01 01 03 E8 00 00 00 0F EE
+[12:00:00.070] TX: AA 02 02 03 E8 00 00 27 10 EE
+[12:00:00.080] RX: 55 02 02 00 00 27 10 00 0F EE
+[12:00:00.150] TX: AA 03 00 00 0A 00 00 00 00 EE
+[12:00:00.200] TX: AA 01 04 03 E8 00 00 00 00 EE
+[12:00:00.210] TX: AA 02 04 03 E8 00 00 27 10 EE
+"""
+
+
+@needs_browser
+def test_a_value_is_drawn_for_as_long_as_it_is_known(run, tmp_path, browser) -> None:
+    """A target holds until the next command; what is known at one moment is a dot."""
+    (tmp_path / "short.log").write_text(SHORT_LOG)
+    shown(browser, made(run, tmp_path, "short.log", "--date", "2026-01-31"))
+
+    def lines(name: str) -> list[tuple[int, float | None]]:
+        found = source(browser, name)
+        return [
+            (round(x - NOON_MS), y) for x, y in zip(found["x"], found["y"], strict=True)
+        ]  # the browser's NaN is None here
+
+    target = [(0, 1000), (50, 500), (150, 500), (150, None)]
+    assert lines("rpm-1-target") == target
+    assert lines("pulses-2-target") == [(70, 10_000), (150, 10_000), (150, None)]
+    assert lines("rpm-4-target") == [(200, 1000), (210, 1000), (210, None)]
+    assert lines("chassis-vx_cm_s") == [(150, 10), (200, 10), (200, None)]
+    assert lines("rpm-1-target-dots") == lines("chassis-vx_cm_s-dots") == []
+    assert lines("rpm-1-actual-dots") == lines("rpm-1-actual") == [(60, 1000)]
+    assert lines("pulses-2-actual-dots") == [(80, 10_000)]
+    assert set(lines("pulses-4-target-dots")) == {(210, 10_000)}
+    scrolled_to(browser, "rpm-1-actual")
+    browser.find_element(By.XPATH, "//label[. = 'actual']").click()
+    hidden = ["rpm-1-actual", "rpm-1-actual-dots"]
+    WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(HIDDEN) == hidden)
+
+
+@needs_browser
+def test_equal_delays_of_two_motors_are_bars_upon_each_other(run, tmp_path, browser) -> None:
+    (tmp_path / "short.log").write_text(SHORT_LOG)
+    shown(browser, made(run, tmp_path, "short.log", "--date", "2026-01-31"))
+    script = """
+        const {renderers} = Bokeh.documents[0].get_model_by_name("delays");
+        return renderers.map(({name, glyph, data_source: {data}}) => [
+            name, Array.from(data.bottom ?? [glyph.bottom.value]), Array.from(data.top)]);
+    """
+    assert browser.execute_script(script) == [["motor 1", [0], [1]], ["motor 2", [1], [2]]]
+    legends = browser.find_elements(By.CSS_SELECTOR, ".legend label")
+    names = [one.text for one in legends]
+    assert names[-2:] == ["motor 1", "motor 2"]
+    assert names[-5:-2] == ["vx [cm/s]", "vy [cm/s]", "wz [mrad/s]"]
 
 
 def at(browser: webdriver.Chrome, place: str) -> tuple[int, int]:
@@ -278,15 +340,11 @@ def test_recorded_gaps_are_bands_that_differ_from_offline_ones(run, tmp_path, br
 @needs_browser
 def test_the_legend_toggles_a_series(run, tmp_path, browser, samples) -> None:
     shown(browser, made(run, tmp_path, samples / "clean.mcap"))
-    hidden = """
-        return Bokeh.documents[0].roots().flatMap((one) => one.renderers)
-            .filter((one) => !one.visible).map((one) => one.data_source.name);
-    """
     entry = browser.find_element(By.XPATH, "//label[. = 'commands']")
     entry.click()
-    assert browser.execute_script(hidden) == ["rpm-1-commands"]
+    assert browser.execute_script(HIDDEN) == ["rpm-1-commands"]
     entry.click()
-    assert browser.execute_script(hidden) == []
+    assert browser.execute_script(HIDDEN) == []
 
 
 @needs_browser
@@ -334,6 +392,13 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
         assert re.search(rf">{fault['fault']}</td><td class=\"number\">{fault['rows']:,}<", text)
     for stream in numbers["ports"][0]["streams"]:
         assert f"<tr><td>{stream['kind']}</td>" in text
+    for motor in numbers["motors"]:
+        names = ("motor", "commands", "feedback", "answered", "unanswered", "neither")
+        counts = [f'<td class="number">{motor[name]:,}</td>' for name in names]
+        assert f"<tr>{''.join(counts)}" in text
+        for bit in motor["error_bits"]:
+            assert f"Bit {bit['bit']} in {bit['frames']:,} of {motor['feedback']:,} frames" in text
+    assert "Neither: resets, which need no answer" in text
     heads = set(re.findall(r"<th[^>]*>([^<]*)</th>", text))
     assert heads <= {head[:1].upper() + head[1:] for head in TEXTS.values()} | {"99 %"}
 
@@ -368,6 +433,7 @@ def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
         (["clean.mcap", "-o", "clean.mcap", "--force"], 2, "is an input, and would be lost"),
         (["none.mcap", "-o", "r.html"], 4, "there is no such file"),
         (["clean.mcap"], 2, "Missing option '-o'"),
+        (["clean.mcap", "-o", "r.pdf"], 2, "is not one of .html .htm; name it r.html"),
     ],
 )
 def test_one_line_says_what_is_wrong(run, tmp_path, samples, arguments, code, message) -> None:
@@ -378,7 +444,7 @@ def test_one_line_says_what_is_wrong(run, tmp_path, samples, arguments, code, me
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert (tmp_path / "old.html").read_text() == "old"
-    assert not list(tmp_path.glob("*.part"))
+    assert not [*tmp_path.glob("*.part"), *tmp_path.glob("r.*")]
 
 
 def test_a_file_that_cannot_be_read_is_reported_and_the_others_are_in_the_page(
@@ -406,11 +472,11 @@ def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, sampl
 
 
 def test_the_page_goes_through_a_pipe_and_replaces_none(run, tmp_path: Path, samples: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
+    os.mkfifo(tmp_path / "pipe.pdf")
     with (tmp_path / "copy").open("wb") as copy:
-        reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=copy)
-        done = run("report", samples / "clean.mcap", "-o", "pipe", "--force")
+        reader = subprocess.Popen(["cat", tmp_path / "pipe.pdf"], stdout=copy)
+        done = run("report", samples / "clean.mcap", "-o", "pipe.pdf", "--force")
         assert reader.wait(60) == 0
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "pipe.pdf").is_fifo()
     assert (tmp_path / "copy").read_bytes().rstrip().endswith(b"</html>")
