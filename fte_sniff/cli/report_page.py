@@ -408,7 +408,7 @@ def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any
     made = figure(
         height=230, sizing_mode="stretch_width", toolbar_location=None, tools="",
         name="delays", tags=[_("Answer delays [ms]")], x_axis_type="log", y_axis_label=_("answers"),
-        min_border_left=115, x_range=(ends[0] / 1.05e6, ends[1] * 1.05e-6),
+        min_border_left=115, x_range=Range1d(start=ends[0] / 1.05e6, end=ends[1] * 1.05e-6),
         y_range=DataRange1d(start=0),
     )  # fmt: skip
     made.xaxis.major_label_policy = NoOverlap()
