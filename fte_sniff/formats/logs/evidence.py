@@ -21,8 +21,11 @@ NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
-_GOES_ON: Final = rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}"
-"""After a run that is a part of something else: of words, or of numbers with colons or dashes."""
+_GOES_ON: Final = (
+    rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}|[ ,;\t]+\d{3,}(?![\w.:-])"
+)
+"""After a run that is a part of something else: of words, or of numbers."""
+_MORE: Final = (b" ", b":", b"-", b",", b";", b"\t")
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
@@ -138,7 +141,7 @@ def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes
             before, end = b"", line
         key, after = before + folded(text[end : run.start]), text[run.stop : run.stop + 8]
         key = key[-_LONGEST_KEY:]
-        goes_on = after[:1] in (b" ", b":", b"-") and re.match(_GOES_ON, after)
+        goes_on = after[:1] in _MORE and re.match(_GOES_ON, after)
         yield run, key + "…".encode() if goes_on else key
         if len(run.data) >= LIKE_BYTES:
             before, end = key + b"0", run.stop
@@ -201,6 +204,23 @@ class Hypothesis:
         for lane in lanes:
             for key, cut in lane.cuts.items():
                 self.cuts.setdefault(without_labels(key), cut)
+
+    def cut_of(self, key: bytes) -> slice | None:
+        """Which numbers of a run of this lane are data; None if it is another lane.
+
+        A number that is left out is not in the run where it is too large for a byte.
+        """
+        words = without_labels(key)
+        if words in self.cuts:
+            return self.cuts[words]
+        before, missing = words.removesuffix("…"), 0
+        while (cut := self.cuts.get(before, self.cuts.get(before.strip()))) is None:
+            shorter = re.sub(r"0[ ,;\t]+$", "", before)
+            if shorter == before:
+                return None
+            before, missing = shorter, missing + 1
+        first, last = (cut.start or 0) - missing, (cut.stop or 0) + words.endswith("…")
+        return slice(first, last or None) if first >= 0 >= last else None
 
     @property
     def rank(self) -> tuple[int, bool]:

@@ -126,7 +126,11 @@ _BEGIN: Final = r"(?:(?![0-9A-Za-z])|(?<![0-9A-Za-z]))"
 _END: Final = r"(?:(?<![0-9A-Za-z])|(?![0-9A-Za-z]))"
 """Where no word goes on."""
 _GROUP: Final = "(?P<x>(?:[0-9A-Fa-f]{2})++)"
-_BYTE: Final = r"(?<![\w.])(?<!\d:)(?P<d>-?\d{1,3})(?!\w|[.:]\d|\"\s*:)"
+_BYTE: Final = (
+    r"(?<![\w.])(?<!\d:)(?P<d>25[0-5]|2[0-4]\d|[01]?\d{1,2}|-(?:12[0-8]|1[01]\d|\d{1,2}))"
+    r"(?!\w|[.:]\d|\"\s*:)"
+)
+"""Of -128 to 255: a counter beside the bytes is one of them only up to there."""
 _ANY: Final = r"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
 _STRING: Final = r"[bu]?(?:\"(?P<t>(?:[^\"\\\n]|\\.)*+)\"|'(?P<t1>(?:[^'\\\n]|\\.)*+)')"
 _CELL: Final = (

@@ -15,7 +15,6 @@ from fte_sniff.formats.logs.evidence import (
     frames_in,
     label_of,
     runs_in_lanes,
-    without_labels,
 )
 from fte_sniff.formats.logs.times import Fields, Text, masked, time_rule
 
@@ -91,7 +90,7 @@ class Layout:
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), set[int]()
         for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
-            cut = self.hypothesis.cuts.get(without_labels(key))
+            cut = self.hypothesis.cut_of(key)
             if cut is None:
                 others |= {run.start} if len(run.data) >= LIKE_BYTES else set()
                 continue

@@ -422,3 +422,16 @@ def test_records_in_one_line_are_as_in_lines_of_their_own(name: str, between: st
     one_line, lines = (rows_of(joint.join(records).encode()) for joint in (between, "\n"))
     assert len(lines[0]) == 400
     assert one_line == lines
+
+
+@pytest.mark.parametrize("separator", [",", " ", ";"])
+@pytest.mark.parametrize("form", ["{number}{separator}{data}", "{data}{separator}{number}"])
+def test_a_counter_beside_decimal_bytes_is_never_one_of_them(form: str, separator: str) -> None:
+    log = a_log(seed=2, frames=1200)
+    text = "".join(
+        form.format(number=at, separator=separator, data=separator.join(map(str, one.data))) + "\n"
+        for at, one in enumerate(log)
+    )
+    rows, notes = rows_of(text.encode())
+    assert [row.raw for row in rows] == [one.data for one in log]
+    assert not [note for note in notes if "hold" in note]
