@@ -1,9 +1,10 @@
 r"""Logs without any text around bytes: plain hex, and the rows that this program wrote.
 
 Plain hex is read strictly: a typing error is refused with its position. Accepted are digits in
-pairs, together or apart, a lone digit by itself (`AA 2 2`), `0x`, `\x` or `$` before or `h` after a
-byte, any of `, ; : - |`, brackets and quotes between, and comments. Own rows are tables, CSV and
-JSON lines; they come back with their ports and times.
+pairs, together or apart, a lone digit (`AA 2 2`) at the start of a line or where no byte has a
+leading zero, `0x`, `\x` or `$` before or `h` after a byte, any of `, ; : - |`, brackets and quotes
+between, and comments. Own rows are tables, CSV and JSON lines; they come back with their ports and
+times.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ def bytes_of_line(line: bytes, number: int = 1, column: int = 0) -> bytes:
     Raises:
         InputTextError: something is not hex; the message names line, column and the character.
     """
-    found, at = bytearray(), 0
+    found, at, padded = bytearray(), 0, re.search(rb"\b0[0-9A-Fa-f]\b", line) is not None
     for token in re.finditer(_TOKEN, line):
-        if token.start() > at:
+        is_half = padded and at and len(token[0]) == 1 and token["digits"]
+        if token.start() > at or is_half:
             break
         at = token.end()
         if digits := token["digits"]:

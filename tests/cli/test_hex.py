@@ -58,6 +58,25 @@ def test_no_hex_is_one_line_that_points_at_the_character(run) -> None:
     assert done.stderr.count("\n") == 1
 
 
+def test_half_a_byte_at_the_end_is_a_mistake(run) -> None:
+    done = run("hex", "AA 01 01 03 E8 00 00 00 00 E")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "not hex: 'E' in line 1, column 28" in done.stderr
+
+
+def test_directions_of_a_paste_are_streams_of_their_own(run) -> None:
+    host, answer = "AA 01 01 03 E8 00 00 00 00 EE", "55 01 01 03 E8 00 00 00 0F EE"
+    for tx, rx in (("TX: ", "RX: "), ("发送：", "接收："), (">> ", "<< ")):
+        text = f"{rx}{answer[:11]}\n{tx}{host}\n{rx}{answer[12:]}\n"
+        done = run("hex", "--format", "jsonl", stdin=text)
+        rows = [json.loads(line) for line in done.stdout.splitlines()]
+        assert [(row["port"], row["raw"]) for row in rows] == [
+            ("hex:rx", answer.replace(" ", "")),
+            ("hex:tx", host.replace(" ", "")),
+        ]
+        assert done.stderr == ""
+
+
 def test_no_bytes_at_all(run) -> None:
     done = run("hex", "-", stdin="# nothing")
     assert done.returncode == 2

@@ -48,7 +48,9 @@ class EvidenceLog(LogForm):
         self.layout = Layout(found[0], lines, given=given)
         self.clock = LogClock(self.layout.times, options, self._count)
         self.rank, self.is_certain = found[0].rank, len(found[0].frames) >= _CERTAIN
-        self.single = self._paste or not self.layout.streams
+        self.single = not self.layout.streams
+        if self._paste:  # one direction, or a second column, is no second wire
+            self.single = len(self.layout.streams) < 2 or self.layout.labels == "lane"
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
         self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
@@ -199,20 +201,20 @@ class EvidenceLog(LogForm):
     def _port(self, name: str, label: str | None) -> str:
         known = self.layout.streams
         several = len(known) > 1 or (known and label not in known)
-        return f"{name}:{label}" if several and label and not self._paste else name
+        return f"{name}:{label}" if several and label else name
 
     def _found(self, block: TextBlock, at: int) -> list[Found]:
         """The bytes of a line, or what a heading says; what is not read is counted."""
         line, number = block.lines[at], block.first + at
         line = line if self._pattern is None else _rearranged(line, self._pattern)
-        found, others = self.layout.read(line)
-        if found and self._paste and (words := _unread_words(line, found)):
+        found, other = self.layout.read(line)
+        if found and self._paste and (words := _unread_words(line, found, single=self.single)):
             self._count("hold words that are not read as bytes", number, words)
-        if others:
-            self._count(_LIKE, number, line)
+        if other:
+            self._count(_LIKE, number, other)
         if not found and line.strip() == b"*" and self.layout.times.where == "none":
             found = [Found(gap=True)]  # a dump leaves out lines like that before
-        elif not found and line.strip():
+        elif not found and not other and line.strip():
             self._count("hold no bytes", number, line)
         for one in found:
             if one.gap:
@@ -236,7 +238,7 @@ class EvidenceLog(LogForm):
             one = f"line {number} {what.replace(' ', 's ', 1)}{shown}"
             many = f"{count:,} lines {what}, for example line {number}{shown}"
             notes.append(one if count == 1 else many)
-        if _LIKE in self._seen:
+        if _LIKE in self._seen and not self._paste:
             notes.append(f"{_REGEX} the bytes are")
         return notes if self._paste else [*notes, *self.clock.notes]
 
@@ -245,11 +247,14 @@ class EvidenceLog(LogForm):
         return [*self.layout.explain(), *self._scores]
 
 
-def _unread_words(line: bytes, found: Sequence[Found]) -> str:
-    """The words of a line before and between its bytes that are no time and no direction."""
-    text = without_bytes(masked(line).replace(b"~", b" "), found)[: found[-1].start]
-    start = found[0].start
-    words = f"{without_labels(text[:start])} {text[start:].decode('utf-8', 'replace')}"
+def _unread_words(line: bytes, found: Sequence[Found], *, single: bool) -> str:
+    """The words before and between the bytes of a line that are no time.
+
+    Directions before the first bytes are left out; those between, if the log is not `single`.
+    """
+    text = without_bytes(masked(line).replace(b"~", b" "), found)
+    start, last = found[0 if single else -1].start, found[-1].start
+    words = f"{without_labels(text[:start])} {text[start:last].decode('utf-8', 'replace')}"
     return " ".join(re.findall(r"\w+", words))
 
 
@@ -278,7 +283,7 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
         one for one in EXTRACTORS if options.form in (None, one.name, one.name.partition(",")[0])
     ]
     if not forms:
-        names = ", ".join(one.name for one in EXTRACTORS)
+        names = "; ".join(one.name for one in EXTRACTORS)
         raise InputTextError(f"--form: there is no form {options.form!r}; the forms are: {names}")
     sample = Sample(lines)
     ranked = sample.hypotheses(forms)

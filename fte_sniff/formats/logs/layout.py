@@ -22,6 +22,8 @@ _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
 _MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
+_ONE_WORD: Final = rb"\W*(?:\d{1,16}|\w{1,8})\W*"
+"""An address, a counter or a name."""
 _BORDER: Final = re.compile(rb"[}\])]\s*,?\s*(?=[{\[(])|</\w+>|;")
 """Between two records in a line."""
 _FAR: Final = 4096
@@ -85,14 +87,16 @@ class Layout:
             if self._separates(kind, where, texts, runs, least):
                 break
 
-    def read(self, line: bytes) -> tuple[list[Found], bool]:
-        """The bytes of a line, or what a heading says; whether other runs look like bytes too."""
+    def read(self, line: bytes) -> tuple[list[Found], bytes]:
+        """The bytes of a line, or what a heading says; another run that looks like bytes."""
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
-        found, others = list[Found](), set[int]()
+        found, others = list[Found](), dict[int, bytes]()
         for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
             cut = self.hypothesis.cut_of(key)
             if cut is None:
-                others |= {run.start} if len(run.data) >= LIKE_BYTES else set()
+                text = line[run.start : run.stop]
+                if len(run.data) >= LIKE_BYTES and not re.fullmatch(_ONE_WORD, text):
+                    others[run.start] = text
                 continue
             gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
             found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
@@ -100,8 +104,8 @@ class Layout:
         if not found and "above" in (self.labelled, self.times.where):
             heading = self._described(Found(parts={"above": ((0, len(line)),)}), line)
             found = [heading] * bool(heading.fields or heading.label)
-        of_times = {at for one in found for at, _ in (one.fields or {}).values()}
-        return found, not others <= of_times
+        times = {at for one in found for at, _ in (one.fields or {}).values()}
+        return found, next((text for at, text in others.items() if at not in times), b"")
 
     def _described(self, found: Found, line: bytes) -> Found:
         """The bytes with their label and time."""

@@ -74,8 +74,8 @@ def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
 
 def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     """The shape of a line; None if lines like it must be parsed one by one."""
-    found, others = layout.read(line)
-    if others or not found or any(one.gap for one in found):
+    found, another = layout.read(line)
+    if another or not found or any(one.gap for one in found):
         return None
     if any((one.label, one.fields) != (found[0].label, found[0].fields) for one in found):
         return None
@@ -99,7 +99,7 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     other = bytearray(line)
     for at in digits & numbers:
         other[at] = _NEXT_DIGIT[line[at]]
-    if layout.read(bytes(other)) != (found, False):
+    if layout.read(bytes(other)) != (found, b""):
         digits &= timed  # the numbers are labels
     return _Shape(line, found[0].label, fields, sorted(digits), pairs + skipped, len(data))
 

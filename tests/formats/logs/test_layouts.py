@@ -435,3 +435,11 @@ def test_a_counter_beside_decimal_bytes_is_never_one_of_them(form: str, separato
     rows, notes = rows_of(text.encode())
     assert [row.raw for row in rows] == [one.data for one in log]
     assert not [note for note in notes if "hold" in note]
+
+
+def test_an_address_is_not_reported_as_bytes_and_other_bytes_are_shown() -> None:
+    dump = "".join(f"{at * 10:08x}: {one.data.hex(' ')}\n" for at, one in enumerate(a_log(seed=2)))
+    assert rows_of(dump.encode())[1] == []
+    _, notes = rows_of((dump + "sensor raw: 01 02 03 04 05\n").encode())
+    assert len(notes) == 2
+    assert "is not read: '01 02 03 04 05'" in notes[0]
