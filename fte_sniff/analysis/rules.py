@@ -69,9 +69,7 @@ MEASURES: Final = {
         Argument.PERCENTILE, "ms", "delay(p95) < 20", "an answered command with times", True
     ),
     "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0", "a row"),
-    "online": MeasureKind(
-        Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor, with times", True
-    ),
+    "online": MeasureKind(Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor"),
     "min": MeasureKind(
         Argument.FIELD, "", "min(rpm, motor = 1) >= -300", "a matching row with the field"
     ),

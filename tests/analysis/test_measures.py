@@ -266,6 +266,15 @@ def test_a_rate_of_matching_rows_fails_without_two_different_times(
     assert verdict("rate(motor = 2) == 0").needs == "a row"
 
 
+def test_times_are_needed_only_where_they_would_help() -> None:
+    command = frame("speed", None, motor=1, rpm=1)
+    feedback = frame("speed_feedback", None, motor=1, rpm=1, online=1)
+    assert verdict("online(1) > 0", command).needs == "feedback of the motor"
+    assert verdict("online(1) == 1", command, feedback).result == "pass"
+    timed = ("delay(max) < 1", "max_gap(motor = 1) < 1", "duration() > 0")
+    assert all("--start" in verdict(text, command, feedback).needs for text in timed)
+
+
 @pytest.mark.parametrize("text", EXPECTED)
 def test_without_rows_nothing_is_covered(text: str) -> None:
     found = verdict(text)

@@ -74,6 +74,14 @@ def test_a_rate_without_times_fails_and_says_what_it_needs(run, samples: Path) -
     assert run(*arguments, "text", "--start", "2026-01-31T12:00:00Z").returncode == 0
 
 
+def test_every_key_is_described(run, samples: Path) -> None:
+    done = run("check", samples / "damaged.mcap", "--expect", BAD, "--format", "json")
+    described = set(re.findall(r"`(\w+)(?:\[\])?`", (ROOT / "docs/check.md").read_text()))
+    told = json.loads(done.stdout)
+    (rule,) = told["rules"]
+    assert set(told) | set(rule) | set(rule["row"]) <= described
+
+
 def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text(
@@ -329,6 +337,14 @@ def test_a_capture_is_judged_as_its_recording_is(
         assert told.stdout in live.stderr
     else:
         assert "verdict" not in live.stderr
+
+
+def test_a_lost_port_counts_more_than_the_rules_that_fail(run, tmp_path: Path) -> None:
+    rules = rules_file(tmp_path, "count(feedback) == 0")
+    port = "sim://?frames=40&rate=400"
+    done = run("live", port, "--check", rules, "--plain", "--no-reconnect", "--no-record")
+    assert done.returncode == 3
+    assert re.search(r"^! count\(feedback\) == 0 .* fail$", done.stderr, re.MULTILINE)
 
 
 def test_a_capture_for_some_time_ends_with_its_verdict(

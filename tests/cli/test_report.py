@@ -19,8 +19,10 @@ from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.expected_conditions import visibility_of
 from selenium.webdriver.support.ui import WebDriverWait
 
+import fte_sniff
 from benchmarks.recorded_rows import START_NS, write_recording
-from fte_sniff.cli.report_page import TEXTS
+from fte_sniff.analysis.timeline import Timeline
+from fte_sniff.cli.report_page import TEXTS, ReportFacts, page
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Gap, GapKind, encode
 from fte_sniff.recording.bulk_writer import BulkWriter
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
@@ -313,20 +315,23 @@ def test_nothing_is_cut_off_on_paper(run, tmp_path, browser) -> None:
 
 
 @needs_browser
-def test_recorded_gaps_are_bands_that_differ_from_offline_ones(run, tmp_path, browser) -> None:
+def test_gaps_and_flags_are_bands_that_differ(run, tmp_path, browser) -> None:
     frames = [feedback(number, 5) for number in range(90)]
     offline = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0})
     frames[80] = replace(frames[80], raw=offline)
+    faulty = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "error": 1})
+    frames[70] = replace(frames[70], raw=faulty)
     path = tmp_path / "x.mcap"
     writer = BulkWriter(path, [PortFacts("a")])
     writer.write(RowBatch.from_rows(frames[:30] + frames[60:]))
     gap = Gap(GapKind.WRITE_ERROR, 30, frames[30].t_ns, frames[60].t_ns, "no space is left")
     writer.close([(GAP_NAME, gap_to_metadata(gap))])
     shown(browser, made(run, tmp_path, path))
-    found = source(browser, "rpm-1-gap")
     start_ms = START_NS / MS
-    assert found["left"] == pytest.approx([start_ms + 30], rel=0, abs=0.01)
-    assert found["right"] == pytest.approx([start_ms + 60], rel=0, abs=0.01)
+    for band, ends in {"gap": (30, 60), "error": (70, 71), "offline": (80, 81)}.items():
+        found = source(browser, f"rpm-1-{band}")
+        assert found["left"] == pytest.approx([start_ms + ends[0]], rel=0, abs=0.01)
+        assert found["right"] == pytest.approx([start_ms + ends[1]], rel=0, abs=0.01)
     assert "no space is left" in browser.find_element(By.TAG_NAME, "body").text
     script = """
         return [...document.querySelectorAll(".legend label")]
@@ -335,6 +340,17 @@ def test_recorded_gaps_are_bands_that_differ_from_offline_ones(run, tmp_path, br
     """
     assert set(browser.execute_script(script, "rows are missing")) == {False}
     assert set(browser.execute_script(script, "not ONLINE")) == {True}
+
+
+@needs_browser
+def test_the_histogram_has_every_answer(run, tmp_path, browser, samples) -> None:
+    shown(browser, made(run, tmp_path, samples / "damaged.mcap"))
+    script = """
+        return Bokeh.documents[0].get_model_by_name("delays").renderers
+            .map((one) => Array.from(one.data_source.data.top));
+    """
+    answered = [one["answered"] for one in fte_sniff.stats(samples / "damaged.mcap")["motors"]]
+    assert [sum(counts) for counts in browser.execute_script(script)] == answered
 
 
 @needs_browser
@@ -401,6 +417,16 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
     assert "Neither: resets, which need no answer" in text
     heads = set(re.findall(r"<th[^>]*>([^<]*)</th>", text))
     assert heads <= {head[:1].upper() + head[1:] for head in TEXTS.values()} | {"99 %"}
+
+
+@pytest.mark.parametrize("most_points", [9, 10])
+def test_a_page_without_every_row_says_so(tmp_path, most_points: int) -> None:
+    frames = [feedback(number, 5) for number in range(10)]
+    timeline = Timeline(most_points)
+    timeline.observe(RowBatch.from_rows(frames))
+    numbers = fte_sniff.stats(recorded(tmp_path / "a.mcap", frames))
+    text = page(timeline, numbers, ReportFacts("a", [], {}, [], {}))
+    assert ("the minimum and maximum of bins of time" in text) is (most_points == 9)
 
 
 def test_rows_without_times_have_no_plots(run, tmp_path, samples) -> None:
