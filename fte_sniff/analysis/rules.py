@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import operator
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -97,6 +98,14 @@ OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
 }
 """The comparisons by sign."""
 
+_UNIT_AT_END: Final = re.compile(
+    r"""[=<>](?>\s*[+-]?\s*)
+    (?>0[xX][0-9A-Fa-f]+|0[bB][01]+|(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    (?>\s*)(?P<unit>%|/s|[^\W\d]\w*(?:/\w+)?)\s*$""",
+    re.VERBOSE,
+)
+"""A number, and after it what is probably its unit."""
+
 _UNITS: Final = {field.name: field.unit for field in VALUE_FIELDS}
 
 
@@ -126,13 +135,27 @@ class Rule:
 
         Raises InputTextError with the mistake, its position, and what was probably meant.
         """
-        rule = _Parser(expect).parse()
+        unit = _UNIT_AT_END.search(expect)
+        rule = _Parser(expect if unit is None else expect[: unit.start("unit")]).parse()
+        if unit is not None:
+            raise rule._unit_error(expect, unit.start("unit"), unit["unit"])
         return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
 
     @property
     def unit(self) -> str:
         """Unit of the measured value and the number; empty without one."""
         return _UNITS.get(self.argument) or MEASURES[self.measure].unit
+
+    def _unit_error(self, expect: str, at: int, unit: str) -> InputTextError:
+        is_share = self.measure in ("share", "online")
+        of_measure = "0 to 1" if is_share else f"in {self.unit}" if self.unit else "without a unit"
+        fix = "the number alone"
+        if unit.lower() == ("%" if is_share else self.unit.lower().removeprefix("1")):
+            fix = f"{self.operator} {self.number / (100 if is_share else 1):.12g}"
+        return InputTextError(
+            f'a rule has no unit at character {at + 1} of "{excerpt(expect, at)}";'
+            f" {self.measure} is {of_measure}: write {fix}"
+        )
 
     def holds(self, value: float) -> bool:
         """Whether a measured value is as expected."""

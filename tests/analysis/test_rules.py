@@ -92,7 +92,6 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
         ("count(malformed) == -nan", "NaN is no number"),
         ("count(malformed) == 1e999", "this number is too large"),
         ("count(malformed) == none", "a number is missing"),
-        ("delay(p95) < 20ms", "'20ms' is no number"),
         (
             "delay(p96) < 20",
             "delay needs p50, p95, p99 or max, and 'p96' is none "
@@ -117,6 +116,18 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
         ),
         ("duration(1) > 0", "a ')' is missing at character 10"),
         ("duration() > 0 AND duration() < 9", "a rule is one comparison at character 16"),
+        (
+            "delay(p95) < 20ms",
+            'a rule has no unit at character 16 of "delay(p95) < 20-->ms"; '
+            "delay is in ms: write < 20",
+        ),
+        ("share(malformed) <= 1.5 %", "share is 0 to 1: write <= 0.015"),
+        ("online(1)>99%", "online is 0 to 1: write > 0.99"),
+        ("max(rpm) < 300rpm", "max is in RPM: write < 300"),
+        ("rate(ok) >= 30/s", '30-->/s"; rate is in 1/s: write >= 30'),
+        ("max_gap(ok) < 500ms", "max_gap is in s: write the number alone"),
+        ("mean(error) < 1x", "mean is without a unit: write the number alone"),
+        ("dealy(p95) < 20ms", "did you mean delay?"),
         ("count(malformed; DROP) == 0", "';' has no meaning in a filter"),
     ],
 )
