@@ -16,10 +16,9 @@ from fte_sniff.formats.logs.evidence import (
     label_of,
     runs_in_lanes,
 )
-from fte_sniff.formats.logs.times import Fields, Text, masked, time_rule
+from fte_sniff.formats.logs.times import Fields, TimeRule, masked, time_rule
 
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
-_MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _ONE_WORD: Final = rb"\W*(?:\d{1,16}|\w{1,8})\W*"
@@ -58,6 +57,19 @@ class Found(NamedTuple):
     """Its time, as `TimeRule.stamp` reads it."""
 
 
+class _Sampled(NamedTuple):
+    """A run of a sample with its line, and the lines without bytes above it."""
+
+    run: Found
+    line: bytes
+    above: bytes
+
+    def texts(self, part: int) -> tuple[bytes, bytes, bytes]:
+        """What is before and after the run in a part of its line, and above it."""
+        before, after = (self.line[slice(*self.run.parts[at][part])] for at in ("before", "after"))
+        return before, after, self.above
+
+
 class Layout:
     """How the lines of a log are read."""
 
@@ -70,21 +82,17 @@ class Layout:
         """The labels in the sample."""
         self._names: dict[bytes, str] = {}
         """By lane, the label of its stream."""
-        self.times = time_rule([])
-        texts, runs = self._sampled(lines)
-        near = [
-            text.near(run.parts["before"][0][0], run.parts["after"][0][1])
-            for text, run in zip(texts, runs, strict=True)
-        ]
-        self.times = time_rule(near)
-        if self.times.where == "none":
-            self.times = time_rule(texts)
-        bytewise = all(len(run.data) == 1 for run in runs)
-        texts = [one._replace(line=masked(one.line), above=masked(one.above)) for one in texts]
+        self.times = TimeRule()
+        sampled = self._sampled(lines)
+        for part in (0, 1):  # near the bytes, else in their record
+            if self.times.where == "none":
+                self.times = time_rule([one.texts(part) for one in sampled])
+        bytewise = all(len(one.run.data) == 1 for one in sampled)
+        sampled = [_Sampled(one.run, *map(masked, one[1:])) for one in sampled]
         self.times.first_byte = self.times.kind == "since" and bytewise
         rules = [(2, *rule) for rule in _SEVERAL] + [(1, *rule) for rule in _LONE]
         for least, where, kind in [(1, "after", "given")] if given else rules:
-            if self._separates(kind, where, texts, runs, least):
+            if self._separates(kind, where, sampled, least):
                 break
 
     def read(self, line: bytes) -> tuple[list[Found], bytes]:
@@ -131,40 +139,36 @@ class Layout:
             f"streams: {streams if self.streams else 'one'}",
         ]
 
-    def _sampled(self, lines: Sequence[bytes]) -> tuple[list[Text], list[Found]]:
-        texts, runs, above, headings, below = list[Text](), list[Found](), b"", list[bytes](), True
+    def _sampled(self, lines: Sequence[bytes]) -> list[_Sampled]:
+        sampled, above, below = list[_Sampled](), b"", True
         for line in lines:
             found, _ = self.read(line)
             if not found and line.strip():
                 above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
-                headings = [*headings, line][:_MOST_HEADINGS]
             below = bool(found) or (below and not line.strip())
-            runs += found
-            texts += [Text(line, run.start, run.stop, above, tuple(headings)) for run in found]
-        return texts, runs
+            sampled += [_Sampled(run, line, above) for run in found]
+        return sampled
 
-    def _separates(
-        self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found], least: int
-    ) -> bool:
+    def _separates(self, kind: str, where: str, sampled: Sequence[_Sampled], least: int) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
         if where == "above":
-            labels = [label_of(kind, text.above) for text in texts]
+            labels = [label_of(kind, one.above) for one in sampled]
             for at in range(1, len(labels)):  # of the last heading that has one
                 labels[at] = labels[at] or labels[at - 1]
         elif kind == "lane":
-            labels = [str(run.key) for run in runs]
+            labels = [str(one.run.key) for one in sampled]
         else:
-            pairs = zip(texts, runs, strict=True)
-            labels = [_label(kind, text.line, run.parts[where]) for text, run in pairs]
+            labels = [_label(kind, one.line, one.run.parts[where]) for one in sampled]
         known = sorted({label for label in labels if label is not None})
         named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
         if (
             not 0 < len(known) <= _MOST_STREAMS
             or labels.count(None) > (1 - _COVERED) * len(labels)
-            or (where == "above" and len({text.above for text in texts}) < 2)
+            or (where == "above" and len({one.above for one in sampled}) < 2)
             or len(named) < least
         ):
             return False
+        runs = [one.run for one in sampled]
         pieces = [
             b"".join(run.data for own, run in zip(labels, runs, strict=True) if own == label)
             for label in {None, *known}
@@ -176,7 +180,7 @@ class Layout:
         if gain < 0 or (kind == "lane" and not (gain or pure)):
             return False
         if kind == "lane":
-            self._names = _lane_names({run.key for run in runs}, texts[0].headings)
+            self._names = _lane_names({run.key for run in runs}, sampled[0].above.split(b"\n"))
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
