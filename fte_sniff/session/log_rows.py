@@ -131,7 +131,9 @@ class _Stream:
 
         own = np.searchsorted(self._lines[0], batch.offset, "right")
         stops, lines, times, floors = self._lines[:, own]
-        t_ns = np.maximum(times - (stops - batch.offset) * self._log.byte_ns, floors)
+        before = (stops - batch.offset) * self._log.byte_ns
+        before -= before % self._log.resolution_ns  # no time is finer than the stamps
+        t_ns = np.maximum(times - before, floors)
         delay_ns = np.maximum(times - t_ns, 0)
         t_ns[times == NO_TIME] = delay_ns[times == NO_TIME] = NO_TIME
         end = batch.offset[-1] + batch.length[-1]
