@@ -3,7 +3,7 @@
 2026-01-31T12:00:05.25Z      a time, UTC or with a zone as +08:00
 2026-01-31 12:00, 2026-01-31 shorter forms: a date alone is its midnight
 12:00:05.25, 12:00+08:00     a time of day, UTC or with a zone
-10s, 1m30s, 250ms, 1.5h      a duration: h, m or min, s, ms, us, ns
+10s, 1m30s, 250ms, 1.5 h     a duration: d, h, m or min, s, ms, us, ns
 +08:00, +8, Asia/Shanghai    a zone
 """
 
@@ -35,12 +35,13 @@ _UNITS: Final = {
     "ms": SECOND_NS // 1000,
     "us": 1000,
     "ns": 1,
+    "d": DAY_NS,
     "h": 3600 * SECOND_NS,
     "min": 60 * SECOND_NS,
     "m": 60 * SECOND_NS,
     "s": SECOND_NS,
 }
-_PART: Final = rf"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)({'|'.join(_UNITS)})"
+_PART: Final = rf"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\ ?({'|'.join(_UNITS)})"
 _PARTS: Final = re.compile(_PART, re.IGNORECASE)
 _DURATION: Final = re.compile(f"(?:{_PART})+", re.IGNORECASE)
 

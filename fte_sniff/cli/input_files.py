@@ -20,6 +20,7 @@ from fte_sniff.analysis.time_text import day_of, time_ns, zone_of
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
+    Seconds,
     all_of,
     filter_option,
     line_speed_option,
@@ -133,7 +134,7 @@ _FOLLOW_OPTIONS = all_of(
     click.option(
         "--idle",
         "idle_s",
-        type=click.FloatRange(min=0, min_open=True),
+        type=Seconds(min=0, min_open=True),
         metavar="S",
         help="With --follow, where the file system has no locks: end when nothing was written for"
         f" S seconds.  [default: {DEFAULT_IDLE_S:g}]",

@@ -11,9 +11,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, time, tzinfo
+from decimal import Decimal
 from functools import cache, reduce
 from math import isfinite, isnan
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
+from fte_sniff.analysis.time_text import SECOND_NS, ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
@@ -267,14 +267,17 @@ class FileName(click.Path):
         return super().convert(value, param, ctx)
 
 
-_SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
-_TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)", re.IGNORECASE)
+DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"
+"""The end of the error for a text that is not a duration."""
 
 
 def parse_seconds(text: str) -> float | None:
-    """Seconds of `10s`, `5min`, `1h` or `2d`; None for other texts."""
-    found = _TIME.fullmatch(text)
-    return None if found is None else float(found[1]) * _SECONDS[found[2].lower()]
+    """Seconds of `100ms`, `10s`, `5min`, `1h` or `2d`; infinity if they are too many for a float.
+
+    None for other texts.
+    """
+    found = duration_ns(text)
+    return None if found is None else float(Decimal(found) / SECOND_NS)
 
 
 class Seconds(click.FloatRange):
@@ -288,7 +291,7 @@ class Seconds(click.FloatRange):
         try:
             seconds = float(value if parsed is None else parsed)
         except ValueError:
-            self.fail(f"{value!r} is not a time; use for example 10s, 5min or 1h.", param, ctx)
+            self.fail(f"{value!r} is not {DURATION_EXAMPLE}.", param, ctx)
         seconds = float(super().convert(seconds, param, ctx))
         if isnan(seconds):
             self.fail(f"{value!r} is not a number of seconds.", param, ctx)

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.cli.options import Decorator, Seconds, all_of, parse_seconds, row_filter
+from fte_sniff.cli.options import (
+    DURATION_EXAMPLE,
+    Decorator,
+    Seconds,
+    all_of,
+    parse_seconds,
+    row_filter,
+)
 from fte_sniff.errors import UsageError, quoted
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.recording.output_file import Existing, is_stream
@@ -33,6 +40,7 @@ if TYPE_CHECKING:
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
+_MEGA_OR_MINUTES = re.compile(r"\d+(?:\.\d+)?\s*m")
 _MOST_BYTES = 10**18
 _MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
@@ -64,8 +72,7 @@ def _size(text: str) -> int | None:
 
 
 def _seconds(text: str) -> float:
-    example = "a time; use for example 10s, 5min or 1h"
-    return _bounded(parse_seconds(text), _MOST_SECONDS, text, example)
+    return _bounded(parse_seconds(text), _MOST_SECONDS, text, DURATION_EXAMPLE)
 
 
 def _bounded(value: float | None, most: int, text: str, example: str) -> float:
@@ -78,10 +85,13 @@ def _bounded(value: float | None, most: int, text: str, example: str) -> float:
 def _rotate(text: str) -> _Value:
     if text.lower() in _ROTATE_WORDS:
         return _ROTATE_WORDS[text.lower()]
-    if parse_seconds(text) is not None:
-        return _seconds(text)
+    if _MEGA_OR_MINUTES.fullmatch(text):
+        number = text[:-1].strip()
+        raise click.BadParameter(f"{quoted(text)} is ambiguous; write {number}MB or {number}min")
     if _SIZE.fullmatch(text):
         return _size(text)
+    if parse_seconds(text) is not None:
+        return _seconds(text)
     raise click.BadParameter(
         f"{text!r} is neither a size nor a time; use for example 512MB or 1h, auto or none"
     )

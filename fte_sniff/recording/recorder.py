@@ -242,6 +242,27 @@ class Recorder:
                 return
 
     def _put(self, entries: Sequence[Entry]) -> None:
+        if (limit_s := self._options.rotate_s) is not None:
+            entries = self._rotate_within(entries, round(limit_s * 1e9))
+        self._append(entries)
+
+    def _rotate_within(self, entries: Sequence[Entry], limit_ns: int) -> Sequence[Entry]:
+        """Record entries up to the last rotation that is due between them; return the others."""
+        while entries and self._backoff.is_due and (writer := self._writer) is not None:
+            first_ns = writer.span_ns[0] if writer.span_ns else entries[0].t_ns or 0
+            if (entries[-1].t_ns or 0) - first_ns < limit_ns:
+                break
+            late = (at for at, one in enumerate(entries) if (one.t_ns or 0) - first_ns >= limit_ns)
+            end = next(late)
+            self._append(entries[:end])
+            entries = entries[end:]
+            self.rotate()
+            self.flush()
+            if self._writer is writer:
+                break
+        return entries
+
+    def _append(self, entries: Sequence[Entry]) -> None:
         writer = self._writer
         if writer is None:
             self._miss(entries)

@@ -109,6 +109,8 @@ def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
         ("2.s", 2 * SECOND_NS),
         ("1m30s", 90 * SECOND_NS),
         ("1min", 60 * SECOND_NS),
+        ("1.5 h", 5400 * SECOND_NS),
+        ("2d", 172_800 * SECOND_NS),
         ("1h2min3s4ms5us6ns", 3_723_004_005_006),
         ("0.0000000001s", 0),
         ("10", None),

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
+from fte_sniff.cli.options import Seconds
 from fte_sniff.cli.recording_options import options_from, options_with, recording_options
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
@@ -39,6 +40,18 @@ def test_options_that_are_not_given_have_the_defaults_of_a_recording() -> None:
     assert _parse(recording_options)[0] == RecordingOptions()
     triggered, _ = _parse(recording_options, "--trigger", "error > 0")
     assert triggered == RecordingOptions(trigger_window=TriggerWindow())
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("100ms", 0.1), ("2.5 s", 2.5), ("5min", 300.0), ("1m30s", 90.0)]
+)
+def test_every_time_takes_every_unit(text: str, seconds: float) -> None:
+    trigger = ["--trigger", "error > 0", "--before", text, "--after", text]
+    found, _ = _parse(recording_options, *trigger, "--rotate", "1d")
+    assert found.trigger_window == TriggerWindow(seconds, seconds)
+    assert found.rotate_s == 86_400
+    context = click.Context(click.Command("x"))
+    assert Seconds(min=0).convert(text, click.Option(["--duration"]), context) == seconds
 
 
 def test_other_defaults_of_a_recording_are_those_of_the_options() -> None:
@@ -142,12 +155,14 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
         (["--rotate", "9" * 400], "9…' is too large for a size; use for example 512MB"),
-        (["--rotate", "9" * 400 + "s"], "9…' is too large for a time; use for example 10s"),
+        (["--rotate", "9" * 400 + "s"], "9…' is too large for a time; use for example 100ms"),
         (["--max-size", "9" * 400], "9…' is too large"),
         (["--min-free", "9" * 400 + "TiB"], "9…' is too large"),
         (["--trigger", "motor = 1", "--before", "9" * 400 + "s"], "9…' is too large"),
         (["--trigger", "motor = 1", "--after", "9" * 400 + "h"], "9…' is too large"),
         (["--before", "5s"], "--trigger"),
+        (["--rotate", "5m"], "'5m' is ambiguous; write 5MB or 5min"),
+        (["--duration", "5 parsecs"], "100ms, 10s, 5min or 1h"),
         (["--after", "5"], "10s, 5min or 1h"),
         (["--trigger", "speed ="], "speed ="),
         (["--rotate", "1h", "-o", "-"], "cannot be rotated"),

@@ -117,6 +117,32 @@ def test_no_row_is_lost_or_doubled_by_rotation(
         assert len(files) == len(sizes) + 1
 
 
+@examples(25)
+@given(
+    sizes=st.lists(st.integers(1, 60), min_size=1, max_size=12),
+    steps=st.integers(1, 70),
+    flushes=st.booleans(),
+)
+def test_a_file_that_rotates_by_time_ends_at_that_time(
+    tmp_path_factory: pytest.TempPathFactory, sizes: list[int], steps: int, *, flushes: bool
+) -> None:
+    """However the rows come, and however seldom they are flushed."""
+    folder = tmp_path_factory.mktemp("rotation")
+    rows = some_rows(sum(sizes))
+    options = replace(ALL, rotate_s=steps * STEP / 1e9)
+    recorder = Recorder(folder / "x.mcap", [PORT], options=options)
+    start = 0
+    for size in sizes:
+        recorder.write(rows[start : start + size])
+        start += size
+        if flushes:
+            recorder.flush()
+    recorder.close()
+    found = [_rows(file) for file in _files(folder)]
+    expected = [rows[first : first + steps] for first in range(0, len(rows), steps)]
+    assert [one for one in found if one] == expected
+
+
 def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
     _record(recorder, [some_rows(30)])
