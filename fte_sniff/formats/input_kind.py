@@ -15,6 +15,10 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 
 
+_FIRST = 4096
+"""Bytes that show the format of a file."""
+
+
 class InputKind(StrEnum):
     """The format of an input."""
 
@@ -39,7 +43,7 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
 
 
 def kind_of_file(path: Path) -> InputKind:
-    """Return the format of a file by its suffix, or by its first bytes if it is MCAP.
+    """Return the format of a file by its suffix, or by its first bytes if it is MCAP or text.
 
     Raises FileError if it cannot be read, UsageError if its format is unknown.
     """
@@ -48,11 +52,12 @@ def kind_of_file(path: Path) -> InputKind:
         return named
     try:
         with path.open("rb") as file:
-            first = file.read(len(MCAP_MAGIC))
+            first = file.read(_FIRST)
     except OSError as error:
         raise unreadable(path, error) from error
-    if first == MCAP_MAGIC:
-        return InputKind.MCAP
+    found = kind_of_content(first)
+    if first and found is not InputKind.RAW:
+        return found
     names = ", ".join(KIND_OF_SUFFIX)
     raise UsageError(
         f"{path}: its name does not show its format ({names}); use --input {'|'.join(InputKind)}"

@@ -1,14 +1,15 @@
 """Files without times: every byte, however the text around it is laid out."""
 
 import io
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats import text_blocks
-from fte_sniff.formats.input_kind import raw_stream_chunks
+from fte_sniff.formats.input_kind import MCAP_MAGIC, InputKind, kind_of_file, raw_stream_chunks
 from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.session.log_rows import rows_of_log
@@ -63,3 +64,15 @@ def test_text_of_chinese_windows() -> None:
 def test_bytes_that_are_no_text() -> None:
     with pytest.raises(FileError, match="--input raw"):
         hex_bytes(b"\xaa\x01\x02\xee" * 20)
+
+
+def test_a_name_that_says_nothing_leaves_it_to_the_first_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "minicom.cap"
+    path.write_text("[12:00:01] RX: 55 01 01 03 E8 00 00 00 0F EE\n")
+    assert kind_of_file(path) is InputKind.HEX
+    path.write_bytes(MCAP_MAGIC)
+    assert kind_of_file(path) is InputKind.MCAP
+    for unknown in (b"", bytes.fromhex("55 01 01 03 E8 00 00 00 0F EE")):
+        path.write_bytes(unknown)
+        with pytest.raises(UsageError, match="its name does not show its format"):
+            kind_of_file(path)
