@@ -21,7 +21,7 @@ from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.serial_port import LowLatency
-from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE
+from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.keys import SECTIONS
@@ -55,6 +55,7 @@ def table_texts() -> Iterator[str]:
     yield from LowLatency
     yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
+    yield from Joint
     yield from (event_words(kind) for kind in PortEventKind)
     for style in (*TimeStyle, *Delta):
         yield from (style, style.meaning)

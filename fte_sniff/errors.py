@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from functools import partial, reduce
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -46,6 +48,21 @@ class TranslatableText(str):
 
 def _unpickled(form: str, values: dict[str, object]) -> TranslatableText:
     return TranslatableText(form, **values)
+
+
+class Joint(StrEnum):
+    """Forms of the words between the items of a list."""
+
+    COMMA = "{before}, {after}"
+    OR = "{before} or {after}"
+    AND = "{before} and {after}"
+
+
+def listed(items: Iterable[object], joint: Joint = Joint.COMMA) -> str:
+    """The items, which may be translatable, with a translatable word between them."""
+    texts = (item if isinstance(item, str) else str(item) for item in items)
+    joined = partial(TranslatableText, joint.value)
+    return reduce(lambda before, after: joined(before=before, after=after), texts, next(texts, ""))
 
 
 _MOST_QUOTED = 60

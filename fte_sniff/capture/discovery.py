@@ -14,7 +14,7 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.errors import TranslatableText, printable
+from fte_sniff.errors import Joint, TranslatableText, listed, printable
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
@@ -148,7 +148,7 @@ def holders_text(holders: list[Holder]) -> str:
     """`socat (pid 7) has it open`, for one program, several, or none that is visible."""
     if not holders:
         return TranslatableText("this or another program has it open")
-    names = " and ".join(map(str, holders))
+    names = listed(holders, Joint.AND)
     if len(holders) > 1:
         return TranslatableText("{programs} have it open", programs=names)
     return TranslatableText("{program} has it open", program=names)

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.discovery import holders_of, holders_text
-from fte_sniff.errors import PortError, TranslatableText, printable, reason_of
+from fte_sniff.errors import PortError, TranslatableText, listed, printable, reason_of
 
 NETWORK_SCHEMES = ("socket", "rfc2217")
 """URL schemes of ports behind a server."""
@@ -50,9 +50,9 @@ def check_name(name: str) -> None:
 def _check_url(url: str, scheme: str) -> None:
     port, known = printable(url), known_schemes()
     if scheme not in known:
-        listed = ", ".join(f"{scheme}://" for scheme in known)
+        schemes = listed(f"{scheme}://" for scheme in known)
         raise PortError(
-            "{port}: no such kind of port; known are {listed}", port=port, listed=listed
+            "{port}: no such kind of port; known are {listed}", port=port, listed=schemes
         )
     if scheme in NETWORK_SCHEMES and not _has_host_and_port(url):
         example = f"{scheme}://192.168.0.7:4001"
@@ -117,7 +117,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     elif scheme == "rfc2217" and (refused := _REFUSED.findall(str(error))):
         reason = TranslatableText(
             "the server refuses {options}; set them on the server itself, and open {bare}",
-            options=", ".join(refused),
+            options=listed(refused),
             bare=bare,
         )
     elif scheme == "rfc2217" and number in (errno.ECONNRESET, errno.EPIPE):
@@ -182,7 +182,7 @@ def _existing_ports(requested: str) -> str:
         return TranslatableText("did you mean {near}?", near=near)
     devices = sorted(port.device for port in comports())
     if devices:
-        return TranslatableText("there are: {devices}", devices=", ".join(devices))
+        return TranslatableText("there are: {devices}", devices=listed(devices))
     return TranslatableText(
         "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
     )

@@ -13,7 +13,7 @@ from functools import cache, reduce
 from itertools import takewhile
 from typing import NamedTuple
 
-from fte_sniff.errors import TranslatableText
+from fte_sniff.errors import Joint, TranslatableText, listed
 from fte_sniff.protocol.framer.predicates import can_split
 from fte_sniff.protocol.framer.tables import FTE_TABLES
 from fte_sniff.protocol.row_schema import spaced_hex
@@ -41,7 +41,7 @@ _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
-_HEADERS_TEXT = " or ".join(f"{header:02X}" for header in HEADER_BYTES)
+_HEADERS_TEXT = listed((f"{header:02X}" for header in HEADER_BYTES), Joint.OR)
 _TAIL_TEXT = f"{TAIL:02X}"
 _LEGAL_BYTES = [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS]
 
@@ -188,7 +188,7 @@ def _cmd(row: Frame) -> ExplainedField:
         "the protocol has no CMD {cmd} for {way}; it has {legal}",
         cmd=f"{row.cmd:02X}",
         way=row.direction.value,
-        legal=", ".join(legal),
+        legal=listed(legal),
     )
     return _explained(
         row, range(1, 2), "cmd", "CMD", value=str(row.cmd), fault=Fault.UNKNOWN_CMD, note=note
@@ -307,7 +307,8 @@ def _payload_guess(raw: bytes) -> TranslatableText:
     fitting = [kind.name for kind in KINDS if raw[CMD_OFFSET] in kind.cmds]
     if not fitting:
         return TranslatableText("not decoded")
-    return TranslatableText("not decoded; by its CMD it was {kinds}", kinds=" or ".join(fitting))
+    kinds = listed(fitting, Joint.OR)
+    return TranslatableText("not decoded; by its CMD it was {kinds}", kinds=kinds)
 
 
 def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:

@@ -20,7 +20,7 @@ from weakref import finalize
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Statistics
 
-from fte_sniff.errors import FileError, TranslatableText, unreadable
+from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.protocol import Gap, PortEvent, Row, iso_time
 from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
 from fte_sniff.recording.mcap.reader import (
@@ -310,9 +310,9 @@ class RecordingReader:
     def _without_our_topics(self, topics: Iterable[str]) -> FileError:
         """The error for an MCAP file without fte-sniff's topics; it lists the file's topics."""
         names = sorted(set(topics))
-        has = TranslatableText("no topics at all")
+        has: str = TranslatableText("no topics at all")
         if names:
-            has = TranslatableText("{listed}", listed=", ".join(map(repr, names[:_MOST_TOPICS])))
+            has = listed(map(repr, names[:_MOST_TOPICS]))
         if len(names) > _MOST_TOPICS:
             has = TranslatableText(
                 "{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.errors import FileError, Joint, TranslatableText, listed
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind
 from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
@@ -85,7 +85,7 @@ class Following:
                 "{path}: the program that recorded it ended without closing {ports}; it was killed"
                 " or could not write, and its last rows may be missing",
                 path=name,
-                ports=" and ".join(sorted(self.open_ports)),
+                ports=listed(sorted(self.open_ports), Joint.AND),
             )
         return TranslatableText("{path}: the program that recorded it has ended", path=name)
 

@@ -52,6 +52,7 @@ from fte_sniff.tui.table.columns import (
     column_of,
     layout_for,
 )
+from fte_sniff.tui.table.overview_bar import BAR_EVENT, BAR_MARKED, BAR_MARKS, BAR_RAISED
 from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
 from fte_sniff.tui.table.theme import Palette
 
@@ -369,6 +370,10 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
     signs.append((EVENT_SIGN, _(EVENT_MEANING)))
     yield _("Signs of rows"), signs
+    in_bar = [(BAR_MARKS[status], status.value) for status in BAR_MARKS]
+    in_bar += [(BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
+    in_bar.append((BAR_EVENT, _(EVENT_MEANING)))
+    yield _("Signs in the scroll bar"), in_bar
     yield _("Fields and their bytes"), list(field_pairs(palette))
     words: tuple[ExplainedWord, ...] = (*TimeStyle, *Delta)
     yield _("Times"), [(_(style), _(style.meaning)) for style in words]

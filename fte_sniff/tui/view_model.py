@@ -23,6 +23,7 @@ from fte_sniff.analysis.feed import (
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
+from fte_sniff.errors import listed
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.session.replay import Playback
 from fte_sniff.tui.i18n import _, later
@@ -209,10 +210,12 @@ class ViewModel:
         """Port events of a file, counted by kind; empty where there are only routine ones."""
         if self.state.live or self._events.keys() <= ROUTINE_EVENTS:
             return ""
-        counts = ", ".join(
-            f"{_(event_words(kind))} {count:,}"
-            for kind, count in self._events.items()
-            if kind not in ROUTINE_EVENTS
+        counts = _(
+            listed(
+                f"{_(event_words(kind))} {count:,}"
+                for kind, count in self._events.items()
+                if kind not in ROUTINE_EVENTS
+            )
         )
         return _("port events while it was recorded: {events}; S shows more").format(events=counts)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import os
 import pickle
@@ -20,14 +21,17 @@ from serial import SerialException
 from textual.pilot import Pilot
 from textual.widgets import Static
 
+from fte_sniff import errors
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.capture.port_errors import one_line, port_error
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
+    Joint,
     TranslatableText,
     UsageError,
+    listed,
     reason_of,
     unreadable,
     unwritable,
@@ -355,10 +359,50 @@ def test_explanations_of_frames_and_damage_are_chinese(odd_rows: list[Any]) -> N
     for row in odd_rows:
         for text in (*explain(row), *(part.meaning for part in dissect(row)), *_notes(row)):
             assert text.startswith(("CMD", "NUM")) or not text or CHARACTER.search(_(text)), text
+            assert not re.search(r" (or|and) |, ", _(text))
 
 
 def _notes(row: Any) -> list[str]:
     return [part.note for part in dissect(row)]
+
+
+@given(st.lists(st.text(), max_size=5), st.sampled_from(Joint))
+def test_lists_are_joined_in_the_language_of_the_screen(items: list[str], joint: Joint) -> None:
+    english, chinese = joint.format(before="", after=""), {", ": "、", " or ": " 或 "}
+    set_language("en")
+    assert _(listed(items, joint)) == english.join(items)
+    set_language("zh")
+    assert _(listed(items, joint)) == chinese.get(english, " 和 ").join(items)
+    set_language("en")
+
+
+def _texts_with_joined_words(path: Path) -> Iterator[str]:
+    """Translatable texts with a value that joins a list with English words or commas."""
+    for function in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        nodes = [*ast.walk(function)]
+        values = {
+            ast.unparse(target): node.value
+            for node in nodes
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+        }
+        for node in nodes:
+            if not isinstance(node, ast.Call) or not node.keywords:
+                continue
+            called = ast.unparse(node.func)
+            if re.search(r"(^TranslatableText|Error|^_\(.*\.format)$", called):
+                for keyword in node.keywords:
+                    value = ast.unparse(values.get(ast.unparse(keyword.value), keyword.value))
+                    if re.search(r"""'(, | or | and )'\.join""", value):
+                        yield f"{path.name}:{node.lineno}: {value}"
+
+
+def test_no_translated_text_has_an_english_list_in_it() -> None:
+    package = Path(errors.__file__).parent
+    found = [text for path in package.rglob("*.py") for text in _texts_with_joined_words(path)]
+    assert found == []
 
 
 def test_a_text_from_outside_is_never_translated() -> None:

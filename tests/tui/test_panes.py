@@ -6,6 +6,7 @@ import asyncio
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from fte_sniff.protocol import (
     encode,
     spaced_hex,
 )
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
@@ -772,8 +774,16 @@ def test_what_was_never_told_is_a_dash() -> None:
     page = grid(_look([_row("reset", 0)], 0.5), 199, 37, DARK).plain
     assert page.count("– RPM") == page.count("– pulses") == 4
     assert page.count("online – error –") == 4
-    assert page.count("– feedback") == 4
+    assert page.count("0 feedback") == 4
     assert " 0 RPM" not in page
+
+
+def test_a_rate_that_is_not_known_is_no_dash_before_the_commands() -> None:
+    view = replace(_look(_drive(), 9.97), states=_look(_drive(), None).states)
+    page = grid(view, 199, 37, DARK).plain
+    assert "100 commands, 0 of 100 unanswered" in page
+    assert "101 feedback, 4 ms after, p99 4 ms" in page
+    assert not re.search("– (commands|feedback)", page)
 
 
 def test_what_is_old_says_how_old_and_a_command_without_answer_how_long() -> None:
@@ -859,6 +869,56 @@ def test_a_step_and_a_target_that_is_sent_once_are_no_outliers() -> None:
     lines = _drawn(step, full_range=False)
     assert lines[0].startswith("    900 ")
     assert not {"▲", "▼"} & set("".join(lines))
+
+
+@pytest.mark.parametrize("every", [1, 2, 4])
+@pytest.mark.parametrize("flip", [4096, -4096])
+def test_one_command_with_a_flipped_bit_is_a_marker_at_the_edge(every: int, flip: int) -> None:
+    ramp = {column: column * 5 for column in range(0, 40, every)}
+    for column in [*ramp][2:-1]:
+        sent = ramp | {column: ramp[column] + flip}
+        curves = _curves({}, {at: (value, value) for at, value in sent.items()}, standing=0)
+        lines = _drawn(curves, full_range=False)
+        edge, sign = (0, "▲") if flip > 0 else (-1, "▼")
+        assert lines[edge][8 + column // 2] == sign
+        ends = {int(line[:7]) for line in (lines[0], lines[-1])}
+        assert max(map(abs, ends)) <= 40 * 5
+        assert sign + short_number(sent[column]) in "".join(lines)
+        # The target before is drawn in its place: only the step to the next one is higher.
+        drawn = [
+            "".join(line[8 + column // 2] for line in lines) for column in (column, column + 1)
+        ]
+        assert all(sum(cell not in " ▲▼" for cell in cells) <= 2 for cells in drawn)
+        assert sign not in "".join(_drawn(curves))
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        {0: 0, 13: 1000, 26: 0},
+        {0: 0, 7: 1000, 14: 0, 21: -1000, 28: 500, 35: 0},
+        dict.fromkeys(range(10), 0) | {10: 1000} | dict.fromkeys(range(25, 40), 0),
+        dict.fromkeys(range(39), 0) | {39: 1000},
+        {n: n * 200 for n in range(6)},
+    ],
+    ids=["there and back", "to and fro", "one that was held", "the last", "ramp"],
+)
+def test_targets_that_the_host_may_have_meant_are_in_the_scale(sent: dict[int, int]) -> None:
+    curves = _curves({}, {at: (value, value) for at, value in sent.items()})
+    lines = _drawn(curves, full_range=False)
+    assert not {"▲", "▼"} & set("".join(lines))
+    assert lines == _drawn(curves)
+
+
+def test_the_flipped_command_of_a_sample_does_not_flatten_its_motor(samples: Path) -> None:
+    rows = [*RecordingReader(samples / "damaged.mcap")]
+    view = replace(_look(rows, None), now_ns=rows[-1].t_ns)
+    page = grid(view, 199, 37, DARK).plain
+    assert "▲4336" in page
+    assert " 4336" not in page
+    full = grid(replace(view, full_range=True), 199, 37, DARK).plain
+    assert "▲" not in full
+    assert " 4336" in full
 
 
 def test_target_and_actual_are_both_seen_where_they_are_the_same() -> None:

@@ -22,8 +22,8 @@ from fte_sniff.protocol import (
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.options import Choices, StartOptions
-from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView, layout_for
-from fte_sniff.tui.table.painter import EventCell, RowCell, Sign
+from fte_sniff.tui.table.columns import RAISED_MARK, ColumnChoice, Delta, TableView, layout_for
+from fte_sniff.tui.table.painter import EVENT_SIGN, EventCell, RowCell, Sign
 from tests.tui.conftest import NOON_NS, Rows, lines, page, play, press, settle, table
 
 MS = 1_000_000
@@ -125,11 +125,32 @@ def test_the_bar_shows_where_faults_and_marks_are(
         bar = table(app)._overview
         table(app).marks.toggle(0)
         signs = bar.signs(20, table(app).palette)
-        assert {cell: sign.text for cell, sign in signs.items()} == {0: "*", 9: "!"}
+        assert {cell: sign.text for cell, sign in signs.items()} == {0: "◄", 9: "▐"}
         await app.run_action("overview(9)", app)
         assert table(app).last_index == 500
 
     play(feed, scenario)
+
+
+@pytest.mark.parametrize("width", [40, 80, 100, 119, 120, 160, 200])
+def test_only_damaged_rows_have_the_sign_of_damage_in_their_line(
+    feed: Any, speed_rows: Rows, odd_rows: list[Row], width: int
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        row_signs = {"!", "?", RAISED_MARK, EVENT_SIGN, *Sign} - {Sign.NONE}
+        feed.give([*speed_rows(50), odd_rows[3], *speed_rows(50, start=51)] * 30)
+        await settle(app, pilot)
+        table(app).end_overview_pause()
+        await settle(app, pilot)
+        here = table(app)
+        shown = [here.render_line(y).text for y in range(here.viewport.height)]
+        assert {line[0] for line in shown} == {" ", "!"}
+        assert not any("!" in line[1:] for line in shown)
+        ends = {line.rstrip("\n")[-1] for line in lines(app)[2:-2]}
+        assert "▐" in ends
+        assert not ends & row_signs
+
+    play(feed, scenario, size=(width, 60))
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,15 @@ from textual.theme import BUILTIN_THEMES, Theme
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
+from fte_sniff.tui.table.overview_bar import (
+    BAR_EVENT,
+    BAR_MARKED,
+    BAR_MARKS,
+    BAR_RAISED,
+    BarSign,
+)
+from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_of
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
@@ -118,3 +127,23 @@ def test_the_byte_with_the_fault_stands_out(colors: Colors) -> None:
     *_, error, online, _tail = palette.of_bytes(Frame("p", 0, raised, 1))
     assert error == online
     assert error.reverse or error.bgcolor
+
+
+@pytest.mark.parametrize("name", [*THEMES])
+@pytest.mark.parametrize("colors", [*Colors])
+def test_signs_of_the_bar_differ_in_shape_and_are_seen_on_track_and_thumb(
+    name: str, colors: Colors
+) -> None:
+    shapes = [*BAR_MARKS.values(), BAR_RAISED, BAR_MARKED, BAR_EVENT]
+    assert len(set(shapes)) == len(shapes)
+    assert not set(shapes) & {*MARKS.values(), RAISED_MARK, EVENT_SIGN, *Sign}
+    palette = palette_of(ALL_THEMES[name], colors)
+    track, thumb = Style.parse("on #333333"), Style.parse("reverse #888888")
+    rare = BarSign("▐", Style(color=palette.statuses[Status.MALFORMED].color))
+    many = BarSign("▐", rare.style + Style(bgcolor=rare.style.color))
+    assert rare.over(track).color == many.over(track).color == rare.style.color
+    assert rare.over(track).bgcolor == track.bgcolor
+    # A terminal shows the reversed style of the thumb with both colours exchanged.
+    assert rare.over(thumb).bgcolor == many.over(thumb).bgcolor == rare.style.color
+    assert rare.over(thumb).color == many.over(thumb).color == thumb.color
+    assert rare.over(thumb).reverse

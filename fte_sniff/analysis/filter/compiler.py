@@ -23,7 +23,7 @@ from fte_sniff.analysis.filter.terms import (
     quoted,
 )
 from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, time_ns
-from fte_sniff.errors import FilterError, TranslatableText
+from fte_sniff.errors import FilterError, TranslatableText, listed
 from fte_sniff.protocol import Column, ColumnType
 
 MAX_DEPTH: Final = 18
@@ -389,7 +389,7 @@ class Compiler:
             "{column} is never '{right}'", column=column.name, right=right.label
         )
         other = COLUMN_OF_WORD.get(word)
-        words = TranslatableText("it is one of {words}", words=", ".join(column.words))
+        words = TranslatableText("it is one of {words}", words=listed(column.words))
         hint: str = nearest(word, column.words) or words
         if other:
             hint = TranslatableText(

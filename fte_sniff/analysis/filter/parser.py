@@ -27,7 +27,7 @@ from fte_sniff.analysis.filter.terms import (
     error_at,
     quoted,
 )
-from fte_sniff.errors import FilterError, TranslatableText, printable
+from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME
 
 MAX_LENGTH: Final = 8_000
@@ -467,7 +467,7 @@ class _Parser:
         elif token.word in _AGGREGATES:
             fix = _ONE_ROW
         else:
-            names = TranslatableText("there are {names}", names=", ".join(FUNCTIONS))
+            names = TranslatableText("there are {names}", names=listed(FUNCTIONS))
             fix = _UNSUPPORTED.get(token.word, names)
         what = TranslatableText("{token} is no function of a filter", token=self._typed(token))
         raise error_at(self._text, token.start, what, fix)

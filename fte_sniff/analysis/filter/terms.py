@@ -10,7 +10,7 @@ from enum import Enum
 from textwrap import wrap
 from typing import Final
 
-from fte_sniff.errors import FilterError, TranslatableText, printable
+from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column
 
 
@@ -127,7 +127,7 @@ class FilterErrors:
     def unknown(self, term: Term) -> FilterError:
         """The name is neither a field nor a word."""
         what = TranslatableText("unknown name '{term}'", term=term.label)
-        fields = TranslatableText("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
+        fields = TranslatableText("the fields are {names}", names=listed(COLUMN_BY_NAME))
         return self.about(
             term, what, nearest(term.label, [*COLUMN_BY_NAME, *COLUMN_OF_WORD]) or fields
         )

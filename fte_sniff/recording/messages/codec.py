@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
-from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.errors import FileError, TranslatableText, listed
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     HEADERS,
@@ -113,7 +113,7 @@ class MessageReader:
                 "fte-sniff reads what fte-sniff records",
                 topic=topic,
                 schema=schema,
-                lacking=", ".join(lacking),
+                lacking=listed(lacking),
             )
         is_event = topic == EVENTS.name
         self.layouts = None if is_event else _layouts_of(schema, data)

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from fte_sniff.analysis.relations import AnswerState, CommandAnswer
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
-from fte_sniff.errors import printable
+from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import moment_text, padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
@@ -206,7 +206,7 @@ def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:
         BIT_RUN.format(label=_(label), digits="".join("01"[bit.is_set] for bit in run))
         for label, run in groupby(reversed(bits), key=lambda bit: bit.label)
     ]
-    return _(BITS).format(bits=", ".join(runs)) if runs else ""
+    return _(BITS).format(bits=_(listed(runs))) if runs else ""
 
 
 def _wrapped_after(text: str, start: int, layout: DetailLayout) -> list[str]:

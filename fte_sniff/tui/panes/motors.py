@@ -119,6 +119,7 @@ FEEDBACK: Final = (
     later("{rate} feedback, {p50} after, p99 {p99}"),
     later("{rate} feedback, {p50} p99 {p99}"),
 )
+ONLY_FEEDBACK: Final = later("{rate} feedback")
 CAPTION: Final = "{kind} [{unit}]"
 
 MAX_BIT_LINES: Final = 4
@@ -229,10 +230,7 @@ class MotorCard:
         else:
             yield self._label(_(NOW)) + Text("  ").join(readings)
         yield self._commands(width)
-        p50, p99 = span_text(self.state.delay_p50_ns), span_text(self.state.delay_p99_ns)
-        rate = rate_text(self.state.feedback_per_s)
-        forms = (_(form).format(rate=rate, p50=p50, p99=p99) for form in FEEDBACK)
-        yield Text(first_fitting(forms, width))
+        yield self._feedback(width)
         if tall:
             yield from self._bit_lines()
 
@@ -335,13 +333,21 @@ class MotorCard:
 
     def _commands(self, width: int) -> Text:
         state = self.state
-        rate, wait_ns = rate_text(state.commands_per_s), self.view.age_ns(state.waiting_since_ns)
+        rate = _rate_or_count(state.commands_per_s, state.commands)
+        wait_ns = self.view.age_ns(state.waiting_since_ns)
         if wait_ns is not None and wait_ns >= STALE_NS:
             text = _(WAITING).format(rate=rate, span=span_text(wait_ns))
             return Text(text, style=self.palette.statuses[Status.SUSPECT])
         total = state.answered + state.unanswered
         values = {"rate": rate, "unanswered": state.unanswered, "all": total}
         return Text(first_fitting((_(form).format(**values) for form in COMMANDS), width))
+
+    def _feedback(self, width: int) -> Text:
+        state = self.state
+        values = {"rate": _rate_or_count(state.feedback_per_s, state.feedback)}
+        values |= {"p50": span_text(state.delay_p50_ns), "p99": span_text(state.delay_p99_ns)}
+        forms = (ONLY_FEEDBACK,) if state.delay_p50_ns is None else FEEDBACK
+        return Text(first_fitting((_(form).format(**values) for form in forms), width))
 
     @property
     def _quantity(self) -> str:
@@ -361,6 +367,11 @@ class MotorCard:
         styles = PlotStyles(feedback, self.palette.target, self.palette.muted, self.palette.raised)
         text, full_range = _FIELD[name].unit if unit else "", self.view.full_range
         return plot(curves, styles, width, height, text, full_range=full_range)
+
+
+def _rate_or_count(per_s: float | None, count: int) -> str:
+    """The rate; the number of frames where it is unknown, as after the end."""
+    return f"{count:,}" if per_s is None else rate_text(per_s)
 
 
 def _changes(flags: Flags) -> list[tuple[int, int]]:

@@ -86,6 +86,9 @@ MARGIN: Final = 0.5
 LEAST_MARGIN: Final = 0.05
 """The least margin, as a share of the greatest median; it matters where the range is narrow."""
 
+MOST_OUTLIERS: Final = 0.25
+"""Share of the commands that are outliers at most; a target that often changes has none."""
+
 TALL_SCALE: Final = 4
 """Lines from which on outliers have a line beside the scale's ends."""
 
@@ -161,9 +164,7 @@ def plot(
     across = max(0, width - SCALE_CELLS)
     curves = fine.merged(across * ACROSS)
     both = _held_feedback(curves), _held_target(curves)
-    # A target counts for as long as it is held, since it may be sent only once.
-    feedback = fine.feedback
-    usual = () if full_range else (feedback.low, feedback.high, _held_target(fine).last)
+    usual = None if full_range else _usual(fine)
     scale = _scale(both, usual)
     line, dashes = Canvas(across, height), Canvas(across, height)
     above = below = np.zeros(across, np.bool_)
@@ -257,12 +258,42 @@ def _within(spans: EnvelopeColumns, scale: _Scale) -> EnvelopeColumns:
     latest = _latest(usual)
     last = np.where(latest >= 0, spans.last[latest], np.nan)
     last[np.isnan(spans.last)] = np.nan
-    low = np.where(spans.low < scale.low, last, spans.low)
-    high = np.where(spans.high > scale.high, last, spans.high)
+    low, high = (
+        np.where((ends < scale.low) | (ends > scale.high), last, ends)
+        for ends in (spans.low, spans.high)
+    )
     return EnvelopeColumns(np.fmin(low, high), np.fmax(low, high), last)
 
 
-def _scale(curves: Iterable[EnvelopeColumns], usual: Sequence[Floats]) -> _Scale | None:
+def _usual(fine: Curves) -> Floats:
+    """Feedback and targets without outliers."""
+    feedback = _medians(fine.feedback.low), _medians(fine.feedback.high)
+    return np.concatenate([*feedback, _usual_targets(fine)])
+
+
+def _usual_targets(fine: Curves) -> Floats:
+    """The running median of the commands, so that one with a flipped bit is an outlier.
+
+    A command that is held longer than others counts more, since it may be sent only once; so do
+    the first of all and the one that holds at the end, which have commands only at one side.
+    """
+    held = _held_target(fine).last
+    known = ~np.isnan(held)
+    commands = _latest(~np.isnan(fine.target.last))[known]
+    if not len(commands):
+        return commands.astype(np.float64)
+    first, columns = np.unique(commands, return_index=True, return_counts=True)[1:]
+    targets = held[known][first]
+    repeats = np.clip(columns // max(1, int(np.median(columns))), 1, MEDIAN_COLUMNS)
+    repeats[0] += MEDIAN_COLUMNS // 2 if commands[0] >= 0 else 0
+    repeats[-1] += MEDIAN_COLUMNS // 2 if known[-1] else 0
+    medians = _medians(np.repeat(targets, repeats))
+    low, high = _limits(medians)
+    outliers = (targets < low) | (targets > high)
+    return medians if outliers.mean() <= MOST_OUTLIERS else targets
+
+
+def _scale(curves: Iterable[EnvelopeColumns], usual: Floats | None) -> _Scale | None:
     """The scale of all values; None where there are none.
 
     With `usual` values, outliers are not in it: a flipped bit must not flatten the rest.
@@ -272,20 +303,25 @@ def _scale(curves: Iterable[EnvelopeColumns], usual: Sequence[Floats]) -> _Scale
     if not len(values):
         return None
     least, most = float(values.min()), float(values.max())
-    medians = np.concatenate([_medians(each) for each in usual]) if usual else values
-    if not len(medians):
+    if usual is None or not len(usual):
         return _Scale(least, most, least, most)
-    low, high = float(medians.min()), float(medians.max())
-    margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
-    inside = values[(values >= low - margin) & (values <= high + margin)]
+    low, high = _limits(usual)
+    inside = values[(values >= low) & (values <= high)]
     if not len(inside):
         return _Scale(least, most, least, most)
     return _Scale(float(inside.min()), float(inside.max()), least, most)
 
 
+def _limits(usual: Floats) -> tuple[float, float]:
+    """The least and the greatest value that are no outliers."""
+    low, high = float(usual.min()), float(usual.max())
+    margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
+    return low - margin, high + margin
+
+
 def usual_range(values: Floats) -> tuple[float, float] | None:
     """The least and the greatest value without outliers; None without values."""
-    scale = _scale((EnvelopeColumns(values, values, values),), (values,))
+    scale = _scale((EnvelopeColumns(values, values, values),), _medians(values))
     return None if scale is None else (scale.low, scale.high)
 
 

@@ -16,7 +16,7 @@ from fte_sniff.analysis.counters import Durations, TimeSeries
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts
 from fte_sniff.analysis.statistics import PortStats, StreamStats
-from fte_sniff.errors import printable
+from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
     clock_text,
@@ -36,9 +36,9 @@ from fte_sniff.tui.text import event_words, span_text
 
 PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
 PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")
+BETWEEN: Final = later(", ")
 PORT_USE_OVER_TIME: Final = later("  use over time, at most {most}")
 SILENCES: Final = later("  silences: ")
-BETWEEN: Final = later(", ")
 SILENCE: Final = later("{count:,} < {span}")
 SILENCE_LAST: Final = later("{count:,} longer")
 LONGEST: Final = later("  longest silence {span}, until {time}")
@@ -156,7 +156,8 @@ class StatisticsPage:
     @property
     def _raised_motors(self) -> str:
         flags = self.models.flags.stats()
-        return ", ".join(f"{one.motor}" for one in flags if one.error_bits or one.offline.rows)
+        motors = [one.motor for one in flags if one.error_bits or one.offline.rows]
+        return _(listed(motors))
 
     def _port(self, port: PortStats) -> Iterator[Text]:
         rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
@@ -181,7 +182,7 @@ class StatisticsPage:
                 )
                 for event in port.events
             )
-            yield Text(_(EVENTS).format(events=_(BETWEEN).join(events)))
+            yield Text(_(EVENTS).format(events=_(listed(events))))
         else:
             yield self._muted(_(NO_EVENTS))
 

@@ -1,7 +1,8 @@
 """Overview in the scroll bar: where faults, flags, marks, gaps and lost ports are in all rows.
 
-Textual's `ScrollBarRender` draws only the thumb. This one adds the signs that rows have in their
-first cells; a click on one goes to the most important row there.
+Textual's `ScrollBarRender` draws only the thumb. This one adds signs, which differ from those of
+rows, since the bar is beside rows of other times; a click on one goes to the most important row
+there.
 """
 
 from __future__ import annotations
@@ -18,13 +19,18 @@ from textual.scrollbar import ScrollBarRender
 from fte_sniff.analysis.landmarks import Landmarks, Overview
 from fte_sniff.analysis.row_store import RowNote, RowStore
 from fte_sniff.protocol import Status
-from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
-from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.table.viewport import RowMarks
 
 DENSE: Final = 0.1
-"""Share of the rows of a cell from which on its sign has a background."""
+"""Share of the rows of a cell from which on its colour fills the cell."""
+
+BAR_MARKS: Final = {Status.SUSPECT: "░", Status.MALFORMED: "▐"}
+"""Sign of each status in the bar; shapes, since there may be no colours."""
+
+BAR_RAISED: Final = "▲"
+BAR_MARKED: Final = "◄"
+BAR_EVENT: Final = "═"
 
 _STATUSES: Final = {RowNote.SUSPECT: Status.SUSPECT, RowNote.MALFORMED: Status.MALFORMED}
 
@@ -35,6 +41,10 @@ class BarSign:
 
     text: str
     style: Style
+
+    def over(self, cell: Style) -> Style:
+        """The style over that of a cell of the bar; the thumb, which is reversed, stays visible."""
+        return cell + (Style(bgcolor=self.style.color) if cell.reverse else self.style)
 
 
 class OverviewBar:
@@ -51,20 +61,19 @@ class OverviewBar:
         found = {}
         for at, cell in enumerate(self._overview.cells(height)):
             if cell.worst is RowNote.RAISED:
-                sign, style = RAISED_MARK, palette.raised_mark
+                sign, color = BAR_RAISED, palette.raised.color
             elif cell.worst:
                 status = _STATUSES[cell.worst]
-                sign, style = MARKS[status], palette.marks[status]
+                sign, color = BAR_MARKS[status], palette.statuses[status].color
             else:
                 continue
-            # Rare rows have the colour of their sign, without its background.
-            plain = Style(color=style.bgcolor, bold=True) if style.bgcolor else style
-            found[at] = BarSign(sign, style if cell.share >= DENSE else plain)
+            style = Style(color=color, bgcolor=color if cell.share >= DENSE else None)
+            found[at] = BarSign(sign, style)
         for landmark in self._landmarks.between(self._store.first, self._store.next + 1):
             if not landmark.is_routine:
-                found[self._cell_of(landmark.index)] = BarSign(EVENT_SIGN, palette.events)
+                found[self._cell_of(landmark.index)] = BarSign(BAR_EVENT, palette.events)
         for index in self._marks:
-            found[self._cell_of(index)] = BarSign(Sign.MARKED, palette.signs)
+            found[self._cell_of(index)] = BarSign(BAR_MARKED, palette.signs)
         return found
 
     @property
@@ -119,8 +128,8 @@ class OverviewRender(ScrollBarRender):
         for cell, sign in cls.signs.items():
             if cell < len(segments):
                 style = segments[cell].style or Style.null()
-                is_thumb = bool(style.reverse)
-                action = Style(meta={"@mouse.down": f"app.overview({cell})"})
-                shown = style + sign.style if is_thumb else style + sign.style + action
+                shown = sign.over(style)
+                if not style.reverse:
+                    shown += Style(meta={"@mouse.down": f"app.overview({cell})"})
                 segments[cell] = Segment(sign.text, shown)
         return Segments(segments, new_lines=True)
