@@ -160,8 +160,8 @@ class TimeRule:
     def decide(self, texts: Iterable[bytes], near: date, *, given: bool) -> list[str]:
         """Decide the resolution, and the order of day and month; returns notes about them.
 
-        Texts of the log are read until they show both; if none shows the order, it is that whose
-        date is near the date that is `given`, or that of the file.
+        Texts of the log are read until they show both; else the order is that whose date is near
+        that of the file, or the date that is `given`.
         """
         if self.kind == "unread":
             return ["numbers in the lines above the bytes may be times; they are not read"]
@@ -258,10 +258,9 @@ class LogClock:
         """What the times lack, and where that comes from."""
 
     def settle(self, stamps: Sequence[int], name: str, written_ns: int | None) -> None:
-        """Decide what the times count from.
+        """Decide what the times count from: by options, the file's name, or when it was written.
 
-        It is given by options, else by the name of the file, else by when it was written (None for
-        a pipe) and the stamps of a sample, the first and the last of the log among them.
+        Stamps are those of a sample, with the first and last of the log; a pipe was never written.
         """
         kind, options, self._last = self._rule.kind, self._options, stamps[0]
         if self._rule.is_local and options.zone is None:
