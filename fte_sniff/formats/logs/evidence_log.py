@@ -93,19 +93,18 @@ class EvidenceLog(LogForm):
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
         log._notes += times.decide(texts, near, given=options.day is not None)
         read = [(line, log.layout.read(line)[0]) for line in lines]
+        stamps = [found[0].stamp for _, found in read if found and found[0].fields]
+        if not stamps or (log._paste and times.kind not in ("date", "epoch")):
+            times = log.layout.times = TimeRule()  # nobody asks when a pasted line was
+        else:
+            log.clock.settle(stamps, name, written_ns)
         if times.where == "none" and not log._paste:
             around = [without_bytes(*one) for one in read if one[1]]
             like = [time[0].decode() for text in around if (time := re.search(_LIKE_TIME, text))]
             if 2 * len(like) > len(around):
                 example = f"for example {like[0]!r}; {_REGEX} they are"
                 log._notes.append(f"what may be times is not read, {example}")
-        stamps = [found[0].stamp for _, found in read if found and found[0].fields]
-        if not stamps or (log._paste and times.kind not in ("date", "epoch")):
-            log.layout.times = TimeRule()  # nobody asks when a pasted line was
-        else:
-            log.clock.settle(stamps, name, written_ns)
-        timed = log.layout.times.where != "none"
-        log.resolution_ns = times.resolution_ns if timed else None
+        log.resolution_ns = None if times.where == "none" else times.resolution_ns
         return log
 
     def ports(self, name: str) -> list[str]:

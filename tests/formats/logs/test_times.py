@@ -48,6 +48,8 @@ def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
         ("2026-02-01T14:03:22.5+08:00 ", "2026-02-01T06:03:22.500"),
         ("2026-02-01T14:03:22Z 发送: ", "2026-02-01T14:03:22.000"),
         ("2026年2月1日 14:03:22 接收: ", "2026-02-01T14:03:22.000"),
+        ("01.02.26 14:03:22 ", "2026-02-01T14:03:22.000"),
+        ("February 1, 2026 14:03:22 ", "2026-02-01T14:03:22.000"),
         ("[2:03:22 PM] OUT ", "2026-01-31T14:03:22.000"),
         ("下午 2:03:22 收 ", "2026-01-31T14:03:22.000"),
         ("[Sun Feb 01 14:03:22.123 2026] ", "2026-02-01T14:03:22.123"),
@@ -87,9 +89,10 @@ def test_seconds_count_from_the_start_that_is_given(number: str) -> None:
     assert any("count seconds from a start" in note and "--start" in note for note in notes)
 
 
-def test_a_start_comes_from_the_name_or_the_modification_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["capture_20260131_120000.log", "2026-01-31 at 12.00.00.txt"])
+def test_a_start_comes_from_the_name_or_the_modification_time(tmp_path: Path, name: str) -> None:
     text = "".join(f"{second}.5 RX: {BYTES}\n" for second in (1, 2, 3))
-    named = tmp_path / "capture_20260131_120000.log"
+    named = tmp_path / name
     named.write_text(text)
     rows = [row for rows in rows_of_log(LogReader(str(named)), lambda _: None) for row in rows]
     assert iso_time((rows[0].t_ns or 0) + FRAME_NS)[:21] == "2026-01-31T12:00:01.5"
@@ -112,6 +115,26 @@ def test_the_zone_of_times() -> None:
     assert times_of(text, LogOptions(zone=CHINA)) == ["2026-01-30T23:00:00.500"]
     _, notes = read(text, LogOptions())
     assert any("its times name no zone, and are taken as UTC; --zone" in note for note in notes)
+
+
+def test_a_line_without_the_zone_of_the_others_lacks_a_time() -> None:
+    zones = ["+08:00", "+08:00", "", "+01:00"]
+    rows, notes = read("".join(f"[2026-01-31 09:00:00{zone}] {BYTES}\n" for zone in zones))
+    assert [iso_time((row.t_ns or 0) + FRAME_NS)[11:13] for row in rows] == ["01", "01", "01", "08"]
+    assert notes == ["log: line 3 lacks a time; that of the line before is taken"]
+
+
+def test_local_times_are_those_of_their_season() -> None:
+    days = ["2026-01-31", "2026-07-31"]
+    text = "".join(f"[{day} 12:00:00] {BYTES}\n" for day in days)
+    found = times_of(text, LogOptions(zone=zone_of("Europe/Berlin")))
+    assert found == ["2026-01-31T11:00:00.000", "2026-07-31T10:00:00.000"]
+
+
+def test_dates_that_do_not_exist_are_reported() -> None:
+    text = f"[2026-02-31 12:00:00] RX: {BYTES}\n" * 3
+    assert times_of(text) == [None] * 3
+    assert any("what may be times is not read" in note for note in read(text)[1])
 
 
 @pytest.mark.parametrize(
