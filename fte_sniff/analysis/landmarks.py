@@ -163,9 +163,11 @@ class Overview:
 
     def _counts(self, block: Block, bucket: int) -> _BlockCounts:
         view, first = self._store.view, max(0, self._store.first - block.start)
-        offsets_key = block.matching if view.filter is not None else block.count
+        # Playback moves the end of the rows that are shown.
+        end = min(block.count, self._store.next - block.start)
+        matching = block.matching if view.filter is not None else block.count
         known = self._blocks.get(block.start)
-        key = (view.filter, bucket, first, offsets_key)
+        key = (view.filter, bucket, first, end, matching)
         if known is not None and known.key == key:
             return known
         offsets = view.offsets(block)

@@ -57,6 +57,25 @@ def test_cells_show_the_worst_rows_of_their_share(
         assert overview.worst_between(start, start + per_cell) == expected
 
 
+@given(
+    NOTE_LISTS,
+    st.lists(st.none() | st.integers(0, 120), min_size=1, max_size=8),
+    st.integers(1, 60),
+    st.booleans(),
+)
+def test_cells_are_those_of_the_rows_that_are_played(
+    notes: list[RowNote], limits: list[int | None], cells: int, filtered: bool
+) -> None:
+    store = RowStore(block_rows=64)
+    if filtered:
+        store.view.set_filter(RowFilter.parse("motor = 1"))
+    store.append([EXAMPLES[note] for note in notes])
+    overview = Overview(store)
+    for limit in (None, *limits):
+        store.limit = limit
+        assert overview.cells(cells) == Overview(store).cells(cells)
+
+
 def store_of(count: int) -> RowStore:
     store = RowStore()
     store.append([Frame("p", 10 * n, SOUND, 1000 * n) for n in range(count)])
