@@ -142,7 +142,8 @@ class TimeRule:
         number |= {name: int(own) for name, own in part.items() if own.isdigit()}
         if read is not None:
             number |= {name: read(*fields[name]) for name in number.keys() & OF_CLOCK}
-        for name, most in {"h": 24, "mi": 59, "s": 60, "n": LATEST_NS // self.scale}.items():
+        latest = LATEST_NS // 2 // self.scale  # in 2116, or counted from a start before then
+        for name, most in {"h": 24, "mi": 59, "s": 60, "n": latest}.items():
             own = number[name]
             if (own if isinstance(own, int) else own.max()) > most:
                 return None

@@ -137,6 +137,11 @@ def test_dates_that_do_not_exist_are_reported() -> None:
     assert any("what may be times is not read" in note for note in read(text)[1])
 
 
+@pytest.mark.parametrize("number", [2**63 // 10**9, 8 * 10**9, 10**20])
+def test_numbers_that_no_clock_reaches_are_no_times(number: int) -> None:
+    assert times_of("".join(f"{number}.99{n} RX: {BYTES}\n" for n in range(5))) == [None] * 5
+
+
 @pytest.mark.parametrize(
     ("dates", "first"),
     [(["13/02/2026", "14/02/2026"], "2026-02-13"), (["02/13/2026", "02/14/2026"], "2026-02-13"),
