@@ -10,12 +10,12 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
-from itertools import combinations, product
+from itertools import product
 from typing import Final
 
 from fte_sniff.formats.logs.forms import Extractor, Run
 from fte_sniff.formats.logs.times import masked
-from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, TAIL, FrameKind
+from fte_sniff.protocol.spec import FRAME_LENGTH, FTE_FORMAT, KINDS, TAIL
 
 NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
@@ -29,53 +29,45 @@ _MORE: Final = (b" ", b":", b"-", b",", b";", b"\t")
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
-_CUT_SCORE: Final = -0.02
-"""For each run of which numbers are left out: less than they would cost as bytes."""
 _LEAST_SHARE: Final = 0.05
-"""Of the bytes of the chosen lanes, how many are in frames."""
 _LEAST_SHARE_CUT: Final = 0.8
-"""The same for a lane of whose runs numbers are left out."""
+"""Of the bytes of lanes, how many are in frames; the same if numbers are left out."""
 _ALMOST_ALL: Final = 0.95
 LIKE_BYTES: Final = 4
 """Bytes of a run from which on it is no number by accident."""
 _LONGEST_KEY: Final = 100
 """Characters before a run that make its lane."""
 _MOST_LANES: Final = 48
-_COPIED: Final = 0.9
-"""Share of the runs of a lane that repeat those of another from which on it is a copy."""
-_MOST_HALVES: Final = 4
-"""Lanes of which two may make frames only together, such as the halves of a dump."""
-_CUTS: Final = [(first, last) for first, last in product(range(5), range(3)) if first + last]
-"""Numbers of each run that are no data: offsets before the others, a count or sum after them."""
+_CUTS: Final = [slice(first, -last or None) for first, last in product(range(5), range(3))][1:]
+"""Without offsets before the data of each run, and a count or sum after them."""
 _WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
 _SENT: Final = (
-    r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc|dte"
-    r"|t(?=\s?:))(?![a-z])|(?<![a-z])(?:on|serial)?_?(?:send|sent|writ(?:e|es|ten|ing))(?![a-z]))"
+    r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc"
+    r"|dte|t(?=\s?:)|(?:on|serial)?_?(?:send|sent|writ(?:e|es|ten|ing)))(?![a-z]))"
     r"|[a-z](?:Send|Sent|Write)|发[送出]?|写入?"
 )
 _RECEIVED: Final = (
-    r"(?i:(?<![a-z])(?:rx\d?|rxd|in(?:coming|put)?|reply|response|device|slave|mcu|controller|dce|r(?=\s?:))(?![a-z])"
-    r"|(?<![a-z])(?:on|serial)?_?(?:recv|receiv(?:e|es|ed|ing)|reads?|reading)(?![a-z]))"
+    r"(?i:(?<![a-z])(?:rx\d?|rxd|in(?:coming|put)?|reply|response|device|slave|mcu|controller|dce"
+    r"|r(?=\s?:)|(?:on|serial)?_?(?:recv|receiv(?:e|es|ed|ing)|reads?|reading))(?![a-z]))"
     r"|on(?:New)?Data|[a-z](?:Recv|Receiv|Read)|接?收到?|读取?"
 )
-_WORD: Final = rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})"
-_ARROW: Final = r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))"
-_PORT: Final = (
-    r"(?<![A-Za-z])(?:/dev/)?((?i:com\d+|tty[a-z]*\d+|cu\.[\w-]+|us?art[-_ ]?\d+|serial\d+"
-    r"|ch(?:annel)?[-_ ]?\d+|port[-_ ]?\d+|peer\d+))(?![A-Za-z0-9])"
-)
-_PATTERNS: Final = {"word": _WORD, "arrow": _ARROW, "port": _PORT}
-
-
-def _start(kind: FrameKind) -> bytes:
-    cmds = b"".join(b"\\x%02x" % cmd for cmd in kind.cmds)
-    return b"\\x%02x[%b]%b" % (kind.header, cmds, rb"[\1-\4]" if kind.names_motor else b".")
+_PATTERNS: Final = {
+    "port": r"(?<![A-Za-z])(?:/dev/)?((?i:com\d+|tty[a-z]*\d+|cu\.[\w-]+|us?art[-_ ]?\d+"
+    r"|serial\d+|ch(?:annel)?[-_ ]?\d+|port[-_ ]?\d+|peer\d+))(?![A-Za-z0-9])",
+    "word": rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})",
+    "arrow": r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))",
+}
+"""Of labels, by their kind."""
 
 
 @cache
 def _pattern(length: int) -> re.Pattern[bytes]:
-    starts = b"|".join(map(_start, KINDS))
-    return re.compile(rb"(?s)(?:%b).{%d}\x%02x" % (starts, length - 4, TAIL))
+    """Of frames, if they had this length."""
+    starts = [
+        b"".join(b"[%b]" % re.escape(one) if one else b"." for one in legal[:3])
+        for legal in map(FTE_FORMAT.legal_bytes, KINDS)
+    ]
+    return re.compile(rb"(?s)(?:%b).{%d}\x%02x" % (b"|".join(starts), length - 4, TAIL))
 
 
 def frames_in(data: bytes) -> list[bytes]:
@@ -83,28 +75,26 @@ def frames_in(data: bytes) -> list[bytes]:
     return _pattern(FRAME_LENGTH).findall(data)
 
 
-def chance_level(data: bytes) -> float:
-    """The mean number of patterns like frames, but of a wrong length."""
-    found = [len(_pattern(length).findall(data)) for length in _WRONG_LENGTHS]
-    return sum(found) / len(found)
+def are_known(frames: Sequence[bytes], others: Sequence[bytes]) -> bool:
+    """Whether almost all of these frames are among others."""
+    return (Counter(frames) - Counter(others)).total() <= 0.1 * len(frames)
 
 
 @lru_cache(maxsize=4096)
 def label_of(kind: str, text: bytes) -> str | None:
-    """The label of a kind in a text.
+    """The last `word`, `arrow` or `port` in a text, or the `first word`.
 
-    `word`, `arrow` and `port` are the last of their kind, `first word` is the first word, `both` a
-    port with a direction, and `given` is all the text.
+    `both` is a port with a direction, and `given` is all the text.
     """
-    readable = text.decode("utf-8", "replace").strip(" \x01").lower()
+    readable = text.decode("utf-8", "replace")
     if kind == "given":
-        return direction_of(text) or readable
+        return direction_of(text) or readable.strip(" \x01").lower()
     if kind == "both":
         port, direction = label_of("port", text), direction_of(text)
         return f"{port}-{direction}" if port and direction else None
-    found = list(re.finditer(_PATTERNS[kind.split()[-1]], text.decode("utf-8", "replace")))
-    label = found[0 if kind == "first word" else -1] if found else None
-    return label and (label.lastgroup or label[1].lower())
+    pattern = _PATTERNS[kind.removeprefix("first ")]
+    found = [label.lastgroup or label[1].lower() for label in re.finditer(pattern, readable)]
+    return found[0 if kind == "first word" else -1] if found else None
 
 
 def direction_of(text: bytes) -> str | None:
@@ -115,18 +105,17 @@ def direction_of(text: bytes) -> str | None:
 @lru_cache(maxsize=4096)
 def without_labels(text: bytes) -> str:
     """The text without directions and ports."""
-    return re.sub(f"{_PORT}|{_SENT}|{_RECEIVED}|{_ARROW}", "", text.decode("utf-8", "replace"))
+    readable = text.decode("utf-8", "replace")
+    for pattern in _PATTERNS.values():
+        readable = re.sub(pattern, "", readable)
+    return readable
 
 
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
     """The text with each number as 0, and white space as one space; a column is apart."""
-    if b" " * 8 in text:
-        text = re.sub(rb" {8,}", b" ~ ", text)
-    text = re.sub(NUMBER_TOKEN, b"0", text)
-    if not text.strip(b" "):
-        return b""
-    return re.sub(rb"\s+", b" ", text) if b"  " in text or b"\t" in text else text
+    text = re.sub(NUMBER_TOKEN, b"0", re.sub(rb" {8,}", b" ~ ", text))
+    return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
 
 
 def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes]]:
@@ -160,33 +149,32 @@ class Lane:
         self.data = b"".join(data for _, data in sorted(pieces))
         self.frames = frames_in(self.data)
         self.outside = len(self.data) - FRAME_LENGTH * len(self.frames)
-        self.score = (
-            _FRAME_SCORE * len(self.frames)
-            + _OUTSIDE_SCORE * self.outside
-            + _LANE_SCORE * len(cuts)
-            + _CUT_SCORE * len(pieces) * any(cut != slice(None) for cut in cuts.values())
-        )
+        in_frames, outside = _FRAME_SCORE * len(self.frames), _OUTSIDE_SCORE * self.outside
+        self.score = in_frames + outside + _LANE_SCORE * len(cuts)
 
     def joined(self, other: Lane) -> Lane:
         """Both."""
         return Lane({**self.cuts, **other.cuts}, self.pieces + other.pieces)
 
-    def without_numbers(self) -> Lane:
+    def cut(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
-        sizes = sorted(len(data) for _, data in self.pieces)
-        best, least = self, sizes[len(sizes) // 10]  # the last line may be shorter
-        if len(self.pieces) < 2 or self.outside < 0.8 * len(self.pieces):
-            return self
-        for first, last in _CUTS:
-            if first + last < least:
-                cut = slice(first, -last or None)
-                lane = Lane(
-                    dict.fromkeys(self.cuts, cut), [(at, data[cut]) for at, data in self.pieces]
-                )
-                share = FRAME_LENGTH * len(lane.frames) / max(len(lane.data), 1)
-                if share >= _LEAST_SHARE_CUT and lane.score > best.score:
-                    best = lane
-        return best
+        found = [self]
+        for cut in _CUTS if self.outside >= len(self.pieces) > 1 else ():
+            pieces = [(at, data[cut]) for at, data in self.pieces]
+            lane = Lane(dict.fromkeys(self.cuts, cut), pieces)
+            in_frames = len(lane.data) - lane.outside
+            found += [lane] * (in_frames > _LEAST_SHARE_CUT * len(lane.data))
+        return max(found, key=lambda lane: lane.score)
+
+    @property
+    def labels(self) -> set[str | None]:
+        """What is before the runs."""
+        return {label_of(kind, key) for kind in _PATTERNS for key in self.cuts}
+
+    def repeats(self, other: Lane) -> bool:
+        """Whether it has the frames of another of the same direction and port, as in JSON."""
+        several = len(set(self.frames)) > 3
+        return several and are_known(self.frames, other.frames) and self.labels == other.labels
 
 
 class Hypothesis:
@@ -199,11 +187,9 @@ class Hypothesis:
         self.size = sum(len(lane.data) for lane in lanes)
         self.share = FRAME_LENGTH * len(self.frames) / max(self.size, 1)
         """Of the bytes, how many are in frames."""
-        self.cuts: dict[str, slice] = {}
+        cuts = [item for lane in lanes for item in lane.cuts.items()]
+        self.cuts = {without_labels(key): cut for key, cut in reversed(cuts)}
         """By the text before the runs, without labels, which numbers of a run are data."""
-        for lane in lanes:
-            for key, cut in lane.cuts.items():
-                self.cuts.setdefault(without_labels(key), cut)
 
     def cut_of(self, key: bytes) -> slice | None:
         """Which numbers of a run of this lane are data; None if it is another lane.
@@ -230,90 +216,44 @@ class Hypothesis:
     @property
     def accepted(self) -> bool:
         """Whether there are more frames than by chance."""
-        level = sum(chance_level(lane.data) for lane in self.lanes)
-        return len(self.frames) >= max(2 * level, 1) and self.share >= _LEAST_SHARE
+        patterns = [_pattern(length) for length in _WRONG_LENGTHS]
+        wrong = sum(len(one.findall(lane.data)) for one in patterns for lane in self.lanes)
+        enough = max(2 * wrong / len(patterns), 1)
+        return len(self.frames) >= enough and self.share >= _LEAST_SHARE
 
     def __str__(self) -> str:
-        frames = "frame" if len(self.frames) == 1 else "frames"
-        return (
-            f'"{self.extractor.name}": {len(self.frames)} {frames} in {self.size:,} bytes of'
-            f" {sum(len(lane.cuts) for lane in self.lanes)} lanes, score {self.score:.1f}"
-        )
+        lanes = sum(len(lane.cuts) for lane in self.lanes)
+        found = f"frames: {len(self.frames)}, bytes: {self.size:,}, lanes: {lanes}"
+        return f'"{self.extractor.name}", {found}, score: {self.score:.1f}'
 
 
-class Sample:
-    """Lines of a text, in which extractors find lanes."""
+def hypotheses(
+    lines: Sequence[bytes], extractors: Iterable[Extractor], needed: bytes = bytes([TAIL])
+) -> list[Hypothesis]:
+    """The best lanes of each extractor in a sample of lines, the best score first.
 
-    def __init__(self, lines: Sequence[bytes]) -> None:
-        self.lines = lines
-        self._text = b"\n".join(lines)
-        self._masked = b"\n".join(map(masked, lines))
-
-    def hypotheses(self, extractors: Iterable[Extractor]) -> list[Hypothesis]:
-        """What the extractors find, the best score first; only those with frames."""
-        found = [Hypothesis(one, _chosen(one, self.lanes(one, TAIL))) for one in extractors]
-        return sorted((one for one in found if one.frames), key=lambda one: -one.score)
-
-    def longest(self, extractors: Iterable[Extractor]) -> list[Hypothesis]:
-        """The lane with the most bytes, if it has more than one."""
-        found = [Hypothesis(one, [lane]) for one in extractors for lane in self.lanes(one)]
-        best = max(found, key=lambda one: one.size, default=None)
-        return [best] if best and best.size > 1 else []
-
-    def lanes(self, extractor: Extractor, needed: int | None = None) -> list[Lane]:
-        """The runs of an extractor by what is before them; none if no byte is the needed one.
-
-        A lane whose runs repeat those before them, such as a second key of JSON, is none.
-        """
-        text = self._masked if extractor.masks_times else self._text
-        runs = list(extractor.runs(text)) if re.search(extractor.needs, text) else []
-        if needed is not None and not any(needed in run.data for run in runs):
-            return []
-        lanes, same = dict[bytes, list[tuple[int, bytes]]](), Counter[tuple[bytes, bytes]]()
-        last, last_key = Run(0, 0, b""), b""
-        for run, key in runs_in_lanes(text, runs):
-            lanes.setdefault(key, []).append((run.start, run.data))
-            if last.data == run.data:
-                same[last_key, key] += 1
-            last, last_key = run, key
-        copies = {
-            key
-            for (other, key), count in same.items()
-            if count >= _COPIED * len(lanes[key])
-            and len({data for _, data in lanes[key]}) > 3
-            and other != key
-            and _alike(other, key)
-        }
-        return [Lane({key: slice(None)}, own) for key, own in lanes.items() if key not in copies]
+    An extractor whose runs have not the needed bytes finds none; another has one at least.
+    """
+    texts, found = (b"\n".join(lines), b"\n".join(map(masked, lines))), list[Hypothesis]()
+    for one in extractors:
+        text, lanes = texts[one.masks_times], dict[bytes, list[tuple[int, bytes]]]()
+        runs = list(one.runs(text)) if re.search(one.needs, text) else []
+        if any(needed in run.data for run in runs):
+            for run, key in runs_in_lanes(text, runs):
+                lanes.setdefault(key, []).append((run.start, run.data))
+        whole = [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
+        choices = [_chosen(whole), _chosen([lane.cut() for lane in whole])]
+        found.append(max((Hypothesis(one, own) for own in choices), key=lambda own: own.score))
+    return sorted(found, key=lambda one: -one.score)
 
 
-def _alike(one: bytes, other: bytes) -> bool:
-    """Whether two lanes have the same direction and port, or none."""
-    return all(label_of(kind, one) == label_of(kind, other) for kind in ("word", "arrow", "port"))
-
-
-def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> list[Lane]:
-    """The lanes with the best score; numbers are left out only if that is better for all."""
-    choices = [_joined(lanes)]
-    if not extractor.swaps:
-        choices.append(_joined([lane.without_numbers() for lane in lanes]))
-    return max(choices, key=lambda chosen: sum(lane.score for lane in chosen))
-
-
-def _joined(lanes: Iterable[Lane]) -> list[Lane]:
-    """Choose lanes greedily; a lane joins another if that makes frames whole."""
+def _chosen(lanes: Iterable[Lane]) -> list[Lane]:
+    """Choose lanes greedily, each alone or joined with a chosen one, for the best score."""
     most = sorted(lanes, key=lambda lane: (-len(lane.frames), -len(lane.data)))[:_MOST_LANES]
-    poor = [lane for lane in most if 2 * lane.outside > len(lane.data)][:_MOST_HALVES]
-    pairs = [(one.joined(two), one, two) for one, two in combinations(poor, 2)]
-    both, *halves = max(pairs, key=lambda pair: pair[0].score, default=(Lane({}, []),))
-    chosen = [both] * (both.score > sum(max(half.score, 0) for half in halves))
-    most = [lane for lane in most if not chosen or lane not in halves]
-    for lane in sorted(most, key=lambda one: -one.score):
-        joined = [one.joined(lane) for one in chosen]
-        gains = [new.score - old.score for new, old in zip(joined, chosen, strict=True)]
-        best = max(gains, default=0.0)
-        if best > max(lane.score, 0.0):
-            chosen[gains.index(best)] = joined[gains.index(best)]
-        elif lane.score > 0:
-            chosen.append(lane)
+    chosen = most[:1]
+    for lane in most[1:]:
+        if not any(lane.repeats(one) for one in chosen):
+            joined = [[one.joined(lane) if one is own else one for one in chosen] for own in chosen]
+            choices = [chosen, [*chosen, lane], *joined]
+            chosen = max(choices, key=lambda choice: sum(one.score for one in choice))
     return chosen

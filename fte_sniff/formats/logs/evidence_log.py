@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.log_form import LogForm, StreamBytes
-from fte_sniff.formats.logs.evidence import Hypothesis, Sample, without_labels
+from fte_sniff.formats.logs.evidence import Hypothesis, are_known, hypotheses, without_labels
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Found, Layout, left_out, without_bytes
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
@@ -284,20 +283,20 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
     if not forms:
         names = "; ".join(one.name for one in EXTRACTORS)
         raise InputTextError(f"--form: there is no form {options.form!r}; the forms are: {names}")
-    sample = Sample(lines)
-    ranked = sample.hypotheses(forms)
+    ranked = [one for one in hypotheses(lines, forms) if one.frames]
     good = [one for one in ranked if one.accepted]
     for other in good[1:]:
-        missing = Counter(other.frames) - Counter(good[0].frames)
-        if other.score >= _AS_GOOD * good[0].score and missing.total() > 0.1 * len(other.frames):
+        is_as_good = other.score >= _AS_GOOD * good[0].score
+        if is_as_good and not are_known(other.frames, good[0].frames):
             raise InputTextError(
                 f"two readings are as good: {_first(good[0])} and {_first(other)};"
                 f' choose one with --form "{good[0].extractor.name}"'
             )
     if good or not (options.form or options.pattern or not options.whole):
         return good and [good[0], *(one for one in ranked if one is not good[0])]
-    forms = [one for one in forms if options.form or one.name.startswith("hex")]
-    return ranked or sample.longest(one._replace(masks_times=True) for one in forms)
+    digits = [one for one in forms if options.form or one.name.startswith("hex")]
+    like = hypotheses(lines, (one._replace(masks_times=True) for one in digits), needed=b"")
+    return ranked or [one for one in sorted(like, key=lambda one: -one.size) if one.size > 1][:1]
 
 
 def _first(one: Hypothesis) -> str:
