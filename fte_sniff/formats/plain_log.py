@@ -18,7 +18,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
-from fte_sniff.formats.logs.evidence import Hypothesis, Lane, direction_of
+from fte_sniff.formats.logs.evidence import Hypothesis, Lane, label_of
 from fte_sniff.formats.logs.forms import Extractor
 from fte_sniff.formats.logs.times import SECOND, masked
 from fte_sniff.formats.text_blocks import TextBlock
@@ -91,7 +91,9 @@ class PlainLog(LogForm):
         data = b""
         comments = [found[0] for line in lines if (found := re.search(rb"(?:#|//).*", line))]
         timed = sum(masked(text) != text for text in comments)
-        if len({direction_of(text) for text in comments} - {None}) > 1 or 2 * timed > len(lines):
+        if len({label_of("direction", text) for text in comments} - {None}) > 1 or 2 * timed > len(
+            lines
+        ):
             return None  # they say more of the bytes than plain hex does
         for line in lines:
             if re.match(_PREFIX, line):
@@ -100,7 +102,7 @@ class PlainLog(LogForm):
                 data += bytes_of_line(line)
             except InputTextError:
                 short = all(re.fullmatch(_SHORT, word) for word in re.split(_GAP, line))
-                if direction_of(line) or masked(line) != line or not short:
+                if label_of("direction", line) or masked(line) != line or not short:
                     return None
         text = b"".join(lines).strip()
         return None if text and not re.search(rb"[0-9A-Fa-f]", text) else cls(data)

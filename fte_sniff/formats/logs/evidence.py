@@ -40,7 +40,6 @@ _LONGEST_KEY: Final = 100
 _MOST_LANES: Final = 48
 _CUTS: Final = [slice(first, -last or None) for first, last in product(range(5), range(3))][1:]
 """Without offsets before the data of each run, and a count or sum after them."""
-_WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
 _SENT: Final = (
     r"(?i:(?<![a-z])(?:tx\d?|txd|out(?:going|put)?|transmit(?:ted)?|wrote|request|host|master|pc"
     r"|dte|t(?=\s?:)|(?:on|serial)?_?(?:send|sent|writ(?:e|es|ten|ing)))(?![a-z]))"
@@ -84,22 +83,19 @@ def are_known(frames: Sequence[bytes], others: Sequence[bytes]) -> bool:
 def label_of(kind: str, text: bytes) -> str | None:
     """The last `word`, `arrow` or `port` in a text, or the `first word`.
 
-    `both` is a port with a direction, and `given` is all the text.
+    `direction` is a word or an arrow, `both` a port with one, and `given` all the text.
     """
     readable = text.decode("utf-8", "replace")
     if kind == "given":
-        return direction_of(text) or readable.strip(" \x01").lower()
+        return label_of("direction", text) or readable.strip(" \x01").lower()
     if kind == "both":
-        port, direction = label_of("port", text), direction_of(text)
+        port, direction = label_of("port", text), label_of("direction", text)
         return f"{port}-{direction}" if port and direction else None
+    if kind == "direction":
+        return label_of("word", text) or label_of("arrow", text)
     pattern = _PATTERNS[kind.removeprefix("first ")]
     found = [label.lastgroup or label[1].lower() for label in re.finditer(pattern, readable)]
     return found[0 if kind == "first word" else -1] if found else None
-
-
-def direction_of(text: bytes) -> str | None:
-    """`tx` or `rx`, by a word or an arrow."""
-    return label_of("word", text) or label_of("arrow", text)
 
 
 @lru_cache(maxsize=4096)
@@ -141,12 +137,12 @@ def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes
 class Lane:
     """Runs whose lines look the same before the run; or several such lanes that make frames."""
 
-    def __init__(self, cuts: Mapping[bytes, slice], pieces: list[tuple[int, bytes]]) -> None:
+    def __init__(self, cuts: Mapping[bytes, slice], runs: list[tuple[int, bytes]]) -> None:
         self.cuts = cuts
         """By the text before the runs, which numbers of a run are data."""
-        self.pieces = pieces
+        self.runs = runs
         """The offset of each run in the sample, and its data."""
-        self.data = b"".join(data for _, data in sorted(pieces))
+        self.data = b"".join(data for _, data in sorted(runs))
         self.frames = frames_in(self.data)
         self.outside = len(self.data) - FRAME_LENGTH * len(self.frames)
         in_frames, outside = _FRAME_SCORE * len(self.frames), _OUTSIDE_SCORE * self.outside
@@ -154,16 +150,14 @@ class Lane:
 
     def joined(self, other: Lane) -> Lane:
         """Both."""
-        return Lane({**self.cuts, **other.cuts}, self.pieces + other.pieces)
+        return Lane({**self.cuts, **other.cuts}, self.runs + other.runs)
 
     def cut(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
         found = [self]
-        for cut in _CUTS if self.outside >= len(self.pieces) > 1 else ():
-            pieces = [(at, data[cut]) for at, data in self.pieces]
-            lane = Lane(dict.fromkeys(self.cuts, cut), pieces)
-            in_frames = len(lane.data) - lane.outside
-            found += [lane] * (in_frames > _LEAST_SHARE_CUT * len(lane.data))
+        for cut in _CUTS if self.outside >= len(self.runs) > 1 else ():
+            lane = Lane(dict.fromkeys(self.cuts, cut), [(at, data[cut]) for at, data in self.runs])
+            found += [lane] * (FRAME_LENGTH * len(lane.frames) > _LEAST_SHARE_CUT * len(lane.data))
         return max(found, key=lambda lane: lane.score)
 
     @property
@@ -187,9 +181,12 @@ class Hypothesis:
         self.size = sum(len(lane.data) for lane in lanes)
         self.share = FRAME_LENGTH * len(self.frames) / max(self.size, 1)
         """Of the bytes, how many are in frames."""
-        cuts = [item for lane in lanes for item in lane.cuts.items()]
-        self.cuts = {without_labels(key): cut for key, cut in reversed(cuts)}
+        self.rank = len(self.frames), self.share >= _ALMOST_ALL
+        """Whole frames, and whether there is almost nothing else."""
+        self.cuts: dict[str, slice] = {}
         """By the text before the runs, without labels, which numbers of a run are data."""
+        for key, cut in (item for lane in lanes for item in lane.cuts.items()):
+            self.cuts.setdefault(without_labels(key), cut)
 
     def cut_of(self, key: bytes) -> slice | None:
         """Which numbers of a run of this lane are data; None if it is another lane.
@@ -209,31 +206,22 @@ class Hypothesis:
         return slice(first, last or None) if first >= 0 >= last else None
 
     @property
-    def rank(self) -> tuple[int, bool]:
-        """Whole frames, and whether there is almost nothing else."""
-        return len(self.frames), self.share >= _ALMOST_ALL
-
-    @property
     def accepted(self) -> bool:
         """Whether there are more frames than by chance."""
-        patterns = [_pattern(length) for length in _WRONG_LENGTHS]
+        patterns = [_pattern(length) for length in (7, 8, 9, 11, 12, 13)]
         wrong = sum(len(one.findall(lane.data)) for one in patterns for lane in self.lanes)
         enough = max(2 * wrong / len(patterns), 1)
         return len(self.frames) >= enough and self.share >= _LEAST_SHARE
 
     def __str__(self) -> str:
-        lanes = sum(len(lane.cuts) for lane in self.lanes)
-        found = f"frames: {len(self.frames)}, bytes: {self.size:,}, lanes: {lanes}"
+        found = f"frames: {len(self.frames)}, bytes: {self.size:,}, lanes: {len(self.cuts)}"
         return f'"{self.extractor.name}", {found}, score: {self.score:.1f}'
 
 
 def hypotheses(
     lines: Sequence[bytes], extractors: Iterable[Extractor], needed: bytes = bytes([TAIL])
 ) -> list[Hypothesis]:
-    """The best lanes of each extractor in a sample of lines, the best score first.
-
-    An extractor whose runs have not the needed bytes finds none; another has one at least.
-    """
+    """What extractors whose runs have the needed bytes find in lines, the best score first."""
     texts, found = (b"\n".join(lines), b"\n".join(map(masked, lines))), list[Hypothesis]()
     for one in extractors:
         text, lanes = texts[one.masks_times], dict[bytes, list[tuple[int, bytes]]]()
@@ -241,7 +229,7 @@ def hypotheses(
         if any(needed in run.data for run in runs):
             for run, key in runs_in_lanes(text, runs):
                 lanes.setdefault(key, []).append((run.start, run.data))
-        whole = [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
+        whole = [Lane({key: slice(None)}, own) for key, own in lanes.items()]
         choices = [_chosen(whole), _chosen([lane.cut() for lane in whole])]
         found.append(max((Hypothesis(one, own) for own in choices), key=lambda own: own.score))
     return sorted(found, key=lambda one: -one.score)

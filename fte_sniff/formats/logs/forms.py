@@ -114,13 +114,7 @@ _BYTE: Final = (
 """Of -128 to 255: a counter beside the bytes is one of them only up to there."""
 _ANY: Final = r"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
 _STRING: Final = r"[bu]?(?:\"(?P<t>(?:[^\"\\\n]|\\.)*+)\"|'(?P<t1>(?:[^'\\\n]|\\.)*+)')"
-_CELL: Final = (
-    r"(?<![^,;\t])'?(?:(?:\\x|[\[<]|0x)@@[\]>]?|\\(?P<e>[a-z0])|(?P<c>[ -~]))'?(?![^,;\t\n])"
-)
 _OD_CELL: Final = r" (?P<o>[0-3][0-7]{2})|  \\(?P<e>[0abtnvfr])|   (?P<c>[ -~])"
-_BASE64: Final = r"(?<![\w+/-])(?P<q>(?:Q{4})*Q{2}(?:==|Q[\w+/=-]))(?![\w+/=-])".replace(
-    "Q", "[\\w+/-]"
-)
 _TOGETHER: Final = "(?<=[0-9A-F]{2})(?=[0-9A-F]{2})|(?<=[0-9a-f]{2})(?=[0-9a-f]{2})"
 """Between digits in one case; mixed case is a word."""
 _FORMS: Final = (
@@ -158,7 +152,9 @@ _FORMS: Final = (
     ("hex words", _GROUP, " ", "xxd, usbmon, LabVIEW, od -x, hexdump, xxd -e"),
     ("hex words, columns", _GROUP, " {2,5}", "hexdump -x, od -x of macOS"),
     ("0x words", "0[xX](?P<x>[0-9A-Fa-f]{4})", "[ ,;]{1,2}", "debuggers, arrays of uint16_t"),
-    ("base64", _BASE64, "", "JSON of MQTT and of clouds"),
+    ("base64",
+     r"(?<![\w+/-])(?P<q>(?:[\w+/-]{4})*[\w+/-]{2}(?:==|[\w+/-][\w+/=-]))(?![\w+/=-])", "",
+     "JSON of MQTT and of clouds"),
     ("quoted escapes", _STRING, " ?", "Python, C, Qt, strace, JSON"),
     ("quoted decimal escapes", _STRING.replace("<t", "<u"), " ?", "Lua, Haskell"),
     ("text with escapes", _text_with("t"), "",
@@ -166,7 +162,9 @@ _FORMS: Final = (
     ("text with hex escapes", _text_with("v"), "", "LabVIEW"),
     ("text with codes in brackets", _text_with("w"), "",
      "minicom, interceptty, DSView, Docklight, Bray's Terminal, Termite, Hercules, YAT"),
-    ("a character in each line", _CELL, "", "DSView, Saleae Logic in ASCII"),
+    ("a character in each line",
+     r"(?<![^,;\t])'?(?:(?:\\x|[\[<]|0x)@@[\]>]?|\\(?P<e>[a-z0])|(?P<c>[ -~]))'?(?![^,;\t\n])", "",
+     "DSView, Saleae Logic in ASCII"),
     ("characters of od -c", _OD_CELL, "", "od -c, hexdump -c"),
 )  # fmt: skip
 """Name, unit, separator, programs."""
