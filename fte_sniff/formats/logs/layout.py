@@ -55,18 +55,14 @@ class Found(NamedTuple):
     """Of its time."""
     stamp: int = NO_TIME
     """Its time, as `TimeRule.stamp` reads it."""
-
-
-class _Sampled(NamedTuple):
-    """A run of a sample with its line, and the lines without bytes above it."""
-
-    run: Found
-    line: bytes
-    above: bytes
+    line: bytes = b""
+    """In a sample, the line."""
+    above: bytes = b""
+    """In a sample, the lines without bytes above it."""
 
     def texts(self, part: int) -> tuple[bytes, bytes, bytes]:
-        """What is before and after the run in a part of its line, and above it."""
-        before, after = (self.line[slice(*self.run.parts[at][part])] for at in ("before", "after"))
+        """What is before and after it in a part of its line, and above it."""
+        before, after = (self.line[slice(*self.parts[at][part])] for at in ("before", "after"))
         return before, after, self.above
 
 
@@ -87,8 +83,8 @@ class Layout:
         for part in (0, 1):  # near the bytes, else in their record
             if self.times.where == "none":
                 self.times = time_rule([one.texts(part) for one in sampled])
-        bytewise = all(len(one.run.data) == 1 for one in sampled)
-        sampled = [_Sampled(one.run, *map(masked, one[1:])) for one in sampled]
+        bytewise = all(len(one.data) == 1 for one in sampled)
+        sampled = [one._replace(line=masked(one.line), above=masked(one.above)) for one in sampled]
         self.times.first_byte = self.times.kind == "since" and bytewise
         rules = [(2, *rule) for rule in _SEVERAL] + [(1, *rule) for rule in _LONE]
         for least, where, kind in [(1, "after", "given")] if given else rules:
@@ -139,36 +135,35 @@ class Layout:
             f"streams: {streams if self.streams else 'one'}",
         ]
 
-    def _sampled(self, lines: Sequence[bytes]) -> list[_Sampled]:
-        sampled, above, below = list[_Sampled](), b"", True
+    def _sampled(self, lines: Sequence[bytes]) -> list[Found]:
+        sampled, above, below = list[Found](), b"", True
         for line in lines:
             found, _ = self.read(line)
             if not found and line.strip():
                 above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
             below = bool(found) or (below and not line.strip())
-            sampled += [_Sampled(run, line, above) for run in found]
+            sampled += [one._replace(line=line, above=above) for one in found]
         return sampled
 
-    def _separates(self, kind: str, where: str, sampled: Sequence[_Sampled], least: int) -> bool:
+    def _separates(self, kind: str, where: str, runs: Sequence[Found], least: int) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
         if where == "above":
-            labels = [label_of(kind, one.above) for one in sampled]
+            labels = [label_of(kind, one.above) for one in runs]
             for at in range(1, len(labels)):  # of the last heading that has one
                 labels[at] = labels[at] or labels[at - 1]
         elif kind == "lane":
-            labels = [str(one.run.key) for one in sampled]
+            labels = [str(one.key) for one in runs]
         else:
-            labels = [_label(kind, one.line, one.run.parts[where]) for one in sampled]
+            labels = [_label(kind, one.line, one.parts[where]) for one in runs]
         known = sorted({label for label in labels if label is not None})
         named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
         if (
             not 0 < len(known) <= _MOST_STREAMS
             or labels.count(None) > (1 - _COVERED) * len(labels)
-            or (where == "above" and len({one.above for one in sampled}) < 2)
+            or (where == "above" and len({one.above for one in runs}) < 2)
             or len(named) < least
         ):
             return False
-        runs = [one.run for one in sampled]
         pieces = [
             b"".join(run.data for own, run in zip(labels, runs, strict=True) if own == label)
             for label in {None, *known}
@@ -180,7 +175,7 @@ class Layout:
         if gain < 0 or (kind == "lane" and not (gain or pure)):
             return False
         if kind == "lane":
-            self._names = _lane_names({run.key for run in runs}, sampled[0].above.split(b"\n"))
+            self._names = _lane_names({run.key for run in runs}, runs[0].above.split(b"\n"))
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
