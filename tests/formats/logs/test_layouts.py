@@ -238,6 +238,14 @@ def test_network_addresses_among_numbered_lines_are_no_bytes(count: int) -> None
     assert any("no bytes" in note for note in notes)
 
 
+def test_characters_beside_backslash_codes_of_labview_are_bytes() -> None:
+    f = frame_of(KINDS[4], random.Random(1))
+    text = "".join(chr(b) if 0x20 < b < 0x7F and b != 0x5C else f"\\{b:02X}" for b in f)
+    assert text[0] == "U"
+    rows, _ = rows_of(f"12:00:01.500 Read {text}\n".encode() * 9)
+    assert [row.raw for row in rows] == [f] * 9
+
+
 def test_every_form_names_its_programs() -> None:
     assert all(extractor.tools for extractor in EXTRACTORS)
     assert len({extractor.name for extractor in EXTRACTORS}) == len(EXTRACTORS)
