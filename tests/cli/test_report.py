@@ -30,8 +30,8 @@ from fte_sniff.row_batch import RowBatch
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 
 MS = 1_000_000
-NOON_MS = 1_769_860_800_000 - 10 * 86.8e-3
-"""When the first byte began of a frame that a log shows at 12:00 on 2026-01-31, UTC."""
+NOON_MS = 1_769_860_800_000
+"""12:00 on 2026-01-31, UTC."""
 HOSTILE = "<script>window.hit=1</script>\"'><img src=x onerror=window.hit=1>"
 
 HIDDEN = """
