@@ -25,7 +25,7 @@ PORT_NAME = "hex"
 
 
 @click.command(name="hex", short_help="Decode pasted bytes, field by field.")
-@click.argument("text", nargs=-1, metavar="BYTES...")
+@click.argument("text", nargs=-1, metavar="[BYTES]...")
 @format_option(None)
 def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     """Decode pasted bytes, field by field; without any, or with '-', from standard input.

@@ -140,8 +140,8 @@ def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzi
 def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
     if bounds is None:
         raise UsageError(
-            f"{option} {shortened(text)}: the input has no times;"
-            " give a recording or a dated log, with rows"
+            f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
+            " began, or give a recording or a dated log, with rows"
         )
     return bounds
 

@@ -462,7 +462,7 @@ config_option = click.option(
 lang_option = click.option(
     "--lang",
     type=click.Choice([*LANGUAGES, AUTO]),
-    help="Language of the screen; by default that of the settings or the locale.",
+    help="Language of the screen or the report; by default that of the settings or the locale.",
 )
 """The `--lang` option; its value goes to `Settings.language`."""
 

@@ -124,14 +124,25 @@ class FileRetention:
             self._path = next(name for name in file_names(path) if not _numbered(name))
         self.first = self._name(1) if self._rotates else self._path
         """The first file."""
-        if is_sequence and existing is Existing.REFUSE and (earlier := _numbered(path)):
-            raise unwritable(earlier, FileExistsError())
+        if is_sequence and existing is Existing.REFUSE:
+            self._refuse_existing(path)
         self._min_free = self._free_limit()
         if self.are_regular and (limit := self.limit_reached(0)):
             raise FileError(
                 "{path} cannot be recorded: {limit}; free space, or change the limit",
                 path=self.first,
                 limit=limit,
+            )
+
+    def _refuse_existing(self, path: Path) -> None:
+        if not self._rotates and os.path.lexists(path):
+            raise unwritable(path, FileExistsError())
+        if earlier := _numbered(path):
+            raise FileError(
+                "{path}: {earlier} exists already, from an earlier capture; name another file, or "
+                "use --force",
+                path=path,
+                earlier=earlier.name,
             )
 
     @property

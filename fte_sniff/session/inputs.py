@@ -16,10 +16,12 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, FteSniffError, InputTextError, UsageError
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
+    FRAME_LENGTH,
     Chunk,
     Gap,
     PortEvent,
     PortEventKind,
+    byte_time_ns,
     iso_time,
 )
 from fte_sniff.session.framing import decided_spans, rows_of_spans
@@ -357,12 +359,18 @@ class LogInput(Input):
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """Those of a text log, which is read for them; raw bytes have none."""
+        """Those of a text log, which is read for them; of a raw file, those that its start gives.
+
+        Of a raw file the last row is taken for a frame.
+        """
+        if self._log is None:
+            first_ns = self._first_ns() if self.size else None
+            frames_ns = max(0, (self.size or 0) - FRAME_LENGTH) * byte_time_ns(self._baud)
+            return None if first_ns is None else (first_ns, first_ns + frames_ns)
         tally = Tally()
-        if self._log is not None:
-            with suppress(InputTextError):  # raised when the rows are read
-                for rows in self._log_rows(self._log.again()):
-                    tally.update(rows)
+        with suppress(InputTextError):  # raised when the rows are read
+            for rows in self._log_rows(self._log.again()):
+                tally.update(rows)
         return tally.times
 
     @property
@@ -407,7 +415,7 @@ class LogInput(Input):
         tally, found = Tally(), 0
         for rows in batches:
             if len(rows) and InputBatch(rows).times is None:
-                raise UsageError(f"{self.name} has no times; --from and --to need a recording")
+                raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
             tally.update(rows)
             if isinstance(rows, list):
                 inside: Rows = [row for row in rows if span.contains(row)]

@@ -168,6 +168,15 @@ def test_a_host_program_in_front_of_a_simulated_controller(environment, tmp_path
         assert ended(process)[0] == 0
 
 
+def test_a_simulated_controller_says_where_it_answers_as_the_docs_show(environment, tmp_path: Path):
+    docs = (Path(__file__).parents[2] / "docs" / "develop.md").read_text("utf-8")
+    shown = docs.partition("$ fte-sniff simulate --link ./controller\n")[2].partition("```")[0]
+    with started(environment, tmp_path, "simulate", "--link", "./controller") as process:
+        lines = [stream.readline().decode() for stream in (process.stdout, process.stderr)]
+        process.terminate()
+    assert "".join(lines) == shown
+
+
 def test_two_bridges_in_a_row(environment, tmp_path: Path):
     with (
         bridged(environment, tmp_path, "--no-record") as (_, far, _),

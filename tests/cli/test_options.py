@@ -182,7 +182,7 @@ def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> No
         writer.write([PortEvent(FIRST, "p", PortEventKind.OPENED, "")])
     done = run("decode", path, "--from", "+1s")
     assert done.returncode == 2
-    assert "the input has no times; give a recording or a dated log, with rows" in done.stderr
+    assert "the input has no times; set with --start when its bytes began, or give" in done.stderr
 
 
 def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
@@ -237,10 +237,18 @@ def test_a_log_whose_times_are_not_known_before_says_why(run, tmp_path: Path) ->
     assert "write the times in full" in done.stderr
 
 
-def test_logs_have_no_times(run, samples: Path) -> None:
-    done = run("decode", samples / "clean.raw", "--from", "2026-01-31")
+@pytest.mark.parametrize("since", ["2026-01-31", "12:00:00.5", "+500ms"])
+def test_the_option_that_gives_bytes_times_is_named(run, samples: Path, since: str) -> None:
+    command = ["decode", samples / "clean.raw", "--from", since]
+    done = run(*command)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("has no times; --from and --to need a recording")
+    assert "has no times; set with --start when its bytes began" in done.stderr.splitlines()[-1]
+    done = run(*command, "--format", "jsonl", "--start", "2026-01-31T12:00:00Z")
+    assert done.returncode == 0
+    first = json.loads(done.stdout.splitlines()[0])
+    assert first["offset"] == (0 if since == "2026-01-31" else 5760)
+    done = run("decode", samples / "clean.raw", "--from", "-1ms", "--start", "2026-01-31T12:00:00Z")
+    assert len(done.stdout.splitlines()) == 1 + 2
 
 
 def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -155,8 +156,14 @@ def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path
 def test_a_sequence_that_is_there_is_not_mixed_with_another(tmp_path: Path) -> None:
     options = replace(ALL, rotate_bytes=1)
     (tmp_path / "x_00002.mcap").write_bytes(b"precious")
-    with pytest.raises(FileError, match=r"x_00002\.mcap exists already"):
-        Recorder(tmp_path / "x.mcap", [PORT], options=options)
+    named = rf"^{re.escape(str(tmp_path / 'x.mcap'))}"
+    for one in (options, ALL):
+        with pytest.raises(FileError, match=rf"{named}: x_00002\.mcap exists already, .* --force"):
+            Recorder(tmp_path / "x.mcap", [PORT], options=one)
+    (tmp_path / "x.mcap").write_bytes(b"precious")
+    with pytest.raises(FileError, match=rf"{named} exists already; .* --force"):
+        Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
+    (tmp_path / "x.mcap").unlink()
     numbered = Recorder(tmp_path / "x.mcap", [PORT], options=options, existing=Existing.NUMBER)
     numbered.close()
     assert numbered.path.name == "x-2_00001.mcap"
