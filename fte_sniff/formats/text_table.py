@@ -58,7 +58,8 @@ def _joined(cells: Iterable[str]) -> str:
 class RichWriter:
     """Writes one coloured line a row, cut at the terminal's right edge.
 
-    On a narrow terminal the times are short, there are no offsets, and faults precede the bytes.
+    Long bytes are cut so that the faults stay in sight. On a narrow terminal the times are short,
+    there are no offsets, and faults precede the bytes.
     """
 
     def __init__(self, console: Console, *, ports: bool) -> None:
@@ -77,9 +78,14 @@ class RichWriter:
     def _begin(self, layout: TextLayout) -> Callable[[Row], Iterable[str]]:
         if self._console.width >= layout.width:
             self._print(GAP.join(layout.header()), "bold")
-            return layout.cells
+            return lambda row: self._wide_cells(layout.cells(row))
         self._print(GAP.join(layout.narrow_header()), "bold")
         return layout.narrow_cells
+
+    def _wide_cells(self, cells: list[str]) -> list[str]:
+        *others, raw, faults = cells
+        room = max(1, self._console.width - len(GAP.join([*others, "", faults])))
+        return [*others, f"{raw[: room - 1]}…" if len(raw) > room else raw, faults]
 
     def close(self) -> None:
         """Do nothing: all rows are written."""

@@ -1,0 +1,28 @@
+"""The table of a terminal: each row is one line, and its faults are in it."""
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from fte_sniff.formats.text_table import PlainWriter, RichWriter
+from fte_sniff.protocol import Damage, Fault
+
+
+@pytest.mark.parametrize("width", [60, 80, 150, 200, 5000])
+@pytest.mark.parametrize("size", [3, 12, 1024])
+def test_long_bytes_do_not_hide_the_fault(width: int, size: int) -> None:
+    row = Damage("port", 0, bytes(size), 1_770_000_000_000_000_000, (Fault.NOISE,), 0)
+    screen = StringIO()
+    RichWriter(Console(file=screen, width=width), ports=True).write([row])
+    head, line = screen.getvalue().splitlines()
+    assert "noise" in line
+    assert max(map(len, (head, line))) <= width
+    assert ("…" in line) == (" 00" * size not in f" {line}")
+
+
+def test_a_file_has_all_bytes() -> None:
+    row = Damage("port", 0, bytes(1024), None, (Fault.NOISE,), 0)
+    file = StringIO()
+    PlainWriter(file, ports=False).write([row])
+    assert " ".join(["00"] * 1024) in file.getvalue()
