@@ -197,7 +197,9 @@ class RowOrigins:
     def __init__(self, captures: Sequence[int]) -> None:
         """Know no rows yet; `captures` are the numbers of the captures of the inputs."""
         self._captures = captures
-        self._several = len(set(captures)) > 1
+        self.captures = max(1, len(set(captures)))
+        """Number of captures."""
+        self._several = self.captures > 1
         self._starts: list[int] = []
         self._found: list[int | Ints] = []
         """For each start, the capture of the rows from there on, or of each of them."""

@@ -107,7 +107,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         rules = ColorRules(options.colors)
         self._table.rules = rules if options.colors else None
         self._warnings = [*options.warnings, *rules.mistakes]
-        self._panes = PaneSwitcher(store, self._table, options.line_setup)
+        captures = 1 if options.notes is None else options.notes.origins.captures
+        self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
         main = Vertical(self._header, self._table, self._panes.top, id="main")
         self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()

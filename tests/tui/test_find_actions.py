@@ -625,6 +625,9 @@ def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
         assert row.values["rpm"] == 105
         marks, store = table(app).marks, app._model.store
         assert {store.row(one).values["rpm"]: marks.text(one) for one in marks} == wanted
+        for key in ("S", "M"):
+            await press(app, pilot, key)
+            await until(app, pilot, lambda: "2 captures as one" in page(app))
 
     for scenario in (write, read):
         inputs = [_opened_capture(file, number, timed=timed) for number, file in enumerate(files)]

@@ -481,7 +481,8 @@ class MotorsPane(Pane):
         title = _(TITLE_FULL if self._full_range else TITLE)
         title = title.format(span=span_text(WINDOWS_NS[self._window]))
         as_of = _as_of(context)
-        self.set_title(*((f"{title}   {as_of}", as_of) if as_of else (title,)))
+        parts = [part for part in (title, context.merged_text, as_of) if part]
+        self.set_title(*("   ".join(parts[first:]) for first in range(len(parts))))
         view = self._view(context)
         if view is None:
             self.set_page(Text(_(BEHIND).format(rows=context.models.pending)))

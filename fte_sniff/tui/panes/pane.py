@@ -38,6 +38,9 @@ P = ParamSpec("P")
 _CORNERS = 4
 
 
+MERGED: Final = later("{count} captures as one")
+
+
 @dataclass(frozen=True, slots=True)
 class PaneContext:
     """What a pane draws, at one moment."""
@@ -68,6 +71,13 @@ class PaneContext:
     """The answers of the row, by motor, if it is a command."""
     command: CommandAnswer | None = None
     """The command that the row answers."""
+    captures: int = 1
+    """Captures whose rows are merged."""
+
+    @property
+    def merged_text(self) -> str:
+        """That numbers are of several captures, whose equal ports are one; empty for one."""
+        return "" if self.captures < 2 else _(MERGED).format(count=self.captures)
 
     def row_text(self, index: int) -> str:
         """The number of a row among those shown."""

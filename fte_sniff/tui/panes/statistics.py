@@ -265,7 +265,7 @@ class StatisticsPane(Pane):
 
     def draw(self, context: PaneContext) -> None:
         """Draw the current numbers."""
-        self.set_title(_(TITLE))
+        self.set_title("   ".join(filter(None, (_(TITLE), context.merged_text))))
         width, palette = self.page_size.width, context.palette
         page = StatisticsPage(context.models, context.rates_ns, width, palette, context.zone)
         self.set_page(page.text)

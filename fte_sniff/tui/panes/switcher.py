@@ -39,7 +39,10 @@ CLOSED_BATCH_ROWS: Final = 4_096
 class PaneSwitcher:
     """The panes, of which at most one is shown."""
 
-    def __init__(self, store: RowStore, table: RowTable, line_setup: LineSetup) -> None:
+    def __init__(
+        self, store: RowStore, table: RowTable, line_setup: LineSetup, captures: int = 1
+    ) -> None:
+        self._captures = captures
         self._store, self._table, self._line_setup = store, table, line_setup
         self._models = LiveModels(store, line_setup)
         self.top = TopView()
@@ -233,4 +236,5 @@ class PaneSwitcher:
             field=table.field,
             answers=tuple(table.relations.answers(index)),
             command=table.relations.command(index),
+            captures=self._captures,
         )
