@@ -188,14 +188,14 @@ class Hypothesis:
         for key, cut in (item for lane in lanes for item in lane.cuts.items()):
             self.cuts.setdefault(without_labels(key), cut)
 
-    def cut_of(self, key: bytes) -> slice | None:
-        """Which numbers of a run of this lane are data; None if it is another lane.
+    def cut_of(self, key: bytes, size: int) -> slice | None:
+        """Which numbers of a run of this lane and `size` are data; None if it is another lane.
 
         A number that is left out is not in the run where it is too large for a byte.
         """
         words = without_labels(key)
-        if words in self.cuts:
-            return self.cuts[words]
+        if words in self.cuts or size < LIKE_BYTES:
+            return self.cuts.get(words)
         before, missing = words.removesuffix("…"), 0
         while (cut := self.cuts.get(before, self.cuts.get(before.strip()))) is None:
             shorter = re.sub(r"0[ ,;\t]+$", "", before)

@@ -96,7 +96,7 @@ class Layout:
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
         found, others = list[Found](), dict[int, bytes]()
         for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
-            cut = self.hypothesis.cut_of(key)
+            cut = self.hypothesis.cut_of(key, len(run.data))
             if cut is None:
                 text = line[run.start : run.stop]
                 if len(run.data) >= LIKE_BYTES and not re.fullmatch(_ONE_WORD, text):
