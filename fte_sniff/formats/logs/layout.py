@@ -21,7 +21,7 @@ from fte_sniff.formats.logs.times import Fields, TimeRule, masked, time_rule
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
-_ONE_WORD: Final = rb"\W*(?:\d{1,16}|\w{1,8})\W*"
+_ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"
 """An address, a counter or a name."""
 _BORDER: Final = re.compile(rb"[}\])]\s*,?\s*(?=[{\[(])|</\w+>|;")
 """Between two records in a line."""

@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FteSniffError
@@ -105,6 +105,7 @@ LABELLED = sorted(set(ONE_LINE) - BARE)
     st.sampled_from(["utf-8", "utf-16", "utf-8-sig", "crlf", "nul", "colour"]),
     st.lists(st.sampled_from(FOREIGN), max_size=60),
 )
+@example("0x and digits", 0, "utf-8", ["0x3ffb4280"])
 @examples(40)
 def test_foreign_lines_and_encodings_change_nothing(
     name: str, seed: int, encoding: str, foreign: list[str]
