@@ -135,7 +135,7 @@ class FileRetention:
             )
 
     def _refuse_existing(self, path: Path) -> None:
-        if not self._rotates and os.path.lexists(path):
+        if not self._rotates and os.path.lexists(path) and not path.is_dir():
             raise unwritable(path, FileExistsError())
         if earlier := _numbered(path):
             raise FileError(

@@ -127,7 +127,7 @@ def test_a_command_that_is_nearly_right(run) -> None:
 
 @pytest.mark.parametrize("option", ["--duration", "--flush-every"])
 def test_a_time_that_is_none_says_how_to_write_one(run, option: str) -> None:
-    refused(run("live", "sim://", option, "1x"), 2, "'1x' is not a time; use for example 10s")
+    refused(run("live", "sim://", option, "1x"), 2, "'1x' is not a time; use for example 100ms")
 
 
 @pytest.mark.parametrize("command", ["decode", "stats", "view", "repair"])
