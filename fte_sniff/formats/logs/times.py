@@ -28,12 +28,14 @@ _QUARTER_S: Final = 900
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
 _NAMED: Final = rf"(?=[ADFJMNOSadfjmnos])(?i:{_MONTHS})[a-z]*"
+_MONTH_DAY: Final = r"(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])"
 _YEAR: Final = r"(?:19|2[01])\d\d"
 _DATES: Final = (
     ("date", rf"{_YEAR}(?:[-/.]|年)[01]?\d(?:[-/.]|月)[0-3]?\d(?:日)?"),  # ISO 8601; in Chinese
     ("date", rf"\d{{1,2}}\.\d{{1,2}}\.(?:{_YEAR}|\d\d)"),  # day first: in German and Russian
     ("date", rf"\d{{1,2}}[-/]\d{{1,2}}[-/](?:{_YEAR}|\d\d)"),  # Docklight, Eltima, Windows
-    ("date", r"20\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])"),  # embedded loggers, PLCs
+    ("date", rf"20\d\d{_MONTH_DAY}"),  # embedded loggers, PLCs
+    ("date", rf"2\d{_MONTH_DAY}(?=[T_ -]\d{{6}}\.\d)"),  # the same with a short year
     ("date", rf"\d{{1,2}}[- ]{_NAMED}[- ]{_YEAR}"),  # git, Apache
     ("date", rf"{_NAMED} +\d{{1,2}}(?:,? {_YEAR}|(?= +[\d:.]+ 20\d\d\b))"),  # ctime, Tera Term
     ("year-less", rf"{_NAMED} +\d{{1,2}}"),  # syslog, ts
@@ -41,21 +43,21 @@ _DATES: Final = (
 )
 """Kinds of dates, their regular expressions, and who writes them; an earlier one is preferred."""
 _HALF: Final = "[AaPp][Mm]|上午|下午"
-_CLOCK: Final = (  # the colons may be absent after a date of eight digits, or a T
+_CLOCK: Final = (  # the colons may be absent after a date of digits
     rf"(?:(?P<half>{_HALF}) *)?"
-    r"(?P<h>2[0-4]|[01]?\d)(?::|时|(?<=\d{10})|(?<=\dT\d\d))"
-    r"(?P<mi>[0-5]\d)(?::|分|(?<=\d{12})|(?<=\dT\d{4}))(?P<s>[0-5]\d|60)(?:秒)?"
+    r"(?P<h>2[0-4]|[01]?\d)(?::|时|(?<=\d{10})|(?<=\d{6}[T_-]\d\d)|(?<=\d{6} \d\d)(?=\d{4}\.))"
+    r"(?P<mi>[0-5]\d)(?::|分|(?<=\d{12})|(?<=\d{6}[T_ -]\d{4}))(?P<s>[0-5]\d|60)(?:秒)?"
     r"(?:(?:\.(?:000(?=\d{6}  length))?|[:,](?=\d{3}(?!\d)|\d{6}[+-]))"  # socat 1.7.4.4 pads
     r"(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"  # Zephyr writes milliseconds,microseconds
     rf"(?![\d_]|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y>20\d\d)(?!\d))?"
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 )
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
-_THEN: Final = r"(?:T|[,_ ] *|(?<=\d{8}))"
+_THEN: Final = r"(?:[T-]|[,_ ] *|(?<=\d{8}))"
 _WHOLE: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)"
 _FRACTION: Final = r"\.(?P<f>\d{1,9})\d*"
 _NUMBER: Final = rf"{_WHOLE}(?:{_FRACTION})?(?![\w.])"
-_UNITS: Final = {"ms": 10**6, "us": 1000, "µs": 1000, "ns": 1}
+_UNITS: Final = {"s": SECOND, "ms": 10**6, "us": 1000, "µs": 1000, "ns": 1}
 _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
     *((kind, SECOND, f"{_BEGIN}(?P<date>{one}){_THEN}{_CLOCK}") for kind, one in _DATES),
     ("clock", SECOND, f"{_BEGIN}(?P<date>){_CLOCK}"),
@@ -64,13 +66,19 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
         for digits in (9, 12, 15, 18)
     ),
     ("since", 0, _NUMBER),  # the heading of the column has the unit: DSView, Saleae
-    *(("since", scale, rf"{_NUMBER}(?= {unit}\b)") for unit, scale in _UNITS.items()),
+    *(
+        ("since", scale, rf"(?<![\w.-])(?<!\d:)(?P<n>\d+)(?:{_FRACTION})?(?= ?{unit}\b)")
+        for unit, scale in _UNITS.items()
+    ),
     ("since", 10**6, r"\b[EWIDV] \(" + _NUMBER),  # ESP-IDF
     ("since", SECOND, rf"{_WHOLE}{_FRACTION}(?![\w.])"),  # dmesg, tshark
 )
 """Kinds of times, nanoseconds of one, and regular expressions; an earlier one is preferred."""
 _ANY: Final = rf"{_BEGIN}(?:(?:{'|'.join(one for _, one in _DATES)}){_THEN})?{_CLOCK}"
-_HEADING: Final = r"[^,\n]*(?:time|stamp|start|\bts\b|时间)[^,\n]*[\[(_ ]([nuµm]s)(?:ec|\b)[^,\n]*"
+_HEADING: Final = (
+    r"(?:[^,\n]*(?:time|stamp|start|\bts\b|时间)[^,\n]*[\[(_ ]|[^\w,\n]*(?:t_?)?)"
+    r"([nuµm]s)(?:ec|\b)[^,\n]*"
+)
 _IN_NAME: Final = r"(?<!\d)(20\d\d\D?\d\d\D?\d\d)(?:\D{1,4}(\d\d\D?\d\d\D?\d\d))?(?!\d)"
 OF_CLOCK: Final = frozenset({"h", "mi", "s", "f", "us", "n"})
 """Fields that may differ in lines of the same shape; their dates and zones are equal."""
@@ -200,7 +208,8 @@ def _midnight_ns(day: date) -> int:
 @lru_cache
 def _day(text: bytes, year: int, day_first: bool) -> date | None:
     """The day of a date, None if there is none; the year is that of dates without one."""
-    words = re.findall(rf"{_MONTHS}|\b\d{{4}}|\d\d?", text.decode().lower())
+    century = "20" if text.isdigit() and len(text) == 6 else ""
+    words = re.findall(rf"{_MONTHS}|\b\d{{4}}|\d\d?", century + text.decode().lower())
     is_day_first = b"." in text or (day_first and len(words) == 3)
     numbers = "%d %m" if is_day_first else "%m %d"
     for form in ("%Y %m %d", "%d %b %Y", "%b %d %Y", f"{numbers} %Y", f"{numbers} %y"):

@@ -65,6 +65,9 @@ def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
         ("20260201140322.123 TX ", "2026-02-01T14:03:22.123"),
         ("20260201T140322.123+00:00 TX ", "2026-02-01T14:03:22.123"),
         ("2026-02-01T14:03:22,123456+00:00 TX ", "2026-02-01T14:03:22.123"),
+        ("20260201-140322.123 TX ", "2026-02-01T14:03:22.123"),
+        ("20260201_140322 TX ", "2026-02-01T14:03:22.000"),
+        ("260201 140322.123 TX ", "2026-02-01T14:03:22.123"),
         ("时间：14:03:22.123，方向：接收，数据：", "2026-01-31T14:03:22.123"),
         ("time:14:03:22.123 data:", "2026-01-31T14:03:22.123"),
         ("01/02/2026, 14:03:22node: ", "2026-02-01T14:03:22.000"),
@@ -77,7 +80,13 @@ def test_each_form_of_a_time(head: str, time: str | None) -> None:
     assert (None in found) == (time is None)
 
 
-@pytest.mark.parametrize("number", ["12.345", "000012.345", "[   12.345]", "I (12345) uart:"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        "12.345", "000012.345", "[   12.345]", "I (12345) uart:", "t=12345ms", "+12345.0ms",
+        "12.345s", "12345000us", "12345000 µs",
+    ],
+)  # fmt: skip
 def test_seconds_count_from_the_start_that_is_given(number: str) -> None:
     start = int(datetime(2026, 1, 31, tzinfo=UTC).timestamp()) * 10**9
     later = number.replace("12", "13", 1)
