@@ -146,7 +146,7 @@ _FORMS: Final = (
      "Java, Python, ROS, Node-RED, JSON of a Uint8Array"),
     ("decimal, semicolons or dashes", _BYTE, " ?; ?|-", "spreadsheets, Docklight"),
     ("octal", "(?P<o>[0-3][0-7]{2})", "[ ,]{1,2}", "od -b, hexdump -b"),
-    ("binary", "(?:0b)?(?P<b>[01]{4}_?[01]{4})", "[ ,;]{0,2}", "xxd -b, FPGA logs"),
+    ("binary", "(?:0b)?(?P<b>[01]{4}_?[01]{4})", r"(?: \(0x..\))?[ ,;]{0,2}", "xxd -b, ESPHome"),
     ("octal words", "(?P<O>[0-7]{6})", " {1,5}", "od"),
     ("decimal words", r"(?P<D>-?\d{1,5})", " {1,5}", "od -d, hexdump -d"),
     ("hex words", _GROUP, " ", "xxd, usbmon, LabVIEW, od -x, hexdump, xxd -e"),
