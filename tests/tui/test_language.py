@@ -366,7 +366,7 @@ def _notes(row: Any) -> list[str]:
     return [part.note for part in dissect(row)]
 
 
-@given(st.lists(st.text(), max_size=5), st.sampled_from(Joint))
+@given(st.lists(st.text().map("no message: {}".format), max_size=5), st.sampled_from(Joint))
 def test_lists_are_joined_in_the_language_of_the_screen(items: list[str], joint: Joint) -> None:
     english, chinese = joint.format(before="", after=""), {", ": "、", " or ": " 或 "}
     set_language("en")
