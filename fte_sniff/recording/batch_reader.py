@@ -7,6 +7,7 @@ its turn comes.
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -261,6 +262,11 @@ def _threads() -> ThreadPoolExecutor:
     before the last thread has returned its own, and keeps all of them.
     """
     return ThreadPoolExecutor(cores(), "unpacks chunks")
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    # A forked process has the pool without its threads: what it submits would never be done.
+    os.register_at_fork(after_in_child=_threads.cache_clear)
 
 
 class BatchReader:

@@ -1,5 +1,7 @@
 """Recordings read back: batches, single rows, time ranges, files of other writers."""
 
+import multiprocessing
+import os
 import tempfile
 import threading
 from collections.abc import Callable
@@ -255,6 +257,28 @@ def test_reading_again_starts_no_further_threads(tmp_path: Path, make_rows: Make
             running = threading.enumerate()
             threads.update(one for one in running if one.name.startswith("unpacks chunks"))
     assert 0 < len(threads) <= cores()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_reads_with_threads_of_its_own(
+    tmp_path: Path, make_rows: MakeRows
+) -> None:
+    path = tmp_path / "x.mcap"
+    rows = make_rows(30_000, "one")
+    with RecordingWriter(path, [PortFacts("one")]) as writer:
+        for start in range(0, len(rows), 1000):
+            writer.write(rows[start : start + 1000])
+
+    def read_all() -> None:
+        assert sum(len(batch) for batch in RecordingReader(path).batches()) == len(rows)
+
+    read_all()
+    child = multiprocessing.get_context("fork").Process(target=read_all)
+    child.start()
+    child.join(60)
+    child.kill()
+    assert child.exitcode == 0
 
 
 def test_a_message_that_only_looks_equally_long_is_not_misread(
