@@ -14,12 +14,14 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from enum import Enum
 from typing import Any, Final
 
 from fte_sniff.analysis.filter.parser import Token, TokenType, parse, tokens
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
+from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, VALUE_FIELDS, ColumnType
 
@@ -99,12 +101,15 @@ OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
 """The comparisons by sign."""
 
 _UNIT_AT_END: Final = re.compile(
-    r"""[=<>](?>\s*[+-]?\s*)
-    (?>0[xX][0-9A-Fa-f]+|0[bB][01]+|(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
-    (?>\s*)(?P<unit>%|/s|[^\W\d]\w*(?:/\w+)?)\s*$""",
+    r"""[=<>](?P<number>(?>\s*[+-]?\s*)
+    (?>0[xX][0-9A-Fa-f]+|0[bB][01]+|(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?))
+    (?>\s*)(?P<unit>%|/s|(?!_|(?i:and|or|not)\b)[^\W\d]\w*(?:/\w+)?)\s*$""",
     re.VERBOSE,
 )
 """A number, and after it what is probably its unit."""
+
+_TIME_UNITS: Final = {"s": SECOND_NS, "ms": SECOND_NS // 1000}
+"""The units of measures that are times, in nanoseconds."""
 
 _UNITS: Final = {field.name: field.unit for field in VALUE_FIELDS}
 
@@ -138,7 +143,7 @@ class Rule:
         unit = _UNIT_AT_END.search(expect)
         rule = _Parser(expect if unit is None else expect[: unit.start("unit")]).parse()
         if unit is not None:
-            raise rule._unit_error(expect, unit.start("unit"), unit["unit"])
+            raise rule._unit_error(expect, unit)
         return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
 
     @property
@@ -146,11 +151,17 @@ class Rule:
         """Unit of the measured value and the number; empty without one."""
         return _UNITS.get(self.argument) or MEASURES[self.measure].unit
 
-    def _unit_error(self, expect: str, at: int, unit: str) -> InputTextError:
+    def _unit_error(self, expect: str, found: re.Match[str]) -> InputTextError:
+        at, unit = found.start("unit"), found["unit"]
         is_share = self.measure in ("share", "online")
         of_measure = "0 to 1" if is_share else f"in {self.unit}" if self.unit else "without a unit"
-        fix = "the number alone"
-        if unit.lower() == ("%" if is_share else self.unit.lower().removeprefix("1")):
+        fix = f"the number in {self.unit}" if self.unit else "the number alone"
+        length_ns = (
+            duration_ns(found["number"].strip() + unit) if self.unit in _TIME_UNITS else None
+        )
+        if length_ns is not None:
+            fix = f"{self.operator} {Decimal(length_ns) / _TIME_UNITS[self.unit]:.12g}"
+        elif unit.lower() == ("%" if is_share else self.unit.lower().removeprefix("1")):
             fix = f"{self.operator} {self.number / (100 if is_share else 1):.12g}"
         return InputTextError(
             f'a rule has no unit at character {at + 1} of "{excerpt(expect, at)}";'
