@@ -57,7 +57,7 @@ def bytes_of_line(line: bytes, number: int = 1, column: int = 0) -> bytes:
     """
     found, at, padded = bytearray(), 0, re.search(rb"\b0[0-9A-Fa-f]\b", line) is not None
     for token in re.finditer(_TOKEN, line):
-        is_half = padded and at and len(token[0]) == 1 and token["digits"]
+        is_half = padded and found and len(token[0]) == 1 and token["digits"]
         if token.start() > at or is_half:
             break
         at = token.end()

@@ -70,6 +70,8 @@ class _Stream:
         self._lines: Any = None
         """Of each line with undecided bytes: the offset after them, its number, its time, and when
         one of its bytes can have begun at the earliest; int64, shape (4, lines)."""
+        self._first = False
+        """Whether the first byte of each line began at its time."""
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
         self.frames = Counter[int]()
@@ -100,6 +102,7 @@ class _Stream:
         log, sizes = self._log, np.asarray(new.sizes, np.int64)
         stops, took = np.cumsum(sizes), sizes * log.byte_ns
         t_ns = np.full(len(sizes), NO_TIME) if new.times is None else np.array(new.times, np.int64)
+        self._first = new.first
         if new.first:
             t_ns = np.where(t_ns == NO_TIME, t_ns, np.minimum(t_ns, LATEST_NS - took) + took)
         now = np.maximum(t_ns, 0)
@@ -132,7 +135,8 @@ class _Stream:
         own = np.searchsorted(self._lines[0], batch.offset, "right")
         stops, lines, times, floors = self._lines[:, own]
         before = (stops - batch.offset) * self._log.byte_ns
-        before -= before % self._log.resolution_ns  # no time is finer than the stamps
+        if not self._first:
+            before -= before % self._log.resolution_ns  # no time is finer than the stamps
         t_ns = np.maximum(times - before, floors)
         delay_ns = np.maximum(times - t_ns, 0)
         t_ns[times == NO_TIME] = delay_ns[times == NO_TIME] = NO_TIME

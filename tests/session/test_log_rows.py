@@ -135,3 +135,14 @@ def test_bytes_without_times_follow_each_other_at_the_baud(tmp_path: Path, baud:
         rows = rows_of(LogReader("x", options, BytesIO(content.encode())))
         step = 10 * byte_time_ns(baud)
         assert times_of(rows) == [10**18 + step * number for number in range(len(rows))]
+
+
+def test_the_first_byte_of_a_line_began_at_its_stamp() -> None:
+    lines = (
+        f"{1 + at * 0.001:.3f},0x{byte:02X}\n"
+        for at, byte in enumerate(bytes.fromhex("AA010103E800000000EE") * 3)
+    )
+    log = BytesIO(("Time [s],Value\n" + "".join(lines)).encode())
+    reader = LogReader("x", LogOptions(start_ns=0), log)
+    rows = [row for rows in rows_of_log(reader, lambda _: None) for row in rows]
+    assert [row.t_ns for row in rows] == [1_000_000_000, 1_010_000_000, 1_020_000_000]

@@ -185,7 +185,8 @@ class Hypothesis:
         """Whole frames, and whether there is almost nothing else."""
         self.cuts: dict[str, slice] = {}
         """By the text before the runs, without labels, which numbers of a run are data."""
-        for key, cut in (item for lane in lanes for item in lane.cuts.items()):
+        self._cuts = {key: cut for lane in lanes for key, cut in lane.cuts.items()}
+        for key, cut in self._cuts.items():
             self.cuts.setdefault(without_labels(key), cut)
 
     def cut_of(self, key: bytes, size: int) -> slice | None:
@@ -194,8 +195,8 @@ class Hypothesis:
         A number that is left out is not in the run where it is too large for a byte.
         """
         words = without_labels(key)
-        if words in self.cuts or size < LIKE_BYTES:
-            return self.cuts.get(words)
+        if key in self._cuts or words in self.cuts or size < LIKE_BYTES:
+            return self._cuts.get(key, self.cuts.get(words))
         before, missing = words.removesuffix("…"), 0
         while (cut := self.cuts.get(before, self.cuts.get(before.strip()))) is None:
             shorter = re.sub(r"0[ ,;\t]+$", "", before)

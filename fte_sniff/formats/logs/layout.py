@@ -23,10 +23,12 @@ _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"
 """An address, a counter or a name."""
-_BORDER: Final = re.compile(rb"[}\])]\s*,?\s*(?=[{\[(])|</\w+>|;")
+_BORDER: Final = re.compile(rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;")
 """Between two records in a line."""
 _FAR: Final = 4096
 """Bytes of a line that are searched for what is not near its bytes."""
+_MOST_TIMED: Final = 300
+"""Runs of a sample that show where the times are."""
 _COVERED: Final = 0.95
 _LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
@@ -48,7 +50,7 @@ class Found(NamedTuple):
     gap: bool = False
     """Whether the log leaves out bytes after it."""
     parts: Mapping[str, Sequence[tuple[int, int]]] = MappingProxyType({})
-    """Of the line, `before` and `after` it, what may be about it: near it, then its record."""
+    """Of the line, `before` and `after` it, what may be about it: near it, its record, the line."""
     label: str | None = None
     """Of its stream."""
     fields: Fields | None = None
@@ -79,12 +81,16 @@ class Layout:
         self._names: dict[bytes, str] = {}
         """By lane, the label of its stream."""
         self.times = TimeRule()
+        self._reach = 0
+        """How many of the parts of a line may have the time of its bytes."""
         sampled = self._sampled(lines)
-        for part in (0, 1):  # near the bytes, else in their record
-            if self.times.where == "none":
-                self.times = time_rule([one.texts(part) for one in sampled])
+        some = sampled[:: len(sampled) // _MOST_TIMED + 1]
+        while self.times.where == "none" and self._reach < 3:
+            self.times = time_rule([one.texts(self._reach) for one in some])
+            self._reach += 1
         bytewise = all(len(one.data) == 1 for one in sampled)
-        sampled = [one._replace(line=masked(one.line), above=masked(one.above)) for one in sampled]
+        hidden = {text: masked(text) for one in sampled for text in (one.line, one.above)}
+        sampled = [one._replace(line=hidden[one.line], above=hidden[one.above]) for one in sampled]
         self.times.first_byte = self.times.kind == "since" and bytewise
         rules = [(2, *rule) for rule in _SEVERAL] + [(1, *rule) for rule in _LONE]
         for least, where, kind in [(1, "after", "given")] if given else rules:
@@ -115,9 +121,9 @@ class Layout:
         """The bytes with their label and time."""
         label = self._names.get(found.key)
         if not self._names:
-            label = _label(self.labels, line, found.parts.get(self.labelled, ()))
+            label = _label(self.labels, line, found.parts.get(self.labelled, ())[:2])
         found = found._replace(label=label)
-        for part in found.parts.get(self.times.where, ()):
+        for part in found.parts.get(self.times.where, ())[: max(2, self._reach)]:
             fields = self.times.find(line, *part)
             stamp = self.times.stamp(line, fields) if fields else None
             if stamp is not None:
@@ -154,7 +160,7 @@ class Layout:
         elif kind == "lane":
             labels = [str(one.key) for one in runs]
         else:
-            labels = [_label(kind, one.line, one.parts[where]) for one in runs]
+            labels = [_label(kind, one.line, one.parts[where][:2]) for one in runs]
         known = sorted({label for label in labels if label is not None})
         named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
         if (
@@ -192,7 +198,8 @@ def _with_parts(found: Sequence[Found], line: bytes) -> Iterator[Found]:
     for one, last, following, (begin, end) in zip(found, stops, starts, records, strict=False):
         before = (max(begin, last), one.start), (begin, min(one.start, begin + _FAR))
         after = (one.stop, min(end, following)), (one.stop, min(end, one.stop + _FAR))
-        yield one._replace(parts={"before": before, "after": after})
+        all_before, all_after = (0, min(one.start, _FAR)), (one.stop, one.stop + _FAR)
+        yield one._replace(parts={"before": (*before, all_before), "after": (*after, all_after)})
 
 
 def _label(kind: str, line: bytes, parts: Iterable[tuple[int, int]]) -> str | None:

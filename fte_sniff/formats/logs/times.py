@@ -249,7 +249,7 @@ def _fits(rule: TimeRule, found: Sequence[re.Match[bytes]], text: Sequence[bytes
 
 def _unit(text: Sequence[bytes], where: str, start: int) -> int:
     """Nanoseconds of one, by the heading of the column of times that begins there; 0 without."""
-    before, after, above = text
+    before, after, above = (one.translate(bytes.maketrans(b";\t", b",,")) for one in text)
     columns = "^" + r"[^,\n]*," * before[:start].count(b",") + _HEADING
     if where == "after":
         columns = _HEADING + r",[^,\n]*" * after[start:].count(b",") + "$"

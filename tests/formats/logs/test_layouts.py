@@ -453,3 +453,29 @@ def test_an_address_is_not_reported_as_bytes_and_other_bytes_are_shown() -> None
     _, notes = rows_of((dump + "sensor raw: 01 02 03 04 05\n").encode())
     assert len(notes) == 2
     assert "is not read: '01 02 03 04 05'" in notes[0]
+
+
+C, R = "AA 01 01 03 E8 00 00 00 00 EE", "55 01 01 03 E8 00 00 00 0F EE"
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "10:00:00.{n};{C};{R}",
+        "10:00:00.{n} TX: {C}; RX: {R}",
+        "<t>10:00:00.{n}</t><tx>{C}</tx><rx>{R}</rx>",
+        '{{"t":"10:00:00.{n}","msgs":[{{"tx":"{C}"}},{{"rx":"{R}"}}]}}',
+        "10:00:00.{n} [TX] ({C}) [RX] ({R})",
+        "Time,TX,RX\n10:00:00.{n},{C},{R}",
+    ],
+)
+def test_one_time_is_that_of_all_bytes_of_its_line(form: str) -> None:
+    rows, _ = rows_of("\n".join(form.format(n=n, C=C, R=R) for n in range(8)).encode())
+    assert [row.raw.hex(" ").upper() for row in rows] == [C, R] * 8
+    assert [(row.t_ns or 0) // 10**8 % 10 for row in rows] == [n for n in range(8) for _ in "CR"]
+    assert len({row.port for row in rows}) == 2
+
+
+def test_a_number_is_left_out_only_in_the_lane_that_has_it() -> None:
+    rows, _ = rows_of((f"TX: 0A {C}\nRX: {R}\nRX: {R}\n" * 9).encode())
+    assert [row.raw.hex(" ").upper() for row in rows] == [C, R, R] * 9
