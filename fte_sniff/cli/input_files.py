@@ -340,7 +340,7 @@ class InputQuery:
         return jobs, InputReading([], span, wanted, None, self.baud, unreadable, progress)
 
 
-def _times_of(one: Input, progress: Progress) -> tuple[int, int] | None:
+def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:
     progress.step = f"looking for the first and last time in {one.name}"
     return one.times
 
@@ -424,7 +424,7 @@ def _stream(stream: BufferedReader, name: str, query: InputQuery) -> Input:
             raise FileError(str(error).replace(file.name, name)) from error
     if chosen is InputKind.RAW:
         chunks = clocked(raw_stream_chunks(stream, name), query.start_ns(), query.baud)
-        return LogInput(chunks, name, lambda: True, baud=query.baud)
+        return LogInput(chunks, name, lambda: True, query.start_ns, query.baud)
     from fte_sniff.formats.log_reader import LogReader
 
     return LogInput(LogReader(name, query.log_options(), stream), name)

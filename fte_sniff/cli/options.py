@@ -38,7 +38,7 @@ _HELP = (
     "or -10s (before the last)"
 )
 
-Times = tuple[int, int] | None
+Times = tuple[int, int | None] | None
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -71,8 +71,9 @@ def time_range(
     Args:
         since: the text of `--from`, if given.
         until: the text of `--to`, if given.
-        times: first and last time of each input, nanoseconds since 1970 UTC. Read only for relative
-            times, because a log must be read completely for them.
+        times: first and last time of each input, nanoseconds since 1970 UTC; the last is None if it
+            is not known before reading. Read only for relative times, because a log must be read
+            completely for them.
         zone: the zone of times that name none; None for UTC.
 
     Raises:
@@ -110,7 +111,10 @@ def _hint(since: str, until: str) -> str:
 
 def _bounds(times: Iterable[Times]) -> Times:
     known = [found for found in times if found is not None]
-    return (min(first for first, _ in known), max(last for _, last in known)) if known else None
+    if not known:
+        return None
+    ends = [last for _, last in known if last is not None]
+    return min(first for first, _ in known), max(ends) if len(ends) == len(known) else None
 
 
 def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
@@ -118,7 +122,14 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
     if wanted[:1] in ("+", "-"):
         first, last = _known(bounds(), option, text)
         length = _length(wanted[1:], option)
-        return first + length if wanted[0] == "+" else last - length
+        if wanted[0] == "+":
+            return first + length
+        if last is None:
+            raise UsageError(
+                f"{option} {shortened(text)}: the last time of the input is not known before it is"
+                " read; write the time in full, or from the first row, as +10s"
+            )
+        return last - length
     if (clock := clock_time(wanted)) is not None:
         first, _ = _known(bounds(), option, text)
         return clock.on_day_of(first, zone)
@@ -134,10 +145,14 @@ def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzi
     begin = first if since_ns is None else since_ns
     end = clock.on_day_of(begin, zone)
     midnight = ClockTime(time(tzinfo=clock.of_day.tzinfo)).on_day_after(begin, zone)
-    return clock.on_day_after(begin, zone) if end <= begin and midnight <= last else end
+    return (
+        clock.on_day_after(begin, zone)
+        if end <= begin and (last is None or midnight <= last)
+        else end
+    )
 
 
-def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
+def _known(bounds: Times, option: str, text: str) -> tuple[int, int | None]:
     if bounds is None:
         raise UsageError(
             f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"

@@ -124,8 +124,11 @@ class Input(ABC):
         """The input that continues it; known when it has been read."""
 
     @property
-    def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, nanoseconds since 1970 UTC; None without times."""
+    def times(self) -> tuple[int, int | None] | None:
+        """First and last time of its rows, nanoseconds since 1970 UTC; None without times.
+
+        The last is None if it is not known before reading.
+        """
         return None
 
     @property
@@ -358,15 +361,17 @@ class LogInput(Input):
             return None  # raised again by `batches`
 
     @property
-    def times(self) -> tuple[int, int] | None:
+    def times(self) -> tuple[int, int | None] | None:
         """Those of a text log, which is read for them; of a raw file, those that its start gives.
 
-        Of a raw file the last row is taken for a frame.
+        Of a raw file the last row is taken for a frame. The last time of a pipe is not known.
         """
         if self._log is None:
-            first_ns = self._first_ns() if self.size else None
-            frames_ns = max(0, (self.size or 0) - FRAME_LENGTH) * byte_time_ns(self._baud)
-            return None if first_ns is None else (first_ns, first_ns + frames_ns)
+            first_ns = None if self.size == 0 else self._first_ns()
+            if first_ns is None or self.size is None:
+                return None if first_ns is None else (first_ns, None)
+            frames_ns = max(0, self.size - FRAME_LENGTH) * byte_time_ns(self._baud)
+            return first_ns, first_ns + frames_ns
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
             for rows in self._log_rows(self._log.again()):

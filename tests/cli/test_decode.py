@@ -404,7 +404,11 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
         assert done.returncode == 0, done.stderr
         return [row | {"time": None, "port": None} for row in jsonl(done.stdout)]
 
-    assert rows(path, "--topic", "/uart") == rows(samples / "clean.raw")
+    every = rows(path, "--topic", "/uart")
+    assert every == rows(samples / "clean.raw")
+    later = rows(path, "--topic", "/uart", "--from", "+1ms")
+    assert 0 < len(later) < len(every)
+    assert later == every[-len(later) :]
     refusal = run("decode", path)
     assert refusal.returncode == 4
     assert "'/uart'; if one of them holds serial bytes, name it with --topic" in refusal.stderr

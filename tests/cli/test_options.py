@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.options import time_range
-from fte_sniff.errors import FteSniffError
+from fte_sniff.errors import FteSniffError, UsageError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader, row_times
@@ -70,6 +70,15 @@ def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
     assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
 
 
+def test_only_a_time_before_the_last_row_needs_the_last_time() -> None:
+    begin = FIRST + SECOND
+    assert time_range("+1s", None, [(FIRST, LAST), (FIRST + 1, None)]).first_ns == begin
+    clock = iso_time(begin)[11:]
+    assert time_range(clock, None, [(FIRST, None)]).first_ns == begin
+    with pytest.raises(UsageError, match="the last time of the input is not known"):
+        time_range(None, "-1s", [(FIRST, LAST), (FIRST + 1, None)])
+
+
 def test_no_text_is_no_span() -> None:
     assert time_range(None, None, [(FIRST, LAST)]) is None
 
@@ -92,11 +101,12 @@ def test_no_text_is_no_span() -> None:
         ("9" * 5000, "x", (FIRST, LAST), "is no time"),
         (f"+{'9' * 5000}", None, (FIRST, LAST), "is not a duration"),
         (None, "+" + "9" * 5000, None, "the input has no times"),
+        ("-1s", None, (FIRST, None), "--from -1s: the last time of the input is not known before"),
         (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
     ],
 )
 def test_what_is_no_span_is_refused(
-    since: str | None, until: str | None, times: tuple[int, int] | None, told: str
+    since: str | None, until: str | None, times: tuple[int, int | None] | None, told: str
 ) -> None:
     with pytest.raises(FteSniffError) as caught:
         time_range(since, until, [times])
@@ -249,6 +259,22 @@ def test_the_option_that_gives_bytes_times_is_named(run, samples: Path, since: s
     assert first["offset"] == (0 if since == "2026-01-31" else 5760)
     done = run("decode", samples / "clean.raw", "--from", "-1ms", "--start", "2026-01-31T12:00:00Z")
     assert len(done.stdout.splitlines()) == 1 + 2
+
+
+def test_raw_bytes_of_a_pipe_have_the_times_of_start(run, samples: Path) -> None:
+    file = samples / "clean.raw"
+    start = ("--input", "raw", "--start", "2026-01-31T12:00:00Z", "--format", "csv", "--from")
+    for since in ("+500ms", "12:00:00.5"):
+        piped = run("decode", "-", *start, since, stdin=file.read_bytes())
+        rows = [
+            line.replace(str(file), "stdin")
+            for line in run("decode", file, *start, since).stdout.splitlines()
+        ]
+        assert piped.returncode == 0, piped.stderr
+        assert (piped.stdout.splitlines(), len(rows) > 2) == (rows, True)
+    piped = run("decode", "-", *start, "-1ms", stdin=file.read_bytes())
+    assert piped.returncode == 2
+    assert "the last time of the input is not known before it is read" in piped.stderr
 
 
 def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:
