@@ -85,7 +85,8 @@ class RichWriter:
     def _wide_cells(self, cells: list[str]) -> list[str]:
         *others, raw, faults = cells
         room = max(1, self._console.width - len(GAP.join([*others, "", faults])))
-        return [*others, f"{raw[: room - 1]}…" if len(raw) > room else raw, faults]
+        is_cut = len(raw.rstrip()) > room
+        return [*others, f"{raw[: room - 1]}…" if is_cut else raw[:room], faults]
 
     def close(self) -> None:
         """Do nothing: all rows are written."""

@@ -21,6 +21,18 @@ def test_long_bytes_do_not_hide_the_fault(width: int, size: int) -> None:
     assert ("…" in line) == (" 00" * size not in f" {line}")
 
 
+def test_bytes_that_fit_are_not_cut_for_the_space_after_them() -> None:
+    faults = (Fault.NOISE, Fault.TRUNCATED, Fault.OVERLONG, Fault.LINE_ERROR)
+    row = Damage("port", 0, bytes(3), 1_770_000_000_000_000_000, faults, 0)
+    for width in range(178, 220):  # from where three bytes have space
+        screen = StringIO()
+        RichWriter(Console(file=screen, width=width), ports=True).write([row])
+        line = screen.getvalue().splitlines()[1]
+        assert "00 00 00" in line, width
+        assert "noise,truncated,overlong,line_error" in line, width
+        assert "…" not in line, width
+
+
 def test_a_file_has_all_bytes() -> None:
     row = Damage("port", 0, bytes(1024), None, (Fault.NOISE,), 0)
     file = StringIO()
