@@ -202,6 +202,9 @@ class Recorder:
 
     def flush(self) -> None:
         """Push all rows to the disk; begin another file if that is due."""
+        self._flush()
+
+    def _flush(self, *, is_due: bool = False) -> None:
         writer = self._writer
         if writer is None:
             if self._backoff.is_due:
@@ -215,7 +218,7 @@ class Recorder:
             self._fail(writer, failure)
             return
         if self._files.are_regular:
-            self._rotate_if_due(writer)
+            self._rotate_if_due(writer, is_due=is_due)
             self._check_limits()
 
     def rotate(self) -> None:
@@ -256,8 +259,7 @@ class Recorder:
             end = next(late)
             self._append(entries[:end])
             entries = entries[end:]
-            self.rotate()
-            self.flush()
+            self._flush(is_due=True)
             if self._writer is writer:
                 break
         return entries
@@ -367,9 +369,9 @@ class Recorder:
         self._writer, self.path = writer, writer.path
         self._changes.append(Change(writer.path))
 
-    def _rotate_if_due(self, writer: RecordingWriter) -> None:
+    def _rotate_if_due(self, writer: RecordingWriter, *, is_due: bool) -> None:
         self._wants_rotation = self._wants_rotation and writer.rows > 0
-        if not (self._is_rotation_due(writer) and self._backoff.is_due):
+        if not ((is_due or self._is_rotation_due(writer)) and self._backoff.is_due):
             return
         try:
             following = self._open_next()

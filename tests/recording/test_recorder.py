@@ -144,6 +144,16 @@ def test_a_file_that_rotates_by_time_ends_at_that_time(
     assert [one for one in found if one] == expected
 
 
+def test_a_file_with_only_a_port_event_ends_at_its_time_too(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=replace(ALL, rotate_s=10 * STEP / 1e9))
+    recorder.write_event(PortEvent(START, PORT.name, PortEventKind.OPENED, ""))
+    rows = some_rows(25, start=START + 10 * STEP)
+    recorder.write(rows)
+    recorder.close()
+    found = [_rows(file) for file in _files(tmp_path)]
+    assert found == [[], rows[:10], rows[10:20], rows[20:]]
+
+
 def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
     _record(recorder, [some_rows(30)])
