@@ -68,9 +68,9 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
-    from fte_sniff.formats.text_blocks import looks_like_text
+    from fte_sniff.formats.text_blocks import is_text
 
-    return InputKind.HEX if looks_like_text(first) else InputKind.RAW
+    return InputKind.HEX if is_text(first) else InputKind.RAW
 
 
 _BLOCK = 1 << 19

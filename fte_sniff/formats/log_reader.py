@@ -12,20 +12,10 @@ from typing import IO, BinaryIO, Final
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
 from fte_sniff.formats.log_form import LogForm, LogOptions, StreamBytes
 from fte_sniff.formats.plain_log import OwnLog, PlainLog
-from fte_sniff.formats.text_blocks import (
-    SNIFFED,
-    TextBlock,
-    encoding_of,
-    lines_of,
-    looks_like_text,
-    text_blocks,
-)
+from fte_sniff.formats.text_blocks import TextBlock, first_words, is_text, sample, text_blocks
 
-_SAMPLE_BYTES: Final = 10 << 10
-"""Bytes of each of the four blocks of a sample of a file."""
 _SAMPLE_LINES: Final = tuple(2**power for power in range(12))
 """Lines of a sample of a stream."""
-_LONGEST_SAMPLED: Final = 4096
 
 
 class LogReader:
@@ -115,7 +105,7 @@ class LogReader:
         """Growing samples of the lines, and whether each is the last."""
         path = Path(self.name)
         if self.is_file:
-            yield _sample(path), True
+            yield sample(path), True
             return
         self._stream = self._stream or path.open("rb")
         blocks, seen, lines = text_blocks(self._stream), list[TextBlock](), list[bytes]()
@@ -123,7 +113,7 @@ class LogReader:
         for count in _SAMPLE_LINES:
             while len(lines) < count and (block := next(blocks, None)):
                 seen.append(block)
-                lines += map(_cut, block.lines[: _SAMPLE_LINES[-1]])
+                lines += map(first_words, block.lines[: _SAMPLE_LINES[-1]])
             yield lines[:count], len(lines) < count or count == _SAMPLE_LINES[-1]
 
     def _decided(self, lines: Sequence[bytes]) -> LogForm:
@@ -144,38 +134,13 @@ class LogReader:
         blocks = self._file_blocks if self.is_file else lambda: iter(())
         found = EvidenceLog.by_sample(lines, options, self.name, written_ns, blocks)
         best = max(filter(None, (plain, found)), key=lambda one: one.rank, default=None)
-        if best is None and not looks_like_text(b"\n".join(lines)):
+        if best is None and not is_text(b"\n".join(lines)):
             raise FileError(f"{self.where}holds no text; if it holds raw bytes, add --input raw")
         if best is None and not options.whole:
             return PlainLog()  # which names the first character that is no hex
         if best is None or (options.whole and best.is_chance):
             raise InputTextError(_nothing_found(lines))
         return best
-
-
-def _sample(path: Path) -> list[bytes]:
-    """Lines of four blocks of a file, without what is cut; all of a small one."""
-    sample, size = list[bytes](), path.stat().st_size
-    with path.open("rb") as file:
-        encoding = encoding_of(file.read(SNIFFED))
-        file.seek(0)
-        if size <= 4 * _SAMPLE_BYTES:
-            return lines_of(file.read(), encoding)
-        for number in range(4):
-            file.seek((size - _SAMPLE_BYTES) * number // 3 & ~1)  # even, for UTF-16
-            lines = lines_of(file.read(_SAMPLE_BYTES), encoding)
-            if len(lines) > 2:
-                lines = lines[number > 0 : len(lines) - (number < 3)]
-            elif number and lines:  # within a very long line
-                lines[:1] = lines[0].split(None, 1)[-1:]
-            sample += map(_cut, lines)
-    return sample
-
-
-def _cut(line: bytes) -> bytes:
-    """The first words of a long line."""
-    end = line.rfind(b" ", 0, _LONGEST_SAMPLED) if len(line) > _LONGEST_SAMPLED else -1
-    return line[: end if end > 0 else _LONGEST_SAMPLED]
 
 
 def _nothing_found(lines: Sequence[bytes]) -> str:

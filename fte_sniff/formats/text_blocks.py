@@ -12,13 +12,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import IO, BinaryIO, Final
 
 BLOCK_BYTES: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
 LONGEST_LINE: Final = 16 << 20
 """Bytes of a line that is read as a whole; a longer one comes in segments."""
-SNIFFED: Final = 4096
+_SAMPLE_BYTES: Final = 10 << 10
+"""Bytes of each of the four blocks of a sample of a file."""
+_LONGEST_SAMPLED: Final = 4096
+_SNIFFED: Final = 4096
 """Bytes that show the encoding."""
 _INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0"
 """Colours and other escape sequences, and NUL."""
@@ -47,15 +51,15 @@ class TextBlock:
         return self.text.removesuffix(b"\n").split(b"\n") if self.text else []
 
 
-def looks_like_text(first: bytes) -> bool:
+def is_text(first: bytes) -> bool:
     """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
-    if encoding_of(first) != "utf-8" or first.startswith(codecs.BOM_UTF8):
+    if _encoding_of(first) != "utf-8" or first.startswith(codecs.BOM_UTF8):
         return True
     with_digits = re.search(rb"[0-9A-Fa-f]{2}", first) and _decoded(first, "gb18030")
     return not re.search(_CONTROL, first) and bool(with_digits or _decoded(first, "utf-8"))
 
 
-def encoding_of(first: bytes) -> str:
+def _encoding_of(first: bytes) -> str:
     """The encoding: UTF-16 by its mark, or by the zeros between its letters; else utf-8."""
     for encoding, mark, low in (
         ("utf-16-le", codecs.BOM_UTF16_LE, 0),
@@ -68,7 +72,7 @@ def encoding_of(first: bytes) -> str:
     return "utf-8"
 
 
-def lines_of(data: bytes, encoding: str) -> list[bytes]:
+def _lines_of(data: bytes, encoding: str) -> list[bytes]:
     """The lines of a part of a text; the first and the last may be cut."""
     text = data if encoding == "utf-8" else data.decode(encoding, "replace").encode()
     return TextBlock(_clean(text)).lines
@@ -80,7 +84,7 @@ def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
     data = read(BLOCK_BYTES)
     while 0 < len(data) < 4 and (more := read(BLOCK_BYTES)):
         data += more
-    encoding = encoding_of(data[:SNIFFED])
+    encoding = _encoding_of(data[:_SNIFFED])
     decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
     number, column, pending = 1, None, b""
     while data or pending:
@@ -100,6 +104,31 @@ def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
             column = column + end if is_cut and column is not None else None
             pending = pending[end:]
         data = data and read(BLOCK_BYTES)
+
+
+def sample(path: Path) -> list[bytes]:
+    """Lines of four blocks of a file, without what is cut; all of a small one."""
+    found, size = list[bytes](), path.stat().st_size
+    with path.open("rb") as file:
+        encoding = _encoding_of(file.read(_SNIFFED))
+        file.seek(0)
+        if size <= 4 * _SAMPLE_BYTES:
+            return _lines_of(file.read(), encoding)
+        for number in range(4):
+            file.seek((size - _SAMPLE_BYTES) * number // 3 & ~1)  # even, for UTF-16
+            lines = _lines_of(file.read(_SAMPLE_BYTES), encoding)
+            if len(lines) > 2:
+                lines = lines[number > 0 : len(lines) - (number < 3)]
+            elif number and lines:  # within a very long line
+                lines[:1] = lines[0].split(None, 1)[-1:]
+            found += map(first_words, lines)
+    return found
+
+
+def first_words(line: bytes) -> bytes:
+    """The first words of a long line."""
+    end = line.rfind(b" ", 0, _LONGEST_SAMPLED) if len(line) > _LONGEST_SAMPLED else -1
+    return line[: end if end > 0 else _LONGEST_SAMPLED]
 
 
 def _decoded(data: bytes, encoding: str) -> bytes | None:

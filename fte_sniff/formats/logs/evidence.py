@@ -25,7 +25,6 @@ _GOES_ON: Final = (
     rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}|[ ,;\t]+\d{3,}(?![\w.:-])"
 )
 """After a run that is a part of something else: of words, or of numbers."""
-_MORE: Final = (b" ", b":", b"-", b",", b";", b"\t")
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
@@ -126,8 +125,7 @@ def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes
             before, end = b"", line
         key, after = before + folded(text[end : run.start]), text[run.stop : run.stop + 8]
         key = key[-_LONGEST_KEY:]
-        goes_on = after[:1] in _MORE and re.match(_GOES_ON, after)
-        yield run, key + "…".encode() if goes_on else key
+        yield run, key + "…".encode() if re.match(_GOES_ON, after) else key
         if len(run.data) >= LIKE_BYTES:
             before, end = key + b"0", run.stop
         elif run.start - end > _LONGEST_KEY:

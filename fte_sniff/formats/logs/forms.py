@@ -137,6 +137,7 @@ _FORMS: Final = (
      "shells, jq, printf, JavaScript, JSON"),
     ("a sign before each byte", r"(?:#?\$|%|&[hH]|8'h|(?:(?:B#)?16)?#)@#?+", _ANY,
      "Pascal, HTerm, URLs, Visual Basic, Verilog, Docklight scripts, IEC 61131, Erlang"),
+    (r"\ before each byte", r"\\@@(?![0-9A-Fa-f])", _ANY, "LabVIEW"),
     ("x before each byte", r"[xXhH]['\"]?@['\"]?+", _ANY, "VHDL, SQL, WaveForms"),
     ("h after each byte", "0?@@[hH]", "[ ,;]{0,3}", "assemblers, YAT, HTerm"),
     ("hex in brackets", r"[\[<({\"'](?:0[xX])?@[\]>)}\"']", "[ ,;]{0,2}",
