@@ -90,9 +90,11 @@ def _check_suffix(output: Path) -> None:
     """Check that the name of a file has no extension of another format; raises UsageError."""
     if output.suffix.lower() in ("", *_SUFFIXES) or (output.exists() and not output.is_file()):
         return
+    is_number = output.suffix[1:].isdigit()  # of a name such as report-1.5
+    named = output.with_name(f"{output.name}.html") if is_number else output.with_suffix(".html")
     raise UsageError(
         f"{output}: a report is HTML, and {output.suffix} is not one of {' '.join(_SUFFIXES)};"
-        f" name it {output.with_suffix('.html')}"
+        f" name it {named}"
     )
 
 

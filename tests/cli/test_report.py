@@ -460,6 +460,7 @@ def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
         (["none.mcap", "-o", "r.html"], 4, "there is no such file"),
         (["clean.mcap"], 2, "Missing option '-o'"),
         (["clean.mcap", "-o", "r.pdf"], 2, "is not one of .html .htm; name it r.html"),
+        (["clean.mcap", "-o", "r-1.5"], 2, "is not one of .html .htm; name it r-1.5.html"),
     ],
 )
 def test_one_line_says_what_is_wrong(run, tmp_path, samples, arguments, code, message) -> None:
