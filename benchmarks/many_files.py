@@ -92,7 +92,8 @@ def cluster(workers: int, folder: Path) -> Iterator[str]:
         from distributed import Client
 
         with Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=60)
+            if workers:
+                client.wait_for_workers(workers, timeout=60)
             address = client.scheduler.address
         yield address
     finally:

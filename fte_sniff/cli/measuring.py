@@ -159,6 +159,8 @@ def measure(
                     interrupts.release()
         except KeyboardInterrupt:
             measured.interrupted = True
+        except FileError as error:  # the executor is gone
+            reading.skip(FileError(f"{error}; {measured.read} of {len(todo)} files were read"))
     if not merger.files and reading.unreadable:
         raise reading.unreadable[0]
     return merger.model, measured
@@ -203,8 +205,7 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         ) from None
     import logging
 
-    # What it logs about lost workers is reported here by file.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    logging.disable()  # what Dask and Tornado log about lost workers is reported here by file
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -214,6 +215,8 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         ) from None
     with client:
         threads = sum(client.nthreads().values())
+        if not threads:
+            print_err("fte-sniff: the cluster has no worker yet; start one with `dask worker`")
         yield client.get_executor(pure=False), _WAITING_PER_WORKER * max(1, threads)
 
 

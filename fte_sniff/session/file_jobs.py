@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -323,6 +323,9 @@ def _done_elsewhere(
         return job, FileError(f"{error} (as its worker sees it)")
     except FteSniffError:
         raise
+    except CancelledError:  # nobody here cancels it
+        reason = "what reads the files is gone, such as the scheduler of a cluster"
+        raise FileError(reason) from None
     except Exception as error:  # noqa: BLE001
         # What an executor raises is its own business; which file is concerned is known here.
         reason = str(error) or type(error).__name__

@@ -103,6 +103,40 @@ def test_a_cluster_that_loses_a_worker_midway_still_gives_them(
     assert told == expected
 
 
+def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(
+    environment: dict[str, str], tmp_path: Path, recordings: Path
+) -> None:
+    with cluster(2, tmp_path) as address, Client(address, set_as_default=False) as client:
+        scheduler = client.run_on_scheduler(os.getpid)
+        for worker in client.run(os.getpid).values():
+            os.kill(worker, signal.SIGSTOP)  # no file is done before the scheduler is gone
+        with started(
+            environment, tmp_path, "stats", str(recordings), "--cluster", address
+        ) as process:
+            wait_until(lambda: any(client.processing().values()))
+            os.kill(scheduler, signal.SIGKILL)
+            code, _, line = ended(process)
+    assert code == 4
+    assert line.count("\n") == 1
+    assert "scheduler" in line
+    assert f"0 of {FILES} files were read" in line
+
+
+def test_a_cluster_without_a_worker_says_so_and_waits_for_one(
+    environment: dict[str, str], tmp_path: Path, recordings: Path
+) -> None:
+    with (
+        cluster(0, tmp_path) as address,
+        started(environment, tmp_path, "stats", str(recordings), "--cluster", address) as process,
+    ):
+        assert process.stderr is not None
+        assert "no worker yet" in process.stderr.readline().decode()
+        process.send_signal(signal.SIGINT)
+        code, _, line = ended(process)
+    assert code == 130
+    assert line.startswith("fte-sniff: interrupted; ")
+
+
 def test_a_file_that_the_workers_cannot_see_is_named(
     environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
 ) -> None:
