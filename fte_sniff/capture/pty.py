@@ -27,8 +27,11 @@ _PTY_FOLDER = "/dev/pts/"
 class PseudoTerminal:
     """A raw terminal device for other programs; `descriptor` is the non-blocking other end."""
 
-    def __init__(self, link: Path | None = None) -> None:
-        """Create the device, and a `link` to it; raises FileError if the link cannot be created."""
+    def __init__(self, baud: int, link: Path | None = None) -> None:
+        """Create the device at `baud`, then a `link` to it.
+
+        Raises FileError if the link cannot be created.
+        """
         if link is not None:
             # First, because a new device often reuses the number that a stale link points to.
             _remove_stale(link)
@@ -36,6 +39,8 @@ class PseudoTerminal:
         os.set_blocking(self.descriptor, False)
         # Raw, so that nothing is echoed. Closed, so that POLLHUP shows whether a program uses it.
         tty.setraw(theirs)
+        # Before the link: a program that waits for it may set its own speed at once.
+        set_speed(self.descriptor, baud)
         self.device = os.ttyname(theirs)
         """The device file that programs open, as `/dev/pts/3`."""
         os.close(theirs)
@@ -99,14 +104,13 @@ class HostEnd:
     def __init__(self, baud: int, link: Path | None = None) -> None:
         """Create the device, at `baud` until a host program sets it; raises as `PseudoTerminal`."""
         self._link = link
-        self._terminal = PseudoTerminal(link)
+        self._terminal = PseudoTerminal(baud, link)
         self.name = self._terminal.name
         self._descriptor = self._terminal.descriptor
         self._poll = select.poll()
         self._poll.register(self._descriptor, select.POLLIN)
         self._write_lock = threading.Lock()
         self._buffer = bytearray()
-        set_speed(self._descriptor, baud)
 
     def read(self) -> bytes:
         """Read what the host program has written; `b""` after READ_TIMEOUT_S at most."""

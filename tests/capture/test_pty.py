@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from fte_sniff.capture.bridge import HOST, open_simulated
-from fte_sniff.capture.pty import PseudoTerminal, set_speed, speed_of
+from fte_sniff.capture.pty import HostEnd, PseudoTerminal, set_speed, speed_of
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import SimulationParameters
 from fte_sniff.errors import FileError, PortError
@@ -96,13 +96,33 @@ def test_a_link_that_leads_nowhere_is_replaced_and_nothing_else_is(tmp_path):
     assert str(link.readlink()) == "/not/ours"
 
 
-def test_a_link_that_a_killed_run_left_is_replaced_though_its_number_is_given_again(tmp_path):
+def test_a_link_that_a_killed_run_left_is_replaced_though_its_number_is_given_again(
+    tmp_path, until
+):
     link = tmp_path / "controller"
-    with closing(PseudoTerminal()) as killed:
-        link.symlink_to(killed.device)
-    # What is made now gets the lowest free number: mostly the one that was just given back.
-    with closing(PseudoTerminal(link)) as again:
-        assert str(link.readlink()) == again.device
+
+    def is_replaced():
+        link.unlink(missing_ok=True)
+        with closing(PseudoTerminal(DEFAULT_BAUD)) as killed:
+            link.symlink_to(killed.device)
+        # What is made now gets the lowest free number: mostly the one that was just given back.
+        try:
+            with closing(PseudoTerminal(DEFAULT_BAUD, link)) as again:
+                return str(link.readlink()) == again.device
+        except FileError:  # another process of this machine was given the number meanwhile
+            return False
+
+    until(is_replaced)
+
+
+def test_a_program_that_opens_the_link_as_soon_as_it_is_there_keeps_its_speed(tmp_path):
+    class OpenedAtOnce(type(tmp_path)):
+        def symlink_to(self, target, target_is_directory=False):
+            super().symlink_to(target, target_is_directory)
+            serial.Serial(target, 1200).close()
+
+    with closing(HostEnd(DEFAULT_BAUD, OpenedAtOnce(tmp_path / "controller"))) as host:
+        assert host.baud() == 1200
 
 
 def test_a_link_that_was_taken_over_is_left_alone(tmp_path):
