@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 SECOND: Final = 10**9
 _DAY_NS: Final = 86_400 * SECOND
 _QUARTER_S: Final = 900
+_LONGEST_STEP_NS: Final = 3600 * SECOND
+"""Between two lines of a log, in the median; if it is longer, the unit of the times is smaller."""
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
 _NAMED: Final = rf"(?=[ADFJMNOSadfjmnos])(?i:{_MONTHS})[a-z]*"
@@ -65,6 +67,7 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
         ("epoch", 10 ** (18 - digits), _NUMBER.replace(r"\d+", rf"[12]\d{{{digits}}}"))
         for digits in (9, 12, 15, 18)
     ),
+    ("since", 1000, _NUMBER.replace(r"\d+", r"[1-4]\d{9}")),  # usbmon: 32 bits of the uptime
     ("since", 0, _NUMBER),  # the heading of the column has the unit: DSView, Saleae
     *(
         ("since", scale, rf"(?<![\w.-])(?<!\d:)(?P<n>\d+)(?:{_FRACTION})?(?= ?{unit}\b)")
@@ -239,12 +242,14 @@ def _fits(rule: TimeRule, found: Sequence[re.Match[bytes]], text: Sequence[bytes
         rule.is_local = 2 * sum(one["zone"] is None for one in found) >= len(found)
         return rule.where != "above" or len(found) > 1
     times = [float(b"%b.%b" % (one["n"], one["f"] or b"0")) for one in found]
-    falls = sum(later < earlier for earlier, later in pairwise(times))
+    steps = sorted(later - earlier for earlier, later in pairwise(times)) or [0]
+    rises = steps[len(steps) // 50] >= 0
+    is_dense = steps[len(steps) // 2] * rule.scale <= _LONGEST_STEP_NS
     few = len(times) < 3 and rule.where != "above"
     changes = rule.kind == "epoch" or few or len(set(times)) > 2
     rule.scale = rule.scale or _unit(text, rule.where, found[0].start())
     rule.resolution_ns = max(1, rule.scale // 10 ** max(len(one["f"] or b"") for one in found))
-    return rule.scale > 0 and falls <= len(times) // 50 and changes
+    return rule.scale > 0 and rises and is_dense and changes
 
 
 def _unit(text: Sequence[bytes], where: str, start: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from datetime import UTC, date, datetime, timedelta, timezone
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -96,6 +97,22 @@ def test_seconds_count_from_the_start_that_is_given(number: str) -> None:
     assert found == [f"2026-01-31T00:00:{second}.345" for second in (12, 13, 14)]
     _, notes = read(text, LogOptions())
     assert any("count seconds from a start" in note and "--start" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("number", "step", "step_s"),
+    [
+        (1_234_590_958, 29_851, 0.029851),  # usbmon: microseconds since boot, for 32 bits
+        (3_575_914_555, 29_851, 0.029851),
+        (1_769_954_602, 60, 60),  # seconds since 1970
+    ],
+)
+def test_the_unit_of_ten_digits_is_one_in_which_lines_are_dense(
+    number: int, step: int, step_s: float
+) -> None:
+    text = "".join(f"ffff8880 {number + n * step} S Bo: = {BYTES}\n" for n in range(4))
+    times = [row.t_ns or 0 for row in read(text)[0]]
+    assert {later - earlier for earlier, later in pairwise(times)} == {round(step_s * 1e9)}
 
 
 @pytest.mark.parametrize("name", ["capture_20260131_120000.log", "2026-01-31 at 12.00.00.txt"])
