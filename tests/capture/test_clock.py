@@ -18,7 +18,8 @@ def test_the_clock_never_falls_and_tells_utc():
 def test_the_tie_knows_how_good_it_is():
     clock = Clock.tied()
     assert 0 <= clock.uncertainty_ns < 1_000_000
-    assert abs(clock.system_ahead_ns()) < 10_000_000
+    # The process may have to wait between the two looks at the clocks.
+    assert min(abs(clock.system_ahead_ns()) for _ in range(16)) < 10_000_000
 
 
 def test_the_clock_goes_on_from_its_tie_whatever_the_system_says():

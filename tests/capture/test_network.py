@@ -163,15 +163,6 @@ def test_a_server_that_hangs_up_at_once_is_told_from_none():
         server.join()
 
 
-@pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
-def test_nobody_listening_is_one_line(scheme):
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        number = listening.getsockname()[1]
-    with pytest.raises(PortError, match="does a server listen there") as refused:
-        open_port(f"{scheme}://127.0.0.1:{number}")
-    assert "\n" not in str(refused.value)
-
-
 def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
     sent = os.urandom(200_000)
     with socket.create_server(("127.0.0.1", 0)) as listening:

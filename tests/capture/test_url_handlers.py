@@ -3,6 +3,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 
 import pytest
 import serial
@@ -91,7 +92,8 @@ def test_what_is_reset_is_not_read(opened, until):
     port = opened("rate=200")
     until(lambda: port.in_waiting >= 20)
     port.reset_input_buffer()
-    sent = [item.data for item in itertools.islice(simulate(SimulationParameters()), 50)]
+    # On a busy machine some more frames came, and were reset too.
+    sent = [item.data for item in itertools.islice(simulate(SimulationParameters()), 12_000)]
     assert port.read(10) in sent[2:]
 
 
@@ -99,7 +101,12 @@ def test_what_is_reset_is_not_read(opened, until):
 def test_a_blocked_read_ends_when_another_thread_says_so(opened, ending, until):
     port = opened("host=off&rate=0.01")
     got = []
-    thread = threading.Thread(target=lambda: got.append(port.read(1)))
+
+    def read():
+        with suppress(serial.PortNotOpenError):  # it was closed before it could be read
+            got.append(port.read(1))
+
+    thread = threading.Thread(target=read)
     thread.start()
     getattr(port, ending)()
     thread.join(60)

@@ -385,11 +385,11 @@ def test_no_thread_is_left_after_a_reader_is_closed_early(
     path = tmp_path / "left.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         writer.write(make_rows(60_000, "p"))
-    before = threading.active_count()
+    before = set(threading.enumerate())
     batches = RecordingReader(path).batches()
     next(batches)
     batches.close()
-    assert threading.active_count() == before
+    assert before >= set(threading.enumerate())
 
 
 def test_a_channel_that_a_skipped_chunk_defines_is_known(
