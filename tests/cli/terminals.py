@@ -47,10 +47,14 @@ class Terminal:
     def type(self, keys: str) -> None:
         os.write(self._far, keys.encode())
 
-    def until(self, wanted: str) -> None:
-        """Wait until the program draws `wanted`."""
+    def until(self, *wanted: str) -> None:
+        """Wait until the program draws all of `wanted`, in any order.
+
+        What it drew before does not count, also with what an earlier `until` waited for: name all
+        that is drawn at one event.
+        """
         start, deadline = len(self.drawn), monotonic() + BOUND_S
-        while wanted.encode() not in self.drawn[start:]:
+        while not all(text.encode() in self.drawn[start:] for text in wanted):
             assert self._draw(deadline - monotonic()), self.drawn[-2000:]
 
     def ended_by(self, *keys: str) -> int:

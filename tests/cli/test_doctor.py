@@ -168,7 +168,7 @@ def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None
         with subprocess.Popen(["sleep", "60"], stdin=near) as other:
             os.close(near)
             with Line(far, 115_200).sending():
-                code, said = doctor(run, port, "--seconds", "0.5")
+                code, said = doctor(run, port, "--seconds", LONG)
             other.terminate()
     assert code == 1
     assert said["bad"] == [
@@ -232,7 +232,7 @@ def test_a_working_folder_that_is_gone_is_a_finding(
 
 
 def test_each_finding_is_a_line_with_its_level(run: Run) -> None:
-    done = run("doctor", "sim://", "--seconds", "0.5")
+    done = run("doctor", "sim://?rate=1000", "--seconds", LONG)
     assert done.returncode == 0
     lines = done.stdout.splitlines()
     assert {line[:4].rstrip() for line in lines} <= {"ok", "warn", "bad"}

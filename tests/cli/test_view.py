@@ -419,8 +419,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
     assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
     for options, shown in (((), "motor = 2"), (("--filter", "motor = 3"), "motor = 3")):
         with terminal(environment, tmp_path, "view", "x.mcap", *options) as screen:
-            screen.until(shown)
-            screen.until("of 400 rows")
+            screen.until(shown, "of 400 rows")
             screen.type("Q")
             assert screen.ended() == 0
 
@@ -428,8 +427,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
 def test_a_capture_is_told_apart_and_its_notes_are_kept(environment, tmp_path: Path) -> None:
     arguments = ("live", "sim://?seed=1", "-o", "x.mcap", "--alert", "motor = 1")
     with terminal(environment, tmp_path, *arguments) as screen:
-        screen.until("● REC 0:00:0")
-        screen.until("rows match the alert")
+        screen.until("● REC 0:0", "rows match the alert")
         screen.type("m")
         screen.type("q")
         screen.until("press q again to stop recording")
