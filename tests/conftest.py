@@ -8,6 +8,7 @@ twenty times as many. The installed form of the framer is tested; `--interpreted
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
 import pytest
@@ -27,6 +28,10 @@ if "--interpreted" in sys.argv:
     os.environ[INTERPRETED] = "1"
 if INTERPRETED in os.environ:
     interpret()
+
+# Tests close terminals. A handler is not inherited; that SIGHUP is ignored, under nohup, is.
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 settings.register_profile("house", deadline=None, print_blob=True, max_examples=HOUSE)
 settings.register_profile("thorough", settings.get_profile("house"), max_examples=20 * HOUSE)

@@ -97,7 +97,8 @@ class FileCommand:
     def wait(self) -> None:
         """Wait for the commands that still run, up to the next signal that ends a capture."""
         for number in ENDING_SIGNALS:
-            signal.signal(number, _leave)
+            if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+                signal.signal(number, _leave)
         try:
             for path, process in list(self._running.items()):
                 try:

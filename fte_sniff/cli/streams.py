@@ -162,7 +162,8 @@ def ending_signals(
 
     After the first request, further signals are ignored, also after this context. Nothing may block
     the end either: after `OUTPUT_PATIENCE_S` blocked outputs are abandoned and `stop` is called
-    again every second. The context's value requests the end as a signal does.
+    again every second. The context's value requests the end as a signal does. A SIGHUP that is
+    ignored, as with nohup, stays ignored.
 
     Args:
         stop: called at each request; must be safe in a signal handler.
@@ -187,6 +188,8 @@ def ending_signals(
         abandon_blocked()
         stop()
 
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        numbers = [number for number in numbers if number != signal.SIGHUP]
     alarm_before = signal.signal(signal.SIGALRM, on_alarm)
     before = [signal.signal(number, on_signal) for number in numbers]
     try:

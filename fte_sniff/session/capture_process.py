@@ -334,7 +334,11 @@ def _step_words(step_ns: int) -> TranslatableText:
 _SWITCH_EVERY_S = 0.0005
 """Longest time that the framing thread may delay the reading thread (interpreter switch)."""
 
-_ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+def _ending_signals() -> list[signal.Signals]:
+    """The signals that end a capture; a SIGHUP that is ignored, as with nohup, stays ignored."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [signal.SIGTERM] if ignored else [signal.SIGTERM, signal.SIGHUP]
 
 
 def capture(plan: CapturePlan, view: Connection) -> None:
@@ -349,7 +353,7 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     try:
         source = plan.wiring.open(clock)
         # Before a bridge forwards anything: forwarded bytes are recorded in any case.
-        for number in _ENDING_SIGNALS:
+        for number in _ending_signals():
             signal.signal(number, lambda *_: source.stop())
         with source:
             _capture_from(source, plan, clock, view)
@@ -378,7 +382,7 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     outbox = Outbox(view, when_gone)
     ended = CaptureLoop(plan, clock, source, recorder, outbox).run()
     # The file is closed; signals may end the process while the last messages are sent.
-    for number in _ENDING_SIGNALS:
+    for number in _ending_signals():
         signal.signal(number, signal.SIG_DFL)
     outbox.close(ended)
 

@@ -78,6 +78,28 @@ def test_usr1_begins_the_next_file_and_no_byte_is_lost(environment, tmp_path: Pa
             offset += len(row.raw)
 
 
+@pytest.fixture
+def nohup() -> Iterator[None]:
+    """SIGHUP is ignored by what is started, as with nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("nohup")
+def test_with_nohup_the_end_of_the_terminal_does_not_end_it(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", LINE, "--headless", "-o", "x.mcap") as process:
+        stderr_until(process, "capturing")
+        for pid in (process.pid, *children_of(process.pid)):
+            os.kill(pid, signal.SIGHUP)
+        rows = rows_in(tmp_path / "x.mcap")
+        wait_until(lambda: rows_in(tmp_path / "x.mcap") > rows)
+        process.send_signal(signal.SIGUSR1)
+        stderr_until(process, "recording goes on in x_00002.mcap")
+        process.send_signal(signal.SIGTERM)
+        assert ended(process)[0] == 0
+
+
 def test_usr1_without_rows_does_nothing(environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "live", SILENT, "--headless", "-o", "x.mcap") as process:
         stderr_until(process, "capturing")

@@ -180,7 +180,8 @@ class Started:
 
 
 def _rule_session() -> None:
-    """Make the terminal that of the session, which its end hangs up."""
+    """Make the terminal that of the session, which its end hangs up; also under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
