@@ -554,6 +554,7 @@ def test_rows_that_match_the_alert_ring_and_are_counted(feed: Any, speed_rows: R
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         app.bell = lambda: rings.append(None)  # type: ignore[method-assign]
+        app.now_ns = lambda: 0  # type: ignore[method-assign]
         feed.give(speed_rows(7))
         await settle(app, pilot)
         assert rings == [None]

@@ -21,6 +21,7 @@ from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.protocol import Gap, GapKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
+from fte_sniff.tui import prompt
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.goto import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
@@ -322,7 +323,11 @@ def test_faults_are_counted_one_by_one(feed: Any, odd_rows: list[Row]) -> None:
     play(feed, scenario)
 
 
-def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(feed: Any) -> None:
+def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(
+    feed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prompt, "PATIENCE_S", 3600.0)
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f")
         await type_line(app, pilot, "rpm >= 390")
@@ -330,7 +335,10 @@ def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(feed: Any
         await press(app, pilot, "ctrl+u", *"rpn")
         assert "✗" not in page(app)
         assert "of 400 rows" not in page(app)
+        monkeypatch.setattr(prompt, "PATIENCE_S", 0.01)
+        await press(app, pilot, "n")
         await until(app, pilot, lambda: "✗" in page(app))
+        monkeypatch.setattr(prompt, "PATIENCE_S", 3600.0)
         await press(app, pilot, "backspace")
         assert "✗" not in page(app)
         await press(app, pilot, "enter")
