@@ -127,7 +127,7 @@ def test_columns_come_with_the_width_and_never_go() -> None:
 def test_lines_are_sorted_by_any_column_and_stay_otherwise(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give([*drive(), frame(4000, "reset")])
-        # Of a running capture the rates fall, and the lines are sorted again only every two seconds.
+        # Rates of a running capture fall, and the lines are sorted again only every two seconds.
         feed.state = replace(feed.state, running=False, live=False)
         await settle(app, pilot)
         await open_top(app, pilot)
