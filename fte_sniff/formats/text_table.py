@@ -174,8 +174,9 @@ def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:
     yield from (click.style(" " * column + line, fg=color) for line in lines[1:])
     yield from (" " * 10 + group for group in further)
     for bit in field.bits:
-        if bit.is_set:
-            yield from _indented(f"bit {bit.number} set: {bit.meaning}", column, width, None)
+        if bit.is_raised:
+            text = f"bit {bit.number} is {bit.is_set:d}: {bit.meaning}"
+            yield from _indented(text, column, width, None)
 
 
 def _offsets_text(offsets: range) -> str:

@@ -53,6 +53,8 @@ class ExplainedBit:
     number: int
     """0 is the least significant."""
     is_set: bool
+    is_raised: bool
+    """Whether it differs from the default."""
     label: str
     """A word or two; adjacent bits with the same meaning have the same label."""
     meaning: str
@@ -228,12 +230,12 @@ def _number(row: Frame, field: Field) -> ExplainedField:
 
 def _flags(row: Frame, field: Field) -> ExplainedField:
     byte = field.read(row.raw)
-    defined = field.defined_bits or 0
+    defined, raised = field.defined_bits or 0, byte ^ (field.default or 0)
     note = TranslatableText(
         "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
     )
     bits = (
-        ExplainedBit(number, bool(byte >> number & 1), *_bit_meaning(field, number))
+        ExplainedBit(number, _has(byte, number), _has(raised, number), *_bit_meaning(field, number))
         for number in range(8)
     )
     return _explained(
@@ -247,6 +249,10 @@ def _flags(row: Frame, field: Field) -> ExplainedField:
         bits=tuple(bits),
         is_raised=field.raised(byte),
     )
+
+
+def _has(byte: int, bit: int) -> bool:
+    return bool(byte >> bit & 1)
 
 
 def _bit_meaning(field: Field, number: int) -> tuple[str, str]:

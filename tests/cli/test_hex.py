@@ -226,3 +226,18 @@ def test_what_does_not_fit_is_one_line_that_names_it(run, arguments: str, told: 
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert all(word in done.stderr for word in told), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("flags", "bits"),
+    [
+        ("00 0F", []),
+        ("04 0F", ["bit 2 is 1: meaning unknown"]),
+        ("00 1B", ["bit 2 is 0: motor 3 online", "bit 4 is 1: undefined"]),
+    ],
+)
+def test_only_the_bits_that_are_not_as_usual_have_a_line(run, flags: str, bits: list[str]) -> None:
+    lines = run("hex", f"55 01 01 03 E8 00 00 {flags} EE").stdout.splitlines()
+    shown = [line.strip() for line in lines if line.strip().startswith("bit ")]
+    assert len(shown) == len(bits)
+    assert all(map(str.startswith, shown, bits))

@@ -87,6 +87,7 @@ def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
     assert all("unknown" in bit.meaning for bit in error.bits[:4])
     assert all("assumption" in bit.meaning for bit in online.bits[:4])
     assert [bit.number for bit in online.bits if bit.is_set] == [0, 2, 3, 4]
+    assert [bit.number for bit in online.bits if bit.is_raised] == [1, 4]
     assert {bit.meaning for bit in online.bits[4:]} == {"undefined"}
     assert online.fault is Fault.UNDEFINED_FLAGS
 
