@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -203,14 +204,18 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         raise UsageError(
             "--cluster needs the package distributed; try `pip install 'fte-sniff[cluster]'`"
         ) from None
+    import asyncio
     import logging
 
     logging.disable()  # what Dask and Tornado log about lost workers is reported here by file
     try:
+        asyncio.run(asyncio.wait_for(_find_scheduler(distributed, address), _CONNECT_S))
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # noqa: BLE001  # whatever another program answers
+        late = isinstance(error, TimeoutError)
+        reason = f"nothing within {_CONNECT_S} s" if late else str(error) or type(error).__name__
         raise FileError(
-            f"--cluster {address}: no scheduler answers ({str(error).splitlines()[0]}); start one"
+            f"--cluster {address}: no scheduler answers ({reason.splitlines()[0]}); start one"
             " with `dask scheduler`, and workers with `dask worker`"
         ) from None
     with client:
@@ -218,6 +223,15 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         if not threads:
             print_err("fte-sniff: the cluster has no worker yet; start one with `dask worker`")
         yield client.get_executor(pure=False), _WAITING_PER_WORKER * max(1, threads)
+
+
+async def _find_scheduler(distributed: ModuleType, address: str) -> None:
+    """Raise an error of any kind if no scheduler answers; a Client would hang, or close late."""
+    security = distributed.Security().get_connection_args("client")
+    async with distributed.rpc(address, connection_args=security) as server:
+        identity = await server.identity()
+    if identity.get("type") != "Scheduler":
+        raise ValueError(f"a {str(identity.get('type')).lower()} has this address")
 
 
 _CONNECT_S: Final = 10

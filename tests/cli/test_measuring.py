@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -169,6 +170,43 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(run, recordings
     assert "no scheduler answers" in line
     assert run("stats", recordings, "--cluster", "x", "--jobs", "2").returncode == 2
     assert run("stats", "-", "--cluster", "x").returncode == 2
+
+
+@pytest.mark.parametrize(
+    "where", ["", "127.0.0.1", "tls://127.0.0.1:9", "tcp://127.0.0.1:x", "http://127.0.0.1:9"]
+)
+def test_an_address_that_is_none_is_one_line(run, recordings: Path, where: str) -> None:
+    done = run("stats", recordings, "--cluster", where)
+    assert done.returncode == 4
+    (line,) = done.stderr.splitlines()
+    assert f"--cluster {where}: no scheduler answers (" in line
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"), [(b"", "nothing within"), (b"HTTP/1.0 400 Bad Request\r\n\r\n", "")]
+)
+def test_another_program_at_the_address_is_one_line(
+    run, recordings: Path, answer: bytes, reason: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as executor:
+        where = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        server.settimeout(BOUND_S)
+        running = executor.submit(run, "stats", recordings, "--cluster", where)
+        with server.accept()[0] as connection:
+            connection.sendall(answer)
+            done = running.result()
+    assert done.returncode == 4
+    (line,) = done.stderr.splitlines()
+    assert f"no scheduler answers ({reason}" in line
+
+
+def test_the_address_of_a_worker_is_one_line(run, recordings: Path, address: str) -> None:
+    with Client(address, set_as_default=False) as client:
+        worker = next(iter(client.nthreads()))
+    done = run("stats", recordings, "--cluster", worker)
+    assert done.returncode == 4
+    (line,) = done.stderr.splitlines()
+    assert "no scheduler answers (a worker has this address)" in line
 
 
 def test_ctrl_c_ends_all_processes_and_reports_what_was_read(

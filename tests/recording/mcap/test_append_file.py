@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
+from benchmarks.recording_kill import opened
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
@@ -137,6 +138,7 @@ def test_the_file_opens_after_a_kill_between_any_two_pages_of_any_write(
                 assert _messages(content) in (before, after)
                 _assert_whole(content, tmp_path / "killed.mcap")
                 assert is_whole(tmp_path / "killed.mcap") or not long_summary
+                assert not long_summary or opened(tmp_path / "killed.mcap")[0] == ""
                 states += 1
         assert _messages(content) == after
     assert states > 80
