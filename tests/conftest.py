@@ -29,9 +29,14 @@ if "--interpreted" in sys.argv:
 if INTERPRETED in os.environ:
     interpret()
 
-# Tests close terminals. A handler is not inherited; that SIGHUP is ignored, under nohup, is.
-if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-    signal.signal(signal.SIGHUP, lambda *_: None)
+# Tests close terminals and press Ctrl-C. A handler is not inherited; that a signal is ignored is:
+# SIGHUP under nohup, SIGINT in the background of a script.
+for number, handler in (
+    (signal.SIGHUP, lambda *_: None),
+    (signal.SIGINT, signal.default_int_handler),
+):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 settings.register_profile("house", deadline=None, print_blob=True, max_examples=HOUSE)
 settings.register_profile("thorough", settings.get_profile("house"), max_examples=20 * HOUSE)
