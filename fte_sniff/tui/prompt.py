@@ -508,21 +508,22 @@ class FilterField(PromptField):
     def _step(self) -> None:
         """Count for a moment: first the values that are suggested, then the matching rows."""
         self._timer = None
-        values = self._values.get(self._column or "")
         until = monotonic() + STEP_S
-        changed = running = False
-        while monotonic() < until:
-            changed |= (running := values is not None and values.step())
-            if not running:
+        values = self._values.get(self._column or "")
+        changed = False
+        # At least one step each time: the machine may be busy with something else for long.
+        while running := values is not None and values.step():
+            changed = True
+            if monotonic() >= until:
                 break
         if changed:
             self._suggest()
         try:
-            while self._matching is not None and monotonic() < until:
+            while self._matching is not None and not running:
                 if not self._matching.step():
                     self._show_matching(self._matching)
                     break
-                running = True
+                running = monotonic() >= until
         except FilterError:
             self._matching = None
         if running:

@@ -288,7 +288,13 @@ def dropdown(app: SniffApp) -> list[tuple[str, str]]:
     return [(one.text, one.right) for one in here.candidates] if here.display else []
 
 
-def test_fields_operators_and_observed_values_are_suggested_with_counts(feed: Any) -> None:
+@pytest.mark.parametrize("step_s", [3600.0, 0.0])
+def test_fields_operators_and_observed_values_are_suggested_with_counts(
+    feed: Any, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    """Also where the time of each step of counting is over at once, as on a busy machine."""
+    monkeypatch.setattr(prompt, "STEP_S", step_s)
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f", *"mo")
         assert dropdown(app) == [("motor", "motor (driver) number")]
