@@ -198,7 +198,7 @@ class ViewActions(ScreenActions):
         """Switch to the next theme."""
         self.theme = theme_after(self.theme)
         self._table.sync()
-        self._inform(_("theme {name}").format(name=self.theme))
+        self._inform(_("theme {name}", name=self.theme))
 
     def action_language(self) -> None:
         """Switch to the next language."""
@@ -475,7 +475,7 @@ class NavigationActions(ScreenActions):
         index = self._table.cursor_index
         text = "" if index is None else self._table.marks.text(index)
         if text:
-            self._notice.pin("note", _("note: {text}").format(text=printable(text)), warning=False)
+            self._notice.pin("note", _("note: {text}", text=printable(text)), warning=False)
         else:
             self._notice.unpin("note")
 
@@ -556,7 +556,7 @@ class FindActions(ScreenActions):
         """Save the filter in effect by name."""
         if name:
             self._saved_filters[name] = self._filter_field.current
-            self._inform(_("saved; f lists the filter as {name}").format(name=printable(name)))
+            self._inform(_("saved; f lists the filter as {name}", name=printable(name)))
 
     def action_only(self) -> None:
         """Show only rows with the same value in a cell."""

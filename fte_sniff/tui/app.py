@@ -359,7 +359,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self.exit()
         elif update.ended and state.ended:
             reason = printable(_(state.ended))
-            self._notice.pin("end", _("ended: {reason}").format(reason=reason))
+            self._notice.pin("end", _("ended: {reason}", reason=reason))
         elif update.ended and self._model.events_text:
             self._notice.report(self._model.events_text)
 

@@ -101,7 +101,7 @@ class ExportActions(ScreenActions):
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
         self.copy_to_clipboard(text)
         file = write_copy(text)
-        first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows").format(count=rows)
+        first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
         form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
         self._inform(
             form.format(what=printable(first), file=printable(_short_path(file)) if file else "")
@@ -225,7 +225,7 @@ class ExportActions(ScreenActions):
         except OSError as error:
             self._notice.warn(error_text(unwritable(path, error)))
         else:
-            self._inform(_("saved the screen to {file}").format(file=printable(str(path))))
+            self._inform(_("saved the screen to {file}", file=printable(str(path))))
 
     def _show_progress(self, job: SaveJob, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")
@@ -251,5 +251,5 @@ class ExportActions(ScreenActions):
         self.workers.cancel_group(self, SAVE_GROUP)
         # A worker that has not started yet does not notice that it is cancelled.
         job.abandon()
-        self._inform(_("{file} was not saved").format(file=printable(str(job.path))))
+        self._inform(_("{file} was not saved", file=printable(str(job.path))))
         return True

@@ -61,9 +61,7 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     if text[:1] in ("+", "-") and (ns := duration_ns(text[1:])) is not None:
         return Goal(distance_ns=-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
-        raise InputTextError(
-            _("{text} has no unit; write {text}s, {text}ms, {text}us").format(text=text)
-        )
+        raise InputTextError(_("{text} has no unit; write {text}s, {text}ms, {text}us", text=text))
     raise InputTextError(
         _(
             "a row (1200), 50%, a time (12:00:03.5, 20:00+08:00), a distance (+2s, -50ms)"

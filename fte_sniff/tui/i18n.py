@@ -66,16 +66,19 @@ def _texts(language: str) -> gettext.NullTranslations:
     return gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True)
 
 
-def _(text: str) -> str:
-    """The translated text; one with values is translated with them."""
+def _(text: str, /, **values: object) -> str:
+    """The translated text, in which each `{name}` is the value of that name.
+
+    A `TranslatableText` has its own values. Values that are such texts are translated too.
+    """
     if isinstance(text, TranslatableText):
-        values = {
-            name: _(value) if isinstance(value, TranslatableText) else value
-            for name, value in text.values.items()
-        }
-        return _(text.form).format(**values)
+        return _(text.form, **text.values)
     # For gettext, the empty text is the key of a catalogue's header.
-    return _catalogue.get(_ENGLISH).texts.gettext(text) if text else ""
+    shown = _catalogue.get(_ENGLISH).texts.gettext(text) if text else ""
+    if not values:
+        return shown  # A text from elsewhere may have braces.
+    texts = {name: _(one) for name, one in values.items() if isinstance(one, TranslatableText)}
+    return shown.format(**(values | texts))
 
 
 def error_text(error: FteSniffError) -> str:

@@ -215,10 +215,6 @@ class Picker(ListScreen[str | None]):
             self._finish(None)
 
 
-VALUES_MEANING = later("all values of a row by their short names, as far as there is room")
-
-DELTA_MEANING = later("{meaning} (d: another)")
-
 KEYS = later("space: show, K J: move, < >: width, r: as it was, enter, esc")
 
 
@@ -242,9 +238,9 @@ class _ColumnLine:
 
     def text(self, delta: Delta) -> str:
         if self.name == VALUES:
-            meaning = _(VALUES_MEANING)
+            meaning = _("all values of a row by their short names, as far as there is room")
         elif self.name == DELTA:
-            meaning = _(DELTA_MEANING).format(meaning=_(delta.meaning))
+            meaning = _("{meaning} (d: another)", meaning=_(delta.meaning))
         else:
             meaning = _(COLUMN_BY_NAME[self.name].meaning)
         return f"[{'x' if self.is_shown else ' '}] {self.name:<10} {meaning}"
@@ -347,13 +343,12 @@ def field_pairs(palette: Palette) -> Iterator[Pair]:
         short = " ".join(short_names_of(field.name))
         yield Text(f"{field.name} {short}", palette.fields[field.name]), _(_meaning_of(field.name))
     for age, look in enumerate((*palette.changed, palette.faint)):
-        text = CHANGED if age == 0 else CHANGED_BEFORE if age < UNCHANGED else NOT_CHANGED
-        yield Text("E8", look), _(text).format(count=age)
-
-
-CHANGED = later("with d: differs from the frame before of the same kind and motor")
-CHANGED_BEFORE = later("with d: frames since the change: {count}")
-NOT_CHANGED = later("with d: did not change")
+        text = _("with d: differs from the frame before of the same kind and motor")
+        if age:
+            text = _("with d: frames since the change: {count}", count=age)
+        if age == UNCHANGED:
+            text = _("with d: did not change")
+        yield Text("E8", look), text
 
 
 def _meaning_of(name: str) -> str:
@@ -464,7 +459,7 @@ class HelpPage(ModalScreen[None]):
     def _show_rest(self) -> None:
         page = self._page
         below = round(page.max_scroll_y - page.scroll_y)
-        more = _("{count} more lines: down, pgdn, end   esc: back").format(count=below)
+        more = _("{count} more lines: down, pgdn, end   esc: back", count=below)
         page.border_subtitle = more if below > 0 else _("esc: back")
 
     def action_scroll(self, to: str) -> None:

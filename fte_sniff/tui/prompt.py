@@ -579,7 +579,7 @@ class FilterField(PromptField):
     @staticmethod
     def _meaning(choice: str, counts: Mapping[str, int]) -> str:
         if choice in counts:
-            return _("{count:,} rows").format(count=counts[choice])
+            return _("{count:,} rows", count=counts[choice])
         column = COLUMN_BY_NAME.get(choice)
         return "" if column is None else _(column.meaning)
 

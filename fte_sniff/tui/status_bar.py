@@ -72,13 +72,13 @@ def badge_text(state: FeedState, mode: Mode, unseen: float) -> str:
     """The mode at the end of the title line."""
     words = _(mode)
     if mode is Mode.PAUSED:
-        words = _("PAUSED, {count:,} new").format(count=unseen)
+        words = _("PAUSED, {count:,} new", count=unseen)
     elif mode in (Mode.PLAYING, Mode.HELD):
         words = f"{words} {unseen:g}×"
     elif mode is Mode.SCROLLED:
-        words = _("SCROLLED +{count:,}").format(count=unseen)
+        words = _("SCROLLED +{count:,}", count=unseen)
     elif mode is Mode.LOADING and state.progress is not None:
-        words = _("LOADING {share:4.0%}").format(share=state.progress)
+        words = _("LOADING {share:4.0%}", share=state.progress)
     return f" {words} "
 
 
@@ -121,7 +121,7 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
     }[sign]
     if state.recording is None or sign is None or short:
         return f" {sign} {words} " if sign else ""
-    fired = "" if not state.fired else _("triggered {count:,}×").format(count=state.fired) + " "
+    fired = "" if not state.fired else _("triggered {count:,}×", count=state.fired) + " "
     span = timedelta(seconds=int(elapsed_s))
     # As wide as the widest, so that the title does not move each time.
     return f" {sign} {words} {fired}{span} {size_text(state.recorded_bytes):<7} "
@@ -246,13 +246,13 @@ def status_text(numbers: StatusCounters, width: int) -> str:
     if numbers.hits:
         parts.insert(1, numbers.hits)
     if numbers.line_errors:
-        parts.append(_("{count:,} line errors").format(count=numbers.line_errors))
+        parts.append(_("{count:,} line errors", count=numbers.line_errors))
     if numbers.not_shown:
-        parts.append(_("{count:,} too fast to show").format(count=numbers.not_shown))
-    row = _("row {number:,}").format(number=numbers.row_number)
+        parts.append(_("{count:,} too fast to show", count=numbers.not_shown))
+    row = _("row {number:,}", number=numbers.row_number)
     parts.append(row if numbers.row_number else _("no row shown"))
     if not numbers.following:
-        parts.append(_("{count:,} below").format(count=numbers.below))
+        parts.append(_("{count:,} below", count=numbers.below))
     line = parts[0]
     for part in parts[1:]:
         if cell_len(line) + cell_len(part) + 2 > width:
@@ -271,7 +271,7 @@ def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
         malformed = _("{count:>5,} bad {share:>5}")
     share = _share_text(numbers.malformed_share, 1 if abbreviated else 2)
     parts = [
-        _("{count:>9,} rows").format(count=numbers.rows),
+        _("{count:>9,} rows", count=numbers.rows),
         malformed.format(count=numbers.malformed, share=share),
     ]
     rate = numbers.frames_per_s

@@ -130,9 +130,6 @@ def bytes_text(raw: bytes, width: int) -> str:
     return spaced_hex(raw[: max(0, (width - len(count) + 1) // 3)]) + count
 
 
-TURNS: Final = later("{turns:,.3f} turns")
-
-
 def span_text(ns: float | None) -> str:
     """A duration in three digits, in the language of the screen: `2.15 ms`."""
     return _(cell_text.span_text(ns))
@@ -141,19 +138,17 @@ def span_text(ns: float | None) -> str:
 def turns_text(pulses: int, line_setup: LineSetup) -> str:
     """A position in turns; empty if the pulses of a turn are unknown."""
     turns = line_setup.turns(pulses)
-    return "" if turns is None else _(TURNS).format(turns=turns)
+    return "" if turns is None else _("{turns:,.3f} turns", turns=turns)
 
 
 WITH_DETAIL: Final = later("{event}: {detail}")
-ROWS_MISSING: Final = later("{count:,} rows are missing here")
-MISSING: Final = later("rows are missing here")
 
 
 def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
     """A port event on one line, with its time of day in a zone."""
     text = f"{event.port} {_(event_words(event.kind))}"
     if event.detail:
-        text = _(WITH_DETAIL).format(event=text, detail=_(event.detail))
+        text = _(WITH_DETAIL, event=text, detail=_(event.detail))
     return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
 
 
@@ -166,7 +161,9 @@ def landmark_text(what: PortEvent | Gap, zone: tzinfo = UTC) -> str:
     """A port event or a gap on one line."""
     if isinstance(what, PortEvent):
         return event_text(what, zone)
-    text = _(ROWS_MISSING).format(count=what.rows) if what.rows else _(MISSING)
+    text = _("rows are missing here")
+    if what.rows:
+        text = _("{count:,} rows are missing here", count=what.rows)
     if what.reason:
-        text = _(WITH_DETAIL).format(event=text, detail=_(what.reason))
+        text = _(WITH_DETAIL, event=text, detail=_(what.reason))
     return printable(text)

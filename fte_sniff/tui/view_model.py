@@ -26,7 +26,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.session.replay import Playback
-from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.i18n import _
 from fte_sniff.tui.status_bar import StatusCounters
 from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.table.widget import RowTable
@@ -217,7 +217,7 @@ class ViewModel:
                 if kind not in ROUTINE_EVENTS
             )
         )
-        return _("port events while it was recorded: {events}; S shows more").format(events=counts)
+        return _("port events while it was recorded: {events}; S shows more", events=counts)
 
     @property
     def filter_text(self) -> str:
@@ -236,9 +236,8 @@ class ViewModel:
         if self.store.view.pending:
             return _("filtering ...")
         if len(self.store):
-            return _("the filter hides all {count:,} rows; F shows them again").format(
-                count=len(self.store)
-            )
+            count = len(self.store)
+            return _("the filter hides all {count:,} rows; F shows them again", count=count)
         return _("nothing came yet") if self.state.running else _("nothing came")
 
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
@@ -252,9 +251,6 @@ STEP_PAUSE_S: Final = 0.005
 
 RECOUNT_S: Final = 0.5
 """Interval at which new rows are counted."""
-
-HIT: Final = later("hit {number:,} of {all:,}")
-HITS: Final = later("{all:,} hits")
 
 
 class HitStatus:
@@ -293,8 +289,9 @@ class HitStatus:
             return ""
         index = self._table.cursor_index
         position = self._counter.position(-1 if index is None else index)
-        form = HITS if position.number is None else HIT
-        return _(form).format(number=position.number, all=position.total)
+        if position.number is None:
+            return _("{all:,} hits", all=position.total)
+        return _("hit {number:,} of {all:,}", number=position.number, all=position.total)
 
 
 WAKE_INTERVAL_S: Final = 1 / 25

@@ -20,10 +20,6 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
 from fte_sniff.tui.table.theme import Palette
 
-TITLE: Final = later("bytes around offset {offset:,}")
-HINT: Final = later("<this row>  [ ]: field  J K: scroll  esc: close")
-NO_ROW: Final = later("no row")
-
 CONTEXT_LINES: Final = 6
 """Least lines before the row's first one, and after its last one."""
 
@@ -33,7 +29,6 @@ MAX_ROWS_SEARCHED: Final = 20_000
 BYTES_PER_LINE: Final = (32, 16, 8)
 """The first that fits is used, or else the last."""
 
-UNKNOWN_BYTE: Final = "··"
 
 _OFFSET_WIDTH: Final = 12
 _STEP_ROWS: Final = 256
@@ -127,7 +122,7 @@ class _Stream:
             separator = self._separator(offset, begins_line)
             line.append(separator, self._separator_style(offset, begins_line))
             byte = self._bytes.get(offset)
-            line.append(UNKNOWN_BYTE if byte is None else f"{byte:02X}", self._style(offset))
+            line.append("··" if byte is None else f"{byte:02X}", self._style(offset))
         end = offsets.stop
         line.append(">" if end == self._row.stop else " ", self._separator_style(end, False))
         if with_text:
@@ -164,17 +159,17 @@ class BytesPane(Pane):
 
     NAME = "bytes"
     EXPLAINS_ROW = True
-    HINT = HINT
+    HINT = later("<this row>  [ ]: field  J K: scroll  esc: close")
 
     def draw(self, context: PaneContext) -> None:
         """Dump the bytes around the cursor's row, where they are not shown already."""
         if context.row is None or context.index is None:
-            self.set_page_of(Text, _(NO_ROW))
+            self.set_page_of(Text, _("no row"))
             return
         around = CONTEXT_LINES
         if not (self.styles.height is None or self.styles.height.is_auto):
             around = max(around, (self.page_size.height - 1) // 2)
         rows = neighbours(context.store, context.index, around * BYTES_PER_LINE[0])
-        self.set_title(_(TITLE).format(offset=context.row.offset))
+        self.set_title(_("bytes around offset {offset:,}", offset=context.row.offset))
         width, palette = self.page_size.width, context.palette
         self.set_page_of(dump, context.row, rows, width, palette, context.field, around)

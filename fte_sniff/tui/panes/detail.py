@@ -25,14 +25,6 @@ from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import span_text, turns_text
 
-TITLE = later("the row, byte by byte")
-HINT = later("[ ]: field   J K: scroll   esc: close")
-NO_ROW = later("no row")
-TURNS = "{pulses}, {turns}"
-BIT = later("bit {number} is {value}: {meaning}")
-BITS = later("bits 7-0: {bits}")
-BIT_RUN = "{label} {digits}"
-
 INLINE_BYTES = 4
 """A field of at most this many bytes shows them before its name; others below it."""
 
@@ -55,11 +47,6 @@ _VALUE_WIDTH = 18
 _INDENT = " " * (2 + _HEX_WIDTH)
 
 
-ANSWERED = later("answered after {delay} by {row}")
-ANSWERED_AT_SOME_TIME = later("answered by {row}")
-ANSWERS = later("answers the command in {row}, {delay} later")
-ANSWERS_AT_SOME_TIME = later("answers the command in {row}")
-OF_MOTOR = later("motor {motor}: {text}")
 STATES = {
     AnswerState.UNANSWERED: later("unanswered: the next command to the motor came first"),
     AnswerState.WAITING: later("unanswered so far"),
@@ -71,21 +58,22 @@ def relation_lines(context: PaneContext) -> list[str]:
     """How the row and other rows belong together: a command and its answers."""
     command, answers = context.command, context.answers
     if command is not None:
-        form = ANSWERS_AT_SOME_TIME if command.delay_ns is None else ANSWERS
         row, delay = context.row_text(command.command), span_text(command.delay_ns)
-        return [_(form).format(row=row, delay=delay)]
+        if command.delay_ns is None:
+            return [_("answers the command in {row}", row=row)]
+        return [_("answers the command in {row}, {delay} later", row=row, delay=delay)]
     texts = [_answer_text(one, context) for one in answers]
     if len(set(texts)) == 1:
         return texts[:1]
     pairs = zip(answers, texts, strict=True)
-    return [_(OF_MOTOR).format(motor=one.motor, text=text) for one, text in pairs]
+    return [_("motor {motor}: {text}", motor=one.motor, text=text) for one, text in pairs]
 
 
 def _answer_text(one: CommandAnswer, context: PaneContext) -> str:
     if one.answer is None:
         return _(STATES[one.state])
-    form = ANSWERED_AT_SOME_TIME if one.delay_ns is None else ANSWERED
-    return _(form).format(row=context.row_text(one.answer), delay=span_text(one.delay_ns))
+    form = _("answered by {row}") if one.delay_ns is None else _("answered after {delay} by {row}")
+    return _(form, row=context.row_text(one.answer), delay=span_text(one.delay_ns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +123,11 @@ def _heading(row: Row, palette: Palette, layout: DetailLayout, zone: tzinfo) -> 
     kind = row.kind if isinstance(row, Frame) else None
     name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
     time = _("no time") if row.t_ns is None else moment_text(row.t_ns, zone)
-    position = _("offset {offset:,}  {length} bytes  {port}").format(
-        offset=row.offset, length=len(row.raw), port=printable(row.port)
+    position = _(
+        "offset {offset:,}  {length} bytes  {port}",
+        offset=row.offset,
+        length=len(row.raw),
+        port=printable(row.port),
     )
     style = palette.of_kind(row) if kind else palette.statuses[row.status]
     lines = [Text(name, style=style + Style(bold=True))]
@@ -154,7 +145,7 @@ def _with_turns(field: ExplainedField, line_setup: LineSetup) -> ExplainedField:
     if field.name != "pulses" or not field.value:
         return field
     turns = turns_text(int.from_bytes(field.raw, "big", signed=True), line_setup)
-    return replace(field, value=TURNS.format(pulses=field.value, turns=turns)) if turns else field
+    return replace(field, value=f"{field.value}, {turns}") if turns else field
 
 
 def _field_lines(
@@ -196,17 +187,20 @@ def _field_lines(
         yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout)
         return
     for bit in field.bits:
-        text = _(BIT).format(number=bit.number, value="01"[bit.is_set], meaning=_(bit.meaning))
+        value, meaning = "01"[bit.is_set], _(bit.meaning)
+        text = _(
+            "bit {number} is {value}: {meaning}", number=bit.number, value=value, meaning=meaning
+        )
         yield from _indented(text, Style.null() if bit.is_set else palette.muted, layout)
 
 
 def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:
     """All bits from the highest; those with the same label together."""
     runs = [
-        BIT_RUN.format(label=_(label), digits="".join("01"[bit.is_set] for bit in run))
+        f"{_(label)} {''.join('01'[bit.is_set] for bit in run)}"
         for label, run in groupby(reversed(bits), key=lambda bit: bit.label)
     ]
-    return _(BITS).format(bits=_(listed(runs))) if runs else ""
+    return _("bits 7-0: {bits}", bits=listed(runs)) if runs else ""
 
 
 def _wrapped_after(text: str, start: int, layout: DetailLayout) -> list[str]:
@@ -235,13 +229,13 @@ class DetailPane(Pane):
 
     NAME = "detail"
     EXPLAINS_ROW = True
-    HINT = HINT
+    HINT = later("[ ]: field   J K: scroll   esc: close")
     _index: int | None = None
     """Index of the row that is shown."""
 
     def draw(self, context: PaneContext) -> None:
         """Explain the cursor's row, where it is not explained already."""
-        self.set_title(_(TITLE))
+        self.set_title(_("the row, byte by byte"))
         layout = DetailLayout(
             self.page_size.width,
             self.app.size.height >= TALL,
@@ -250,7 +244,7 @@ class DetailPane(Pane):
         )
         setup, zone = context.line_setup, context.zone
         if context.row is None:
-            self.set_page_of(Text, _(NO_ROW))
+            self.set_page_of(Text, _("no row"))
         elif (
             self.set_page_of(detail_text, context.row, context.palette, layout, setup, zone)
             and context.index != self._index

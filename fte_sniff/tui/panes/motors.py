@@ -92,35 +92,18 @@ class MotorsView:
         return clock_text(t_ns, digits, self.zone).rstrip(".")
 
 
-MOTOR: Final = later("motor {number}")
 ONLINE: Final = later("online")
 OFFLINE: Final = later("OFFLINE")
-ONLINE_UNKNOWN: Final = later("online –")
 ERROR: Final = later("error {byte:02X}")
-ERROR_UNKNOWN: Final = later("error –")
-BIT_SET: Final = later("bit {bit} set {time}")
-BIT_CLEARED: Final = later("bit {bit} cleared {time}")
-BIT_SHORT: Final = "b{bit}={value} {time}"
-ERROR_BIT: Final = later("  error bit {bit} is {value} since {time}")
-NO_ERROR_BIT: Final = later("  no error bit ever changed")
-ONLINE_SINCE: Final = later("  ONLINE bit {bit} is {value} since {time}")
-NO_ONLINE_CHANGE: Final = later("  ONLINE bit {bit} never changed")
-TARGET: Final = later("target")
-NOW: Final = later("now")
-AGO: Final = later("{span} ago")
-SINCE: Final = later(" since {time}")
 COMMANDS: Final = (
     later("{rate} commands, {unanswered:,} of {all:,} unanswered"),
     later("{rate} commands, {unanswered:,} unanswered"),
 )
-WAITING: Final = later("{rate} commands, no answer for {span}")
 FEEDBACK: Final = (
     later("{rate} feedback, {p50} after the command (99 %: {p99})"),
     later("{rate} feedback, {p50} after, p99 {p99}"),
     later("{rate} feedback, {p50} p99 {p99}"),
 )
-ONLY_FEEDBACK: Final = later("{rate} feedback")
-CAPTION: Final = "{kind} [{unit}]"
 
 MAX_BIT_LINES: Final = 4
 """Bit changes of ERROR that have a line each."""
@@ -213,7 +196,7 @@ class MotorCard:
         return lines + axis
 
     def _caption(self, name: str) -> Text:
-        text = CAPTION.format(kind=_KIND[name].name, unit=_FIELD[name].unit)
+        text = f"{_KIND[name].name} [{_FIELD[name].unit}]"
         return Text(text, style=self.palette.muted)
 
     def _axis(self, width: int) -> Text:
@@ -225,10 +208,8 @@ class MotorCard:
         yield self._target_line(width)
         names = sorted(QUANTITIES, key=lambda name: name != self._quantity)
         readings = [self._reading(name) for name in names]
-        if tall:
-            yield from (self._label(_(NOW)) + reading for reading in readings)
-        else:
-            yield self._label(_(NOW)) + Text("  ").join(readings)
+        for reading in readings if tall else [Text("  ").join(readings)]:
+            yield self._label(_("now")) + reading
         yield self._commands(width)
         yield self._feedback(width)
         if tall:
@@ -238,26 +219,26 @@ class MotorCard:
         state, wrong = self.state, self.palette.statuses[Status.MALFORMED] + _BOLD
         text = Text.assemble((name, _BOLD))
         if state.online is None:
-            text.append(f" {_(ONLINE_UNKNOWN)}", self.palette.muted)
+            text.append(f" {_('online –')}", self.palette.muted)
         else:
             word, style = (_(ONLINE), _PLAIN) if state.online else (_(OFFLINE), wrong)
             text.append(f" {word}", style)
         error = state.flags.get("error")
         if error is None:
-            return text.append(f" {_(ERROR_UNKNOWN)}", self.palette.muted)
-        return text.append(f" {_(ERROR).format(byte=error.byte)}", wrong if error.byte else _PLAIN)
+            return text.append(f" {_('error –')}", self.palette.muted)
+        return text.append(f" {_(ERROR, byte=error.byte)}", wrong if error.byte else _PLAIN)
 
     def _title(self, width: int) -> Text:
         """The head with the latest change of the error byte."""
-        text = self._head(_(MOTOR).format(number=self.state.motor))
+        text = self._head(_("motor {number}", number=self.state.motor))
         error = self.state.flags.get("error")
         changes = _changes(error) if error is not None else []
         if error is not None and changes:
             t_ns, bit = changes[0]
             value, second = error.byte >> bit & 1, self.view.clock(t_ns, 0)
-            form = _(BIT_SET if value else BIT_CLEARED)
+            form = _("bit {bit} set {time}") if value else _("bit {bit} cleared {time}")
             forms = [form.format(bit=bit, time=time) for time in (self.view.clock(t_ns), second)]
-            forms.append(BIT_SHORT.format(bit=bit, value=value, time=second))
+            forms.append(f"b{bit}={value} {second}")
             change = first_fitting(forms, width - text.cell_len - 1)
             text.append(f" {change}", self.palette.muted)
         return text
@@ -268,18 +249,18 @@ class MotorCard:
         if error is not None:
             changes = _changes(error)
             for t_ns, bit in changes[:MAX_BIT_LINES]:
-                yield self._bit(ERROR_BIT, bit, error.byte >> bit & 1, t_ns)
+                form, value = _("  error bit {bit} is {value} since {time}"), error.byte >> bit & 1
+                yield Text(form.format(bit=bit, value=value, time=self.view.clock(t_ns)))
             if not changes:
-                yield Text(_(NO_ERROR_BIT), style=self.palette.muted)
+                yield Text(_("  no error bit ever changed"), style=self.palette.muted)
         if state.online is not None:
             bit = state.motor - MOTORS[0]
             if state.online_changed_ns is None:
-                yield Text(_(NO_ONLINE_CHANGE).format(bit=bit), style=self.palette.muted)
+                yield Text(_("  ONLINE bit {bit} never changed", bit=bit), style=self.palette.muted)
             else:
-                yield self._bit(ONLINE_SINCE, bit, int(state.online), state.online_changed_ns)
-
-    def _bit(self, form: str, bit: int, value: int, t_ns: int) -> Text:
-        return Text(_(form).format(bit=bit, value=value, time=self.view.clock(t_ns)))
+                form, value = _("  ONLINE bit {bit} is {value} since {time}"), int(state.online)
+                time = self.view.clock(state.online_changed_ns)
+                yield Text(form.format(bit=bit, value=value, time=time))
 
     def _label(self, word: str) -> Text:
         return Text.assemble((padded(word, _LABEL_WIDTH), self.palette.muted))
@@ -305,13 +286,13 @@ class MotorCard:
 
     def _target_line(self, width: int) -> Text:
         """The target; where it fits, since when it is the same, and the last command's age."""
-        line, target = Text.assemble(self._label(_(TARGET)), *self._target()), self.state.target
+        line, target = Text.assemble(self._label(_("target")), *self._target()), self.state.target
         if target is None:
             return line
         since = Text()
         if target.since_ns is not None:
             time = self.view.clock(target.since_ns, 1)
-            since.append(_(SINCE).format(time=time), self.palette.muted)
+            since.append(_(" since {time}", time=time), self.palette.muted)
         for more in (since, self._age(target.t_ns)):
             if line.cell_len + more.cell_len <= width:
                 line.append_text(more)
@@ -329,25 +310,25 @@ class MotorCard:
         age = self.view.age_ns(t_ns)
         if age is None or age < STALE_NS:
             return Text()
-        return Text(" " + _(AGO).format(span=span_text(age)), style=self.palette.muted)
+        return Text(" " + _("{span} ago", span=span_text(age)), style=self.palette.muted)
 
     def _commands(self, width: int) -> Text:
         state = self.state
         rate = _rate_or_count(state.commands_per_s, state.commands)
         wait_ns = self.view.age_ns(state.waiting_since_ns)
         if wait_ns is not None and wait_ns >= STALE_NS:
-            text = _(WAITING).format(rate=rate, span=span_text(wait_ns))
+            text = _("{rate} commands, no answer for {span}", rate=rate, span=span_text(wait_ns))
             return Text(text, style=self.palette.statuses[Status.SUSPECT])
         total = state.answered + state.unanswered
         values = {"rate": rate, "unanswered": state.unanswered, "all": total}
-        return Text(first_fitting((_(form).format(**values) for form in COMMANDS), width))
+        return Text(first_fitting((_(form, **values) for form in COMMANDS), width))
 
     def _feedback(self, width: int) -> Text:
         state = self.state
         values = {"rate": _rate_or_count(state.feedback_per_s, state.feedback)}
         values |= {"p50": span_text(state.delay_p50_ns), "p99": span_text(state.delay_p99_ns)}
-        forms = (ONLY_FEEDBACK,) if state.delay_p50_ns is None else FEEDBACK
-        return Text(first_fitting((_(form).format(**values) for form in forms), width))
+        forms = (_("{rate} feedback"),) if state.delay_p50_ns is None else FEEDBACK
+        return Text(first_fitting((_(form, **values) for form in forms), width))
 
     @property
     def _quantity(self) -> str:
@@ -386,15 +367,6 @@ def _by_importance(kind: FrameKind) -> list[Field]:
         return list(kind.fields)
     return sorted(kind.fields, key=lambda field: field.name != kind.subject)
 
-
-TITLE: Final = later("motors, {span}: line actual, dashes target")
-TITLE_FULL: Final = later("motors, {span}, full range: line actual, dashes target")
-END: Final = later("now")
-AS_OF: Final = later("as of row {row:,}, {time} - G: end")
-AT_END: Final = later("at the end, {time}")
-AS_OF_ROW: Final = later("as of row {row:,} - G: end")
-HINT: Final = later("z Z: time   r: range   J K: scroll   esc: close")
-BEHIND: Final = later("reading: {rows:,} rows to go")
 
 FOUR_COLUMNS: Final = 160
 """Cells from which on all cards are side by side."""
@@ -445,13 +417,13 @@ def _card_row(cards: Sequence[MotorCard], height: int, width: int) -> Iterator[l
 def _as_of(context: PaneContext) -> str:
     """The row whose time is shown, and the key to the end; empty while rows come at the end."""
     if context.following and context.rates_ns is None and context.newest_ns is not None:
-        return _(AT_END).format(time=clock_text(context.newest_ns, 3, context.zone))
+        return _("at the end, {time}", time=clock_text(context.newest_ns, 3, context.zone))
     if context.following or context.row is None:
         return ""
     if context.row.t_ns is None:
-        return _(AS_OF_ROW).format(row=context.row_number)
+        return _("as of row {row:,} - G: end", row=context.row_number)
     time = clock_text(context.row.t_ns, 3, context.zone)
-    return _(AS_OF).format(row=context.row_number, time=time)
+    return _("as of row {row:,}, {time} - G: end", row=context.row_number, time=time)
 
 
 class MotorsPane(Pane):
@@ -459,7 +431,7 @@ class MotorsPane(Pane):
 
     NAME = "motors"
     REDRAW_S = 1 / 6
-    HINT = HINT
+    HINT = later("z Z: time   r: range   J K: scroll   esc: close")
 
     def __init__(self) -> None:
         super().__init__()
@@ -478,14 +450,16 @@ class MotorsPane(Pane):
 
     def draw(self, context: PaneContext) -> None:
         """Draw the motors as they were at the cursor's row."""
-        title = _(TITLE_FULL if self._full_range else TITLE)
+        title = _("motors, {span}: line actual, dashes target")
+        if self._full_range:
+            title = _("motors, {span}, full range: line actual, dashes target")
         title = title.format(span=span_text(WINDOWS_NS[self._window]))
         as_of = _as_of(context)
         parts = [part for part in (title, context.merged_text, as_of) if part]
         self.set_title(*("   ".join(parts[first:]) for first in range(len(parts))))
         view = self._view(context)
         if view is None:
-            self.set_page(Text(_(BEHIND).format(rows=context.models.pending)))
+            self.set_page(Text(_("reading: {rows:,} rows to go", rows=context.models.pending)))
             return
         size = self.page_size
         self.set_page(grid(view, size.width, size.height, context.palette))
@@ -504,7 +478,7 @@ class MotorsPane(Pane):
                 since_ns = (now_ns or 0) - window_ns
                 self._past = (*wanted, past, models.traces_at(context.index, since_ns))
             motors, traces = self._past[2:]
-        end = _(END)
+        end = _("now")
         if _as_of(context):
             end = clock_text(now_ns or 0, 3, context.zone)
         return MotorsView(

@@ -38,9 +38,6 @@ P = ParamSpec("P")
 _CORNERS = 4
 
 
-MERGED: Final = later("{count} captures as one")
-
-
 @dataclass(frozen=True, slots=True)
 class PaneContext:
     """What a pane draws, at one moment."""
@@ -77,14 +74,14 @@ class PaneContext:
     @property
     def merged_text(self) -> str:
         """That numbers are of several captures, whose equal ports are one; empty for one."""
-        return "" if self.captures < 2 else _(MERGED).format(count=self.captures)
+        return "" if self.captures < 2 else _("{count} captures as one", count=self.captures)
 
     def row_text(self, index: int) -> str:
         """The number of a row among those shown."""
         view = self.store.view
         if not view.has(index):
             return _("a row that the filter hides")
-        return _("row {number:,}").format(number=view.position_of(index) + 1)
+        return _("row {number:,}", number=view.position_of(index) + 1)
 
 
 class Pane(VerticalScroll, can_focus=False):

@@ -34,28 +34,6 @@ from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import event_words, span_text
 
-PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
-PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")
-BETWEEN: Final = later(", ")
-PORT_USE_OVER_TIME: Final = later("  use over time, at most {most}")
-SILENCES: Final = later("  silences: ")
-SILENCE: Final = later("{count:,} < {span}")
-SILENCE_LAST: Final = later("{count:,} longer")
-LONGEST: Final = later("  longest silence {span}, until {time}")
-NO_SILENCE: Final = later("  never silent")
-EVENT: Final = later("{event} {count:,} (last {time})")
-EVENTS: Final = later("  port events: {events}")
-NO_EVENTS: Final = later("  port events: none")
-NO_FAULTS: Final = later("no faults")
-FAULTS: Final = later("faults")
-ROWS: Final = later("rows")
-PER_CELL: Final = later("over time, from {start} to {end}")
-NO_ROWS: Final = later("nothing came")
-NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
-RAISED: Final = later("ERROR was set or ONLINE missing: motor {motors}; details at the end")
-BEHIND: Final = later("reading: {rows:,} rows to go")
-MISSED: Final = later("{rows:,} rows arrived too fast to be counted here")
-
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
 """Upper limits of the classes of silences."""
 
@@ -92,8 +70,6 @@ COLUMNS: Final = (
 """Numbers of a stream, the most useful first. The period is the median; the jitter is the
 difference of the 95th and the 5th percentile."""
 
-STREAMS_HEAD: Final = later("kind and motor")
-
 
 @dataclass(frozen=True, slots=True)
 class StatisticsPage:
@@ -124,17 +100,21 @@ class StatisticsPage:
     def _lines(self) -> Iterator[Text]:
         models, statistics = self.models, self.models.statistics
         if models.pending:
-            yield self._muted(_(BEHIND).format(rows=models.pending))
+            yield self._muted(_("reading: {rows:,} rows to go", rows=models.pending))
         if models.missed:
-            yield self._muted(_(MISSED).format(rows=models.missed))
+            text = _("{rows:,} rows arrived too fast to be counted here", rows=models.missed)
+            yield self._muted(text)
         ports, streams = statistics.ports(), statistics.streams(self.rates_ns)
         if not ports:
-            yield self._muted(_(NO_ROWS))
+            yield self._muted(_("nothing came"))
             return
-        raised = [_(text) for text in flag_texts(models.flags.stats(), self._when, in_order=True)]
+        flags = models.flags.stats()
+        raised = [_(text) for text in flag_texts(flags, self._when, in_order=True)]
         if raised:
             # One line on top, so that nobody has to scroll to an error, or past errors.
-            yield self._raised(_(RAISED).format(motors=self._raised_motors))
+            motors = listed(one.motor for one in flags if one.error_bits or one.offline.rows)
+            text = _("ERROR was set or ONLINE missing: motor {motors}; details at the end")
+            yield self._raised(text.format(motors=_(motors)))
         for port in ports:
             yield from self._port(port)
             of_port = [stream for stream in streams if stream.port == port.port]
@@ -153,20 +133,15 @@ class StatisticsPage:
         mark = (RAISED_MARK, self.palette.raised_mark)
         return Text.assemble(mark, " ", (line, self.palette.raised))
 
-    @property
-    def _raised_motors(self) -> str:
-        flags = self.models.flags.stats()
-        motors = [one.motor for one in flags if one.error_bits or one.offline.rows]
-        return _(listed(motors))
-
     def _port(self, port: PortStats) -> Iterator[Text]:
-        rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
+        rows = _("{rows:,} rows, {bytes:,} bytes", rows=port.rows, bytes=port.bytes)
         name = fit_path(printable(port.port), max(8, self.width - cell_len(rows) - 2))
         yield Text.assemble((name, _BOLD), "  ", rows)
         if port.share is None:
-            yield self._muted(_(NO_TIMES))
+            yield self._muted(_("  these rows have no times: no rates, no silences"))
         else:
-            yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
+            text = _("  {share} of the time used, at {baud:,} baud")
+            yield Text(text.format(share=share_text(port.share), baud=port.baud))
             yield self._use_over_time(port.share_over_time)
 
     def _quiet(self, port: PortStats) -> Iterator[Text]:
@@ -174,37 +149,41 @@ class StatisticsPage:
         if port.share is not None:
             yield from self._silences(port.silences)
         if port.events:
+            form = later("{event} {count:,} (last {time})")
             events = (
-                _(EVENT).format(
-                    event=_(event_words(event.kind)),
-                    count=event.count,
-                    time=self._when(event.last_ns),
+                _(
+                    form,
+                    event=_(event_words(one.kind)),
+                    count=one.count,
+                    time=self._when(one.last_ns),
                 )
-                for event in port.events
+                for one in port.events
             )
-            yield Text(_(EVENTS).format(events=_(listed(events))))
+            yield Text(_("  port events: {events}", events=listed(events)))
         else:
-            yield self._muted(_(NO_EVENTS))
+            yield self._muted(_("  port events: none"))
 
     def _use_over_time(self, use: TimeSeries) -> Text:
-        label = _(PORT_USE_OVER_TIME).format(most=share_text(max(use.values, default=0.0))) + " "
+        most = share_text(max(use.values, default=0.0))
+        label = _("  use over time, at most {most}", most=most) + " "
         line = sparkline(use.values, self.width - cell_len(label), full=1)
         return Text.assemble(label, (line, Style(color=self.palette.kinds["speed"].color)))
 
     def _silences(self, silences: Durations) -> Iterator[Text]:
         if silences.longest_ns is None or silences.longest_at_ns is None:
-            yield Text(_(NO_SILENCE))
+            yield Text(_("  never silent"))
             return
         until = self._when(silences.longest_at_ns)
-        yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=until))
+        span = span_text(silences.longest_ns)
+        yield Text(_("  longest silence {span}, until {time}", span=span, time=until))
         counts = [
-            _(SILENCE).format(count=silences.between(low, high), span=span_text(high))
+            _("{count:,} < {span}", count=silences.between(low, high), span=span_text(high))
+            + _(", ")
             for low, high in pairwise((0, *SILENCE_STEPS_NS))
         ]
         longer = silences.between(SILENCE_STEPS_NS[-1], 2.0**63)
-        counts = [f"{count}{_(BETWEEN)}" for count in counts]
-        line = label = _(SILENCES)
-        for count in (*counts, _(SILENCE_LAST).format(count=longer)):
+        line = label = _("  silences: ")
+        for count in (*counts, _("{count:,} longer", count=longer)):
             if cell_len(line + count) > self.width:
                 yield Text(line)
                 line = " " * cell_len(label)
@@ -216,7 +195,7 @@ class StatisticsPage:
         ends = accumulate((column.width + 1 for column in known), initial=_NAME_WIDTH + 2)
         columns = [one for one, end in zip(known, [*ends][1:], strict=True) if end <= self.width]
         head = "".join(f" {fit_right(_(column.head), column.width)}" for column in columns)
-        yield self._muted(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}")
+        yield self._muted(f"  {fit(_('kind and motor'), _NAME_WIDTH)}{head}")
         for stream in streams:
             kind = stream.kind.name
             name = kind if stream.motor is None else f"{kind} {stream.motor}"
@@ -228,17 +207,18 @@ class StatisticsPage:
     def _faults(self) -> Iterator[Text]:
         faults = self.models.statistics.faults()
         if not faults:
-            yield Text(_(NO_FAULTS))
+            yield Text(_("no faults"))
             return
         over_time = faults[0].over_time
-        head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_(ROWS), COLUMNS[0].width)}"
+        head = f"{fit(_('faults'), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
         line = Text(head, style=_BOLD)
         if over_time.values:
             end_ns = over_time.start_ns + over_time.slot_ns * len(over_time.values)
             start, end = (
                 clock_text(t_ns, 0, self.zone)[:8] for t_ns in (over_time.start_ns, end_ns)
             )
-            line.append("  " + _(PER_CELL).format(start=start, end=end), self.palette.muted)
+            text = _("over time, from {start} to {end}", start=start, end=end)
+            line.append(f"  {text}", self.palette.muted)
         yield line
         for fault in faults:
             status = status_of((fault.fault,))
@@ -254,9 +234,6 @@ class StatisticsPage:
             )
 
 
-TITLE: Final = later("statistics of all rows")
-
-
 class StatisticsPane(Pane):
     """Numbers over all rows, independent of the filter and the cursor."""
 
@@ -265,7 +242,7 @@ class StatisticsPane(Pane):
 
     def draw(self, context: PaneContext) -> None:
         """Draw the current numbers."""
-        self.set_title("   ".join(filter(None, (_(TITLE), context.merged_text))))
+        self.set_title("   ".join(filter(None, (_("statistics of all rows"), context.merged_text))))
         width, palette = self.page_size.width, context.palette
         page = StatisticsPage(context.models, context.rates_ns, width, palette, context.zone)
         self.set_page(page.text)

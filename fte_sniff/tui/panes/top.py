@@ -189,7 +189,7 @@ def _flags(line: TopLine, width: int) -> str:
     word = _(ONLINE if online else OFFLINE)
     if not error:
         return word
-    text = _(ERROR).format(byte=error)
+    text = _(ERROR, byte=error)
     return text if online else first_fitting((f"{text} {word}", f"E{error:02X} {word}"), width)
 
 
@@ -478,7 +478,7 @@ class TopView(ScrollView, can_focus=True):
             strip = Strip(self._segments(line, self._palette, chosen=chosen)).apply_style(style)
             return strip.adjust_cell_length(width, style)
         if at == len(self._lines) and self._pending:
-            text = _(BEHIND).format(rows=self._pending)
+            text = _("reading: {rows:,} rows to go", rows=self._pending)
             return Strip([Segment(fit(text, width), self._base)], width)
         return Strip.blank(width, self._base)
 
@@ -598,9 +598,6 @@ class TopView(ScrollView, can_focus=True):
     @staticmethod
     def _natural(line: TopLine) -> tuple[str, int, int]:
         return line.stats.port, KINDS.index(line.stats.kind), line.stats.motor or 0
-
-
-BEHIND: Final = later("reading: {rows:,} rows to go")
 
 
 def _values(stats: StreamStats, traces: Traces, now_ns: int | None, columns: int) -> Floats:

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import clock_text, elapsed_text, fit, fit_right, short_names
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Status, Value
-from fte_sniff.tui.i18n import ExplainedWord, _, later
+from fte_sniff.tui.i18n import ExplainedWord, _
 from fte_sniff.tui.text import bytes_text, short_kind
 
 
@@ -127,7 +127,6 @@ ORDER = (
 )
 """Columns of the row contract and `DELTA`, the most useful first."""
 
-ZONED = later("time {zone}")
 """Head of local times."""
 
 MIN_WIDTH, MAX_WIDTH = 3, 200
@@ -202,7 +201,7 @@ def column_of(name: str, view: TableView) -> TableColumn:
 def _time_column(view: TableView) -> TableColumn:
     head: str = view.times
     if view.times is TimeStyle.LOCAL:
-        head = _(ZONED).format(zone=str(view.zone).removeprefix("UTC"))
+        head = _("time {zone}", zone=str(view.zone).removeprefix("UTC"))
     text = _elapsed_cell if view.times.is_elapsed else _clock_cell_in(view.shown_zone)
     return TableColumn("time", head, _MICROSECONDS_WIDTH, False, text)
 
