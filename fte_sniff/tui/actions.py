@@ -1,28 +1,40 @@
-"""Actions of the keys: view, navigation, filter and search."""
+"""Actions on the view and on rows: pause, times, columns, panes, copy and save."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+import re
+from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC
 from functools import partial
-from time import monotonic, monotonic_ns
+from io import StringIO
+from pathlib import Path
+from time import monotonic_ns
+from typing import TYPE_CHECKING, Final
 
+from platformdirs import user_cache_path
+from rich.console import Console
+from rich.terminal_theme import SVG_EXPORT_THEME
 from textual import on
 from textual.app import App
+from textual.widgets import Input
 from textual.worker import WorkType
 
-from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
-from fte_sniff.analysis.search import Search, find_fault, find_raised, find_step
-from fte_sniff.errors import FteSniffError, printable
-from fte_sniff.formats.cell_text import clock_text
-from fte_sniff.protocol import Row
+from fte_sniff.analysis.search import select_rows
+from fte_sniff.errors import FteSniffError, printable, unwritable
+from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.notes import Note, Notes, RowKey, located
-from fte_sniff.session.save import SaveJob
-from fte_sniff.tui.goto import GotoField, parse_goal, row_of, time_at, time_of
+from fte_sniff.recording.metadata import Selection
+from fte_sniff.session.notes import Note, Notes, RowKey
+from fte_sniff.session.save import (
+    PICTURE_SUFFIXES,
+    ExportSource,
+    SaveJob,
+    SaveTarget,
+    replace_text,
+)
 from fte_sniff.tui.i18n import LANGUAGES, _, error_text, switch_language, theme_after
 from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
@@ -31,21 +43,13 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.panes.top import TopView
-from fte_sniff.tui.prompt import (
-    FilterField,
-    NameField,
-    NoteField,
-    PictureField,
-    PromptField,
-    PromptLine,
-    SaveField,
-    SearchField,
-    parse_filter,
-    preload_filter,
-)
+from fte_sniff.tui.prompt import FilterField, PromptField, PromptLine
 from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import ViewModel, ViewUpdate
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
 class ScreenActions(App[None]):
@@ -61,14 +65,14 @@ class ScreenActions(App[None]):
     _filter_field: FilterField
     _saved_filters: dict[str, str]
     """Saved filters by name."""
-    _name_field: NameField
-    _goto_field: GotoField
-    _search_field: SearchField
-    _save_field: SaveField
-    _picture_field: PictureField
+    _name_field: PromptField
+    _note_field: PromptField
+    _search_field: PromptField
+    _goto_field: PromptField
+    _save_field: PromptField
+    _picture_field: PromptField
     language: str
     """A key of `i18n.LANGUAGES`."""
-    _note_field: NoteField
     _missing: dict[RowKey, Note]
     """Notes whose rows have not come yet."""
     _left_at: RowKey | None
@@ -78,11 +82,11 @@ class ScreenActions(App[None]):
     """The row whose note is written, and its index."""
     _earlier_filters: list[str]
     """Filters before the current one, the latest last; an empty one shows all rows."""
-    _speed: float
+    _speed = 1.0
     """Speed of the next playback."""
     _notes: Notes | None
     """Where marks are kept; None to keep none."""
-    _save_job: SaveJob | None
+    _save_job: SaveJob | None = None
     """The file that is being written, if any."""
 
     def _inform(self, text: str) -> None:
@@ -291,396 +295,221 @@ class ViewActions(ScreenActions):
             await self.run_action(action, self._table)
 
 
-class NavigationActions(ScreenActions):
-    """Go to a row, a fault or a mark; select rows."""
+COPY_NAME: Final = "copied.txt"
+"""File in the user's cache folder that holds the latest copy."""
 
-    def action_goto(self) -> None:
-        """Ask where to go."""
-        self._goto_field.open()
+MAX_COPIED_ROWS = 10_000
+"""A terminal accepts about a megabyte."""
 
-    def _go(self, line: str) -> None:
+SAVE_GROUP = "save"
+"""Group of the save's worker, and topic of its notice."""
+
+_GAPS = re.compile(" {2,}")
+
+
+def write_copy(text: str) -> Path | None:
+    """Write the text to `COPY_NAME`, readable by the user only; None where that fails."""
+    path = user_cache_path("fte-sniff", appauthor=False) / COPY_NAME
+    try:
+        replace_text(path, text)
+    except OSError:
+        return None
+    return path
+
+
+def _short_path(path: Path) -> str:
+    """The path with `~` for the home folder."""
+    with suppress(ValueError, RuntimeError):
+        return f"~/{path.relative_to(Path.home())}"
+    return str(path)
+
+
+class ExportActions(ScreenActions):
+    """Copy rows and typed text to the clipboard; save rows and pictures to files."""
+
+    def action_copy_text(self) -> None:
+        """Copy the selected rows, or the cursor's, in the table format of `decode`."""
+        rows = self._rows_to_copy()
+        if rows is not None:
+            stream = StringIO()
+            row_writer(OutputFormat.TABLE, stream, ports=len(self._model.ports) > 1).write(rows)
+            text = stream.getvalue()
+            if len(rows) == 1:
+                # A single row needs neither columns nor their names.
+                text = _GAPS.sub("  ", text.splitlines()[-1])
+            self._copy(text, len(rows))
+
+    def action_copy(self) -> None:
+        """Copy the bytes of the selected rows, or of the cursor's, as hex."""
+        rows = self._rows_to_copy()
+        if rows is not None:
+            self._copy("\n".join(spaced_hex(row.raw) for row in rows), len(rows))
+
+    def _rows_to_copy(self) -> list[Row] | None:
+        """The rows to copy; None where there are none, or too many."""
+        positions, row = self._selected_positions(), self._table.cursor_row
+        if not self._table.selected:
+            return None if row is None else [row]
+        if len(positions) > MAX_COPIED_ROWS:
+            text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
+            self._inform(text.format(count=len(positions), most=MAX_COPIED_ROWS))
+            return None
+        rows = self._model.store.view.slice(positions.start, positions.stop)
+        return [row for _, row in rows]
+
+    def _copy(self, text: str, rows: int) -> None:
+        text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
+        self.copy_to_clipboard(text)
+        file = write_copy(text)
+        first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
+        form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
+        self._inform(
+            form.format(what=printable(first), file=printable(_short_path(file)) if file else "")
+        )
+
+    def action_interrupt(self) -> None:
+        """Copy the selected text of a field; without one, quit."""
+        field = self.focused
+        if isinstance(field, Input) and field.selected_text:
+            self.copy_to_clipboard(field.selected_text)
+        else:
+            self.exit()
+
+    def action_save(self) -> None:
+        """Ask for the file to which the selected rows, or all shown rows, are saved."""
+        if self._save_job is not None:
+            text = _("{file} is still being saved; esc ends that")
+            self._inform(text.format(file=printable(str(self._save_job.path))))
+        elif not self._model.store.view.count:
+            self._inform(_("no row is shown that could be saved"))
+        else:
+            self._report_row_count()
+            self._save_field.open()
+
+    def _report_row_count(self) -> None:
+        selected = self._selected_positions()
+        count, text = self._model.store.view.count, _("{count:,} shown rows would be saved")
+        if selected:
+            count, text = len(selected), _("{count:,} selected rows would be saved")
+        self._inform(text.format(count=count))
+
+    def _selected_positions(self) -> range:
+        """Positions of the selected rows among those shown."""
+        selected, position_of = self._table.selected, self._model.store.view.position_of
+        return range(position_of(selected.start), position_of(selected.stop))
+
+    def _target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._model.state.files)
+
+    def _save(self, line: str) -> None:
         if not line:
             return
-        store, cursor = self._model.store, self._table.viewport.cursor
-        zone = self._table.view.shown_zone
-        goal = parse_goal(line, zone)
-        row = row_of(goal, store, cursor, zone)
-        if row is None:
-            text = _("no row here has a time")
-            if goal.offset is not None:
-                text = _("no row that is shown has byte {offset:,} of its stream")
-            self._inform(text.format(offset=goal.offset))
-            return
-        last = self._table.viewport.count - 1
-        t_ns = time_of(goal, store, cursor, zone)
-        self._table.jump(row)
-        if row > last >= 0:
-            text = _("there is no row {number:,}; this is the last")
-            self._inform(text.format(number=row + 1))
-        elif t_ns is not None:
-            self._warn_outside(line, t_ns)
-
-    def _warn_outside(self, line: str, t_ns: int) -> None:
-        """Report a time before the first or after the last shown row."""
-        store, zone = self._model.store, self._table.view.shown_zone
-        first, last = time_at(store, 0), time_at(store, max(0, store.view.count - 1))
-        if last is not None and t_ns > last:
-            text, end = _("{time} is after the last row ({end})"), last
-        elif first is not None and t_ns < first:
-            text, end = _("{time} is before the first row ({end})"), first
-        else:
-            return
-        self._inform(text.format(time=printable(line.strip()), end=clock_text(end, 3, zone)))
-
-    def action_fault(self, by: int) -> None:
-        """Go to the next fault, or to the previous one."""
-        store, start = self._model.store, self._table.last_index
-        if self._table.jump_to_index(find_fault(store, start, by)):
-            return
-        text = _("no row with a fault below this one")
-        if by < 0:
-            text = _("no row with a fault above this one")
-        if find_raised(store, start, by) is not None:
-            hint = _("{key} goes to a row whose ERROR or ONLINE is not in order")
-            text += "; " + hint.format(key="a" if by > 0 else "A")
-        self._inform(text)
-
-    def action_raised(self, by: int) -> None:
-        """Go to the next row with a raised flag byte, or to the previous one."""
-        below = _("no row below this one whose ERROR or ONLINE is not in order")
-        above = _("no row above this one whose ERROR or ONLINE is not in order")
-        index = find_raised(self._model.store, self._table.last_index, by)
-        self._jump(index, below if by > 0 else above)
-
-    def _jump(self, index: int | None, otherwise: str) -> None:
-        """Go to a row by its index, or inform why not."""
-        if not self._table.jump_to_index(index):
-            self._inform(otherwise)
-
-    def action_landmark(self, by: int) -> None:
-        """Go to the next lost port or gap, or to the previous one."""
-        store, last = self._model.store, self._table.last_index
-        beyond = self._table.landmarks.beyond(last, by)
-        index = next((one.index for one in beyond if store.first <= one.index), None)
-        if index is None:
-            below = _("no port was lost and no rows are missing below this row")
-            above = _("no port was lost and no rows are missing above this row")
-            self._inform(below if by > 0 else above)
-            return
-        position = store.view.position_of(index)
-        self._table.jump(min(position, max(0, store.view.count - 1)))
-
-    def action_related(self) -> None:
-        """Go from a command to its answer, or from an answer to its command."""
-        if not self._table.viewport.count:
-            return
-        index = self._table.last_index
-        related = self._table.relations.related(index)
-        text = _("this row is neither a command with an answer nor an answer")
-        if related:
-            text = _("the filter hides row {number:,}, to which this one belongs; F shows all")
-            text = text.format(number=related[0] + 1)
-        shown = (one for one in related if self._model.store.view.has(one))
-        self._table.stop_following()
-        self._jump(next(shown, None), text)
-
-    def action_overview(self, cell: int) -> None:
-        """Go to the most important row of a cell of the overview."""
-        self._table.jump_to_cell(cell)
-
-    def action_mark(self) -> None:
-        """Mark the row under the cursor, or remove its mark."""
-        if self._table.viewport.count:
-            self._table.stop_following()
-            index, row = self._table.last_index, self._table.cursor_row
-            if self._table.marks.text(index):
-                self._inform(_("the row has a note; # changes it, an empty one removes it"))
-            elif row is not None:
-                self._keep_note(index, row, "" if index not in self._table.marks else None)
-
-    def action_note(self) -> None:
-        """Ask for a note on the row under the cursor."""
-        self._table.stop_following()
-        self._noted_row = self._table.cursor_row
-        self._noted_index = self._table.last_index
-        if self._noted_row is not None:
-            self._note_field.open_with(self._table.marks.text(self._noted_index))
-
-    def _write_note(self, text: str) -> None:
-        if self._noted_row is not None:
-            self._keep_note(self._noted_index, self._noted_row, text or None)
-
-    def _keep_note(self, index: int, row: Row, text: str | None) -> None:
-        """Mark a row with a text, or remove its mark (None), and write that to the file."""
-        note = Note.on(row, text or "")
-        if text is None:
-            self._table.marks.remove(index)
-        else:
-            self._table.marks.set(index, note.text)
-        self._table.sync()
-        if self._notes is not None:
-            if text is None:
-                self._notes.remove(note, self._capture_at(index))
-            else:
-                self._notes.set(note, self._capture_at(index))
-            self._start_worker("notes", self._save_notes)
-
-    def _capture_at(self, index: int) -> int:
-        """The number of a row's capture among those of the view."""
-        return 0 if self._notes is None else self._notes.origins.at(index)
-
-    async def _save_notes(self) -> None:
-        """Write the notes in a thread, since a disk may be slow."""
-        if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
-            self._notice.warn(printable(_(trouble)))
-
-    def action_notes(self) -> None:
-        """Pick a marked row and go to it."""
-        store, marks, entries = self._model.store, self._table.marks, []
-        for index in sorted(marks):
-            if store.first <= index < store.next:
-                row = store.row(index)
-                time = "" if row.t_ns is None else clock_text(row.t_ns, 3, self._table.view.zone)
-                text = printable(marks.text(index)) or _("mark")
-                entries.append(Entry(f"{time}  {text}", str(index), f"{row.offset:,}"))
-        if entries:
-            self.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
-        else:
-            self._inform(_("no row is marked; m marks one"))
-
-    def _go_to_note(self, index: str | None) -> None:
-        if index is not None and not self._table.jump_to_index(int(index)):
-            self._inform(_("the filter hides this row; F shows all rows"))
-
-    def _find_noted(self, rows: Sequence[Row], first: int) -> None:
-        """Mark those of the new rows that have a note, and find the row where the view was left."""
-        wanted = set(self._missing)
-        if self._left_at is not None:
-            wanted.add(self._left_at)
-        if not (wanted and len(rows)):
-            return
-        for number, key in located(RowBatch.from_rows(rows), wanted):
-            if self._capture_at(first + number) != key.capture:
-                continue
-            note = self._missing.pop(key, None)
-            if note is not None:
-                self._table.marks.set(first + number, note.text)
-            if key == self._left_at:
-                self._left_at = None
-                self._table.sync()
-                self._table.jump_to_index(first + number)
-
-    def _show_note(self) -> None:
-        """Show the note on the row under the cursor."""
-        index = self._table.cursor_index
-        text = "" if index is None else self._table.marks.text(index)
-        if text:
-            self._notice.pin("note", _("note: {text}", text=printable(text)), warning=False)
-        else:
-            self._notice.unpin("note")
-
-    def action_to_mark(self, by: int) -> None:
-        """Go to the next mark, or to the previous one."""
-        below = _("no marked row is shown below this one")
-        above = _("no marked row is shown above this one")
-        none = "" if self._table.marks else _("no row is marked; m marks one")
-        self._jump(self._table.next_mark(by), none or (below if by > 0 else above))
-
-    def action_select(self) -> None:
-        """Begin a selection at the cursor's row, or end it."""
-        if not self._end_selection() and self._table.viewport.count:
-            self._table.stop_following()
-            self._table.selection_start = self._table.last_index
-            self._table.sync()
-            self._inform(_("selecting: move, then y or Y copies, w saves, esc ends it"))
-
-
-SEARCH_GROUP = "search"
-"""Group of the search's workers, and topic of its notice."""
-
-SEARCH_BLOCK_S = 0.05
-"""How long a search may block the screen before it continues in a worker."""
-
-
-@dataclass(frozen=True, slots=True)
-class SearchProgress:
-    """How far a search has come."""
-
-    found: int | None
-    """Index of the hit."""
-    seen: int
-    """Rows that were searched."""
-    wrapped: bool
-    """Whether the search went on from the other end."""
-
-
-class FindActions(ScreenActions):
-    """Filters, typed or made from a cell, and the search for a text or bytes."""
-
-    def action_filter(self) -> None:
-        """Ask for a filter."""
-        self._filter_field.open()
-
-    def action_unfilter(self) -> None:
-        """Show all rows."""
-        self._set_filter("")
-
-    def action_filter_before(self) -> None:
-        """Go back to the previous filter."""
-        if self._earlier_filters:
-            self._apply_filter(self._earlier_filters.pop())
-        else:
-            self._inform(_("there was no other filter before"))
-
-    def _set_filter(self, line: str) -> None:
-        """Apply a valid filter, and remember the current one; an empty one shows all rows."""
-        current = self._filter_field.current
-        if line != current:
-            self._earlier_filters.append(current)
-        self._apply_filter(line)
-
-    def _apply_filter(self, line: str) -> None:
-        self._filter_field.set_current(line)
-        self._model.set_filter(parse_filter(line) if line else None, self._table.near)
-        self._table.sync()
-
-    @on(TopView.Chosen)
-    def _on_line_chosen(self, event: TopView.Chosen) -> None:
-        self._add_condition(event.condition)
-        self.action_top()
-
-    def _ask_filter_name(self, _line: str) -> None:
-        self._name_field.open()
-
-    def _name_filter(self, name: str) -> None:
-        """Save the filter in effect by name."""
-        if name:
-            self._saved_filters[name] = self._filter_field.current
-            self._inform(_("saved; f lists the filter as {name}", name=printable(name)))
-
-    def action_only(self) -> None:
-        """Show only rows with the same value in a cell."""
-        self._pick_cell(_("only rows with"), lambda cell: cell.only)
-
-    def action_without(self) -> None:
-        """Hide rows with the same value in a cell."""
-        self._pick_cell(_("hide rows with"), lambda cell: cell.without)
-
-    def _pick_cell(self, title: str, condition: Callable[[CellFilter], str]) -> None:
-        row = self._table.cursor_row
-        if row is None:
-            return
-        preload_filter()
-        cells = cell_filters(row)
-        names = [cell.column for cell in cells]
-        cursor = names.index(self._table.column) if self._table.column in names else 0
-        entries = [Entry(printable(cell.only), condition(cell)) for cell in cells]
-        self.push_screen(Picker(title, entries, cursor), self._add_condition)
-
-    def _add_condition(self, condition: str | None) -> None:
-        if condition is not None:
-            self._set_filter(both(self._filter_field.current, condition))
-
-    def action_search(self) -> None:
-        """Ask for a text or bytes."""
-        self._search_field.open()
-
-    def action_again(self, by: int) -> None:
-        """Go to the next hit, or to the previous one."""
-        search = self._table.search
-        if search is None:
-            self._inform(_("no search yet; / starts one"))
-        else:
-            self._find(search, self._table.last_index + by, by)
-
-    def _search(self, line: str) -> None:
-        self.workers.cancel_group(self, SEARCH_GROUP)
-        self._table.set_search(Search.parse(line) if line else None)
-        if self._table.search is not None:
-            # While the end is followed, all rows are above.
-            by = -1 if self._table.viewport.following else 1
-            self._table.stop_following()
-            self._find(self._table.search, self._table.last_index, by)
-
-    def _find(self, search: Search, start: int, by: int) -> None:
-        self.workers.cancel_group(self, SEARCH_GROUP)
-        steps = self._search_steps(search, start, by)
-        until = monotonic() + SEARCH_BLOCK_S
-        while monotonic() < until:
-            if self._next_step(search, steps) is None:
-                return
-        self._start_worker(SEARCH_GROUP, partial(self._continue_search, search, steps))
-
-    async def _continue_search(self, search: Search, steps: Iterator[SearchProgress]) -> None:
-        while (progress := self._next_step(search, steps)) is not None:
-            share = progress.seen / max(1, len(self._model.store))
-            text = _("looking for {text}: {share:.0%} seen, esc ends it")
-            text = text.format(text=printable(search.typed), share=min(share, 1.0))
-            self._notice.pin(SEARCH_GROUP, text, warning=False)
-            await asyncio.sleep(0)
-
-    def _next_step(self, search: Search, steps: Iterator[SearchProgress]) -> SearchProgress | None:
-        """Search some rows; None at the end, which has then been reported."""
+        store, selected = self._model.store, self._table.selected
+        indices = selected or range(store.first, store.next)
         try:
-            progress = next(steps, None)
+            job = self._save_job = SaveJob(self._target(line), self._export_source(selected))
         except FteSniffError as error:
-            self._notice.unpin(SEARCH_GROUP)
             self._notice.warn(error_text(error))
-            return None
-        if progress is not None and progress.found is None:
-            return progress
-        self._notice.unpin(SEARCH_GROUP)
-        if progress is None:
-            self._report_no_hit(search)
-        else:
-            self._show_hit(progress)
-        return None
+            return
+        self._show_progress(job, 0)
+        self._start_worker(SAVE_GROUP, partial(self._write, job, indices, store.view.filter))
 
-    def _search_steps(self, search: Search, start: int, by: int) -> Iterator[SearchProgress]:
-        """Search to the end of the rows, then from the other end to the start."""
+    def _export_source(self, selected: range) -> ExportSource:
+        """Facts about the rows that are saved: those shown, or the selected ones among them."""
         store = self._model.store
-        rows_at_start = len(store)
-        mask = partial(search.matches, columns={column.name for column in self._table.columns})
-        index: int | None = start
-        for wrapped in (False, True):
-            if wrapped:
-                index = store.first if by > 0 else store.next - 1
-            while index is not None:
-                step = find_step(store, mask, index, by)
-                reached = step.found if step.found is not None else index
-                if wrapped and (reached - start) * by >= 0:
-                    return
-                distance = abs(index - start)
-                seen = rows_at_start - distance if wrapped else distance
-                yield SearchProgress(step.found, seen, wrapped)
-                index = step.next_index
+        source = replace(self._options.export_source, ports=self._model.ports)
+        if selected:
+            first, last = store.row(selected.start), store.row(selected.stop - 1)
+            source = source.within(first.t_ns, last.t_ns)
+        if store.view.filter is not None:
+            rows = len(selected or range(store.first, store.next))
+            selection = Selection(store.view.filter.text, rows)
+            source = replace(source, selections=[*source.selections, selection])
+        return source
 
-    def _show_hit(self, progress: SearchProgress) -> None:
-        if not self._table.jump_to_index(progress.found):
-            self._inform(_("the next match arrived after the pause; space continues"))
-        elif progress.wrapped:
-            self._inform(_("the search continued from the other end"))
-
-    def _report_no_hit(self, search: Search) -> None:
-        if self._model.store.view.pending:
-            text = _("no row has {text} so far; the filter is still running")
-        elif self._model.store.view.filter is None:
-            text = _("no row has {text}")
+    async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
+        """Save the rows of these indices that pass the filter, while the screen continues."""
+        store, index = self._model.store, indices.start
+        await self._wait_until_drawn()
+        try:
+            while index < indices.stop:
+                if index < store.first:
+                    index = min(store.first, indices.stop)
+                rows, index = select_rows(store, index, indices.stop, row_filter)
+                job.write(rows)
+                self._show_progress(job, (index - indices.start) / len(indices))
+                await asyncio.sleep(0)
+            job.close()
+        except FteSniffError as error:
+            self._forget_job()
+            self._notice.warn(error_text(error))
         else:
-            text = _("no row that the filter shows has {text}")
-        self._inform(text.format(text=printable(search.typed)))
+            self._forget_job()
+            text = _("saved {count:,} rows to {file}")
+            self._notice.report(text.format(count=job.rows, file=printable(str(job.path))))
+            self._end_selection()
 
-    @property
-    def _searching(self) -> bool:
-        return any(worker.group == SEARCH_GROUP and worker.is_running for worker in self.workers)
+    def action_picture(self) -> None:
+        """Keep the screen as it is now, and ask for the file to which it is saved."""
+        self._picture = self._record_screen()
+        self._picture_field.open()
 
-    def _end_search(self) -> bool:
-        """Cancel a running search, or clear the last one; returns whether there was one."""
-        if self._searching:
-            self.workers.cancel_group(self, SEARCH_GROUP)
-            self._notice.unpin(SEARCH_GROUP)
-            return True
-        if self._table.search is not None:
-            self._table.set_search(None)
-            return True
-        return False
+    def _record_screen(self) -> Console:
+        """The screen, as a console that can export it."""
+        width, height = self.size
+        console = Console(
+            width=width,
+            height=height,
+            file=StringIO(),
+            force_terminal=True,
+            color_system="truecolor",
+            record=True,
+            safe_box=False,
+        )
+        console.print(self.screen._compositor.render_update(full=True))
+        return console
+
+    def _picture_target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._model.state.files, PICTURE_SUFFIXES)
+
+    def _save_picture(self, line: str) -> None:
+        if not line:
+            return
+        path = self._picture_target(line).path
+        if path.suffix.lower() == ".svg":
+            text = self._picture.export_svg(title=self.title)
+        else:
+            text = self._picture.export_html(theme=SVG_EXPORT_THEME)
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            self._notice.warn(error_text(unwritable(path, error)))
+        else:
+            self._inform(_("saved the screen to {file}", file=printable(str(path))))
+
+    def _show_progress(self, job: SaveJob, share: float) -> None:
+        text = _("saving to {file}: {share:.0%}, esc ends it")
+        text = text.format(file=printable(str(job.path)), share=share)
+        self._notice.pin(SAVE_GROUP, text, warning=False)
+
+    async def _wait_until_drawn(self) -> None:
+        """Wait until the notice is on the screen, since the first rows may take long."""
+        drawn = asyncio.Event()
+        self.call_after_refresh(drawn.set)
+        await drawn.wait()
+
+    def _forget_job(self) -> None:
+        self._save_job = None
+        self._notice.unpin(SAVE_GROUP)
+
+    def _abandon_save(self) -> bool:
+        """Cancel a running save and remove its file; returns whether there was one."""
+        job = self._save_job
+        if job is None:
+            return False
+        self._forget_job()
+        self.workers.cancel_group(self, SAVE_GROUP)
+        # A worker that has not started yet does not notice that it is cancelled.
+        job.abandon()
+        self._inform(_("{file} was not saved", file=printable(str(job.path))))
+        return True

@@ -26,10 +26,11 @@ from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.session.notes import Place, RowKey
-from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
-from fte_sniff.tui.export_actions import ExportActions
-from fte_sniff.tui.goto import GotoField, parse_goal
+from fte_sniff.session.save import PICTURE_SUFFIXES
+from fte_sniff.tui.actions import ExportActions, ViewActions
+from fte_sniff.tui.find_actions import FindActions, parse_goal
 from fte_sniff.tui.i18n import THEMES, _, set_language
 from fte_sniff.tui.keys import (
     FINDING,
@@ -48,14 +49,16 @@ from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
+    FILTER_NAME,
+    GOTO,
+    NOTE,
+    PICTURE_FILE,
+    ROWS_FILE,
+    SEARCH,
     FilterField,
-    FilterSources,
-    NameField,
-    NoteField,
-    PictureField,
+    PromptField,
     PromptLine,
     SaveField,
-    SearchField,
 )
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import zone_at
@@ -71,7 +74,7 @@ TALL = 40
 """Lines of the terminal from which on a pane takes the larger part."""
 
 
-class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
+class SniffApp(ViewActions, ExportActions, FindActions):
     """The screen over one feed."""
 
     CSS_PATH = Path(__file__).with_name("screen.tcss")
@@ -114,22 +117,26 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._notice = NoticeLine()
         filter_line = options.row_filter.text if options.row_filter else ""
         self._saved_filters = dict(options.choices.filters)
-        sources = FilterSources(store, self._cursor_ns, self._saved_filters)
         self._filter_field = FilterField(
-            filter_line, self._set_filter, sources, self._ask_filter_name
+            store,
+            filter_line,
+            self._saved_filters,
+            self._cursor_ns,
+            self._set_filter,
+            self._ask_filter_name,
         )
-        self._name_field = NameField(str, self._name_filter)
-        self._search_field = SearchField(Search.parse, self._search)
-        self._goto_field = GotoField(parse_goal, self._go)
-        self._save_field = SaveField(self._target, self._save)
-        self._picture_field = PictureField(self._picture_target, self._save_picture)
+        self._name_field = PromptField(FILTER_NAME, str, self._name_filter)
+        self._note_field = PromptField(NOTE, str, self._write_note)
+        self._search_field = PromptField(SEARCH, Search.parse, self._search)
+        self._goto_field = PromptField(GOTO, parse_goal, self._go)
+        self._save_field = SaveField(ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
+        self._picture_field = SaveField(
+            PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
+        )
         self._earlier_filters = []
-        self._save_job = None
-        self._speed = 1.0
         self._notes = options.notes
         self._missing = dict(options.notes.notes) if options.notes else {}
         self._left_at = options.place.cursor
-        self._note_field = NoteField(str, self._write_note)
         self._alerts = 0
         self._status_line = StatusLine()
         self._hit_status = HitStatus(store, self._table)

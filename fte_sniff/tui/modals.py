@@ -35,7 +35,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.row_schema import short_names_of
 from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
 from fte_sniff.tui.keys import CHOOSING, PICKING, SECTIONS, bindings, key_names, translate_keys
-from fte_sniff.tui.panes.detail import UNCERTAIN_ORDER
+from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
     DELTA,
@@ -52,8 +52,14 @@ from fte_sniff.tui.table.columns import (
     column_of,
     layout_for,
 )
-from fte_sniff.tui.table.overview_bar import BAR_EVENT, BAR_MARKED, BAR_MARKS, BAR_RAISED
-from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
+from fte_sniff.tui.table.painter import (
+    BAR_EVENT,
+    BAR_MARKED,
+    BAR_MARKS,
+    BAR_RAISED,
+    EVENT_SIGN,
+    Sign,
+)
 from fte_sniff.tui.table.theme import Palette
 
 CURSOR = Style(reverse=True, bold=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from threading import Thread
 from time import monotonic
-from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 from rich.cells import cell_len
 from rich.text import Text
@@ -22,9 +22,8 @@ from textual.widgets import Input, OptionList, Static
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
 from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.errors import FilterError, FteSniffError
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import COLUMN_BY_NAME
-from fte_sniff.session.save import DEFAULT_NAME, PICTURE_SUFFIXES, free_path
+from fte_sniff.session.save import DEFAULT_NAME, free_path
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.modals import LineList, list_line
@@ -150,23 +149,28 @@ class PromptLine(Input):
         self.replace(" ".join(event.text.split()), *self.selection)
 
 
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """What a field asks for."""
+
+    label: str
+    """In English, since errors begin with it."""
+    example: str
+    """A line that is shown while there is none."""
+    hint: str
+    """What the keys do, shown while the line is valid."""
+
+
 class PromptField(Vertical):
     """A labelled input that is checked while the user types."""
 
-    LABEL: ClassVar[str]
-    """What is asked for; in English, since errors begin with it."""
-    EXAMPLE: ClassVar[str]
-    """A line that is shown while there is none."""
-    HINT: ClassVar[str]
-    """What the keys do, shown while the line is valid."""
-
     LINE: ClassVar[type[PromptLine]] = PromptLine
 
-    def __init__(self, check: Check, on_submit: OnSubmit) -> None:
+    def __init__(self, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
-        self._check, self._on_submit = check, on_submit
-        self._line = self.LINE(self, self.EXAMPLE)
+        self._prompt, self._check, self._on_submit = prompt, check, on_submit
+        self._line = self.LINE(self, prompt.example)
         self._focused_before: Widget | None = None
         self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
@@ -177,7 +181,7 @@ class PromptField(Vertical):
 
     @property
     def _label_text(self) -> Text:
-        return Text(f" {_(self.LABEL)} ")
+        return Text(f" {_(self._prompt.label)} ")
 
     def translate(self) -> None:
         """Show the label in the current language."""
@@ -195,13 +199,15 @@ class PromptField(Vertical):
         """Whether the user is typing a line."""
         return self._line.is_open
 
-    def open(self) -> None:
-        """Show the field and focus its input."""
+    def open(self, line: str | None = None) -> None:
+        """Show the field with a line, or that in effect, and focus its input."""
         self.display = True
         self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
-        self._line.value = self.current
-        self._judge(self.current)
+        self._line.value = self.current if line is None else line
+        if line:
+            self._line.cursor_position = len(line)
+        self._judge(self._line.value)
         self._focused_before = self.screen.focused
         self._line.is_open = self._line.can_focus = True
         # At once and not by a message, since the next key may have been typed already.
@@ -238,7 +244,7 @@ class PromptField(Vertical):
     @property
     def hint(self) -> str:
         """The translated hint."""
-        return _(self.HINT)
+        return _(self._prompt.hint)
 
     @property
     def default(self) -> str:
@@ -275,7 +281,7 @@ class PromptField(Vertical):
             self._on_valid(self._check(line) if line.strip() else None)
         except FteSniffError as error:
             self._on_valid(None)
-            text = error_text(error).removeprefix(f"{self.LABEL}: ")
+            text = error_text(error).removeprefix(f"{self._prompt.label}: ")
             if wait:
                 self._show_verdict("…", self.hint, bad=False)
                 self._patience = self.set_timer(
@@ -292,7 +298,7 @@ class PromptField(Vertical):
             self._patience.stop()
             self._patience = None
 
-    def _on_valid(self, parsed: object) -> None:
+    def _on_valid(self, parsed: Any) -> None:
         """Handle what the check of a valid line returned; None for an invalid or empty one."""
 
     def _show_verdict(self, sign: str, text: str, bad: bool) -> None:
@@ -408,35 +414,34 @@ class FilterLine(PromptLine):
             field.save(self.value.strip())
 
 
-@dataclass(frozen=True, slots=True)
-class FilterSources:
-    """Where the filter's field finds what it suggests and counts."""
-
-    store: RowStore
-    cursor_ns: Callable[[], int | None]
-    """The time that is suggested."""
-    saved: Mapping[str, str]
-    """Filters by name; may grow."""
+FILTER: Final = Prompt(
+    later("filter"),
+    "motor = 1 AND rpm > 500",
+    later("enter applies, empty shows all; down: list, up: earlier, ^s: save by name"),
+)
 
 
 class FilterField(PromptField):
     """Asks for a filter; shows the current one with the number of rows that pass."""
 
-    LABEL = later("filter")
-    EXAMPLE = "motor = 1 AND rpm > 500"
-    HINT = later("enter applies, empty shows all; down: list, up: earlier, ^s: save by name")
     LINE = FilterLine
 
     def __init__(
         self,
+        store: RowStore,
         current: str,
+        saved: Mapping[str, str],
+        cursor_ns: Callable[[], int | None],
         on_submit: OnSubmit,
-        sources: FilterSources,
         on_save: OnSubmit,
     ) -> None:
-        """A field with the filter in effect; `on_save` receives one to be saved by name."""
-        super().__init__(parse_filter, on_submit)
-        self._sources, self._on_save = sources, on_save
+        """A field over the rows of a store, with the filter in effect.
+
+        It suggests `saved` filters, by name, and the time that `cursor_ns` returns. `on_save`
+        receives a filter to be saved by name.
+        """
+        super().__init__(FILTER, parse_filter, on_submit)
+        self._store, self._saved, self._cursor_ns, self._on_save = store, saved, cursor_ns, on_save
         self._count = Static(classes="shown")
         self._count_text = ""
         self._dropdown = Dropdown()
@@ -456,10 +461,10 @@ class FilterField(PromptField):
         self.query_one(".asked").mount(self._count)
         self.close()
 
-    def open(self) -> None:
+    def open(self, line: str | None = None) -> None:
         """Let the user type."""
         preload_filter()
-        super().open()
+        super().open(line)
         # The line has no place on the screen before the next layout.
         self.call_after_refresh(self._suggest)
 
@@ -492,13 +497,12 @@ class FilterField(PromptField):
         super().on_input_changed(event)
         self._suggest()
 
-    def _on_valid(self, parsed: object) -> None:
+    def _on_valid(self, parsed: RowFilter | None) -> None:
         """Count the rows that pass; the steps give way to keys."""
         self._matching = None
         self._show_count("")
         if self.is_open and parsed is not None:
-            assert hasattr(parsed, "matches")
-            self._matching = MatchCounter(self._sources.store, parsed.matches, BLOCK_ROWS)
+            self._matching = MatchCounter(self._store, parsed.matches, BLOCK_ROWS)
             self._continue()
 
     def _continue(self) -> None:
@@ -530,8 +534,8 @@ class FilterField(PromptField):
             self._continue()
 
     def _show_matching(self, counter: MatchCounter) -> None:
-        form, total = _("{shown:,} of {all:,} rows"), counter.position(-1).total
-        self._show_count(form.format(shown=total, all=len(self._sources.store)))
+        total = counter.position(-1).total
+        self._show_count(_("{shown:,} of {all:,} rows", shown=total, all=len(self._store)))
 
     def _observed(self, column: str) -> Mapping[str, int]:
         """The values of a column that are counted so far."""
@@ -539,7 +543,7 @@ class FilterField(PromptField):
             return {}
         self._column = column
         if column not in self._values:
-            self._values[column] = ValueCounter(self._sources.store, column)
+            self._values[column] = ValueCounter(self._store, column)
         self._continue()
         return self._values[column].counts
 
@@ -561,15 +565,15 @@ class FilterField(PromptField):
         typed = line.strip().lower()
         saved = [
             Candidate(text, name)
-            for name, text in self._sources.saved.items()
+            for name, text in self._saved.items()
             if name.lower().startswith(typed) and text != line
         ]
         earlier = [
             Candidate(text, _("earlier"))
             for text in self._line.history.newest_first()
-            if typed in text.lower() and text not in (line, *self._sources.saved.values())
+            if typed in text.lower() and text not in (line, *self._saved.values())
         ][:MOST_EARLIER]
-        found = completions(line, cursor, self._sources.cursor_ns(), self._observed)
+        found = completions(line, cursor, self._cursor_ns(), self._observed)
         here = [
             Candidate(choice, self._meaning(choice, found.counts), found.start)
             for choice in found.choices
@@ -616,39 +620,44 @@ class FilterField(PromptField):
         self.pick()
 
 
-class NameField(PromptField):
-    """Asks for the name of a filter."""
-
-    LABEL = later("save the filter as")
-    EXAMPLE = "stalled"
-    HINT = later("enter saves it for the list of f, esc goes back")
-
-
-class SearchField(PromptField):
-    """Asks for a text or bytes."""
-
-    LABEL = later("search")
-    EXAMPLE = "rpm=1000, AA 01, hex:AA ?? 03"
-    HINT = later("enter finds the next row from here on, then n and N; up: earlier ones")
-
-    def open(self) -> None:
-        """Let the user type."""
-        preload_filter()
-        super().open()
+FILTER_NAME: Final = Prompt(
+    later("save the filter as"),
+    "stalled",
+    later("enter saves it for the list of f, esc goes back"),
+)
+SEARCH: Final = Prompt(
+    later("search"),
+    "rpm=1000, AA 01, hex:AA ?? 03",
+    later("enter finds the next row from here on, then n and N; up: earlier ones"),
+)
+GOTO: Final = Prompt(
+    later("go to"),
+    "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
+    later("enter goes there, esc stays here"),
+)
+NOTE: Final = Prompt(
+    later("note"),
+    "the wheel was blocked by hand",
+    later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
+)
+_SAVE_HINT: Final = later("enter saves, esc goes back; the extension selects the format: {forms}")
+ROWS_FILE: Final = Prompt(later("save to"), DEFAULT_NAME, _SAVE_HINT)
+PICTURE_FILE: Final = Prompt(later("picture to"), "fte-sniff-screen.svg", _SAVE_HINT)
 
 
 class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
 
-    LABEL = later("save to")
-    EXAMPLE = DEFAULT_NAME
-    HINT = later("enter saves, esc goes back; the extension selects the format: {forms}")
-    SUFFIXES: ClassVar[Collection[str]] = FORMAT_BY_SUFFIX
+    def __init__(
+        self, prompt: Prompt, suffixes: Iterable[str], check: Check, on_submit: OnSubmit
+    ) -> None:
+        super().__init__(prompt, check, on_submit)
+        self._suffixes = suffixes
 
-    def open(self) -> None:
+    def open(self, line: str | None = None) -> None:
         """Suggest a name that is free, and let the user type another."""
-        self._line.placeholder = str(free_path(self.EXAMPLE))
-        super().open()
+        self._line.placeholder = str(free_path(self._prompt.example))
+        super().open(line)
 
     @property
     def default(self) -> str:
@@ -658,26 +667,4 @@ class SaveField(PromptField):
     @property
     def hint(self) -> str:
         """With the names of all forms."""
-        return super().hint.format(forms=" ".join(self.SUFFIXES))
-
-
-class PictureField(SaveField):
-    """Asks for the file name of a picture of the screen."""
-
-    LABEL = later("picture to")
-    EXAMPLE = "fte-sniff-screen.svg"
-    SUFFIXES = PICTURE_SUFFIXES
-
-
-class NoteField(PromptField):
-    """Asks for a note on a row."""
-
-    LABEL = later("note")
-    EXAMPLE = "the wheel was blocked by hand"
-    HINT = later("enter keeps it beside the recording, an empty one removes it, esc goes back")
-
-    def open_with(self, text: str) -> None:
-        """Let the user change a note."""
-        self.open()
-        self._line.value = text
-        self._line.cursor_position = len(text)
+        return _(self._prompt.hint, forms=" ".join(self._suffixes))

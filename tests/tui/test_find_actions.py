@@ -23,7 +23,7 @@ from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import Input, LogInput, RecordingInput
 from fte_sniff.session.notes import Notes, Place
 from fte_sniff.session.replay import ReplaySession
-from fte_sniff.tui import actions
+from fte_sniff.tui import find_actions
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
@@ -186,7 +186,7 @@ def test_every_way_around_the_end_is_reported(
     row_filter: str,
 ) -> None:
     """Also where the hit has a note, which is shown when the cursor has moved there."""
-    monkeypatch.setattr(actions, "SEARCH_BLOCK_S", block_s)
+    monkeypatch.setattr(find_actions, "SEARCH_BLOCK_S", block_s)
     wanted = RowFilter.parse(row_filter) if row_filter else None
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -318,7 +318,7 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
 def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
     feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(actions, "SEARCH_BLOCK_S", -1.0)
+    monkeypatch.setattr(find_actions, "SEARCH_BLOCK_S", -1.0)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         some = speed_rows(30_000)

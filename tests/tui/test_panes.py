@@ -40,11 +40,18 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
-from fte_sniff.tui.panes.bytes import CONTEXT_LINES, BytesPane, dump, neighbours
-from fte_sniff.tui.panes.detail import DetailLayout, DetailPane, detail_text
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
 from fte_sniff.tui.panes.plot import Canvas, Curves, PlotStyles, dots_across, plot, time_axis
+from fte_sniff.tui.panes.row import (
+    CONTEXT_LINES,
+    BytesPane,
+    DetailLayout,
+    DetailPane,
+    detail_text,
+    dump,
+    neighbours,
+)
 from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
 from fte_sniff.tui.table.theme import DARK, LIGHT
 from fte_sniff.tui.table.widget import TableHeader

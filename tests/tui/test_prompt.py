@@ -23,9 +23,9 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui import prompt
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.goto import Goal, parse_goal
+from fte_sniff.tui.find_actions import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
-from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.prompt import Dropdown, FilterField, History
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (

@@ -34,7 +34,7 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.tui.panes.detail import DetailLayout, detail_text
+from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.table.columns import DELTA, MARKS, ORDER, VALUES, TableView, layout_for
 from fte_sniff.tui.table.painter import Painter, RowCell
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette

@@ -13,14 +13,15 @@ from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
-from fte_sniff.tui.table.overview_bar import (
+from fte_sniff.tui.table.painter import (
     BAR_EVENT,
     BAR_MARKED,
     BAR_MARKS,
     BAR_RAISED,
+    EVENT_SIGN,
     BarSign,
+    Sign,
 )
-from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_of
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES

@@ -18,7 +18,7 @@ from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.keys import COMMANDS
 from fte_sniff.tui.modals import ColumnChooser, Picker
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.table.columns import TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (

@@ -5,11 +5,10 @@ key in `keys.UNDERSTANDING`.
 
 Modules:
 
-    bytes       Bytes of the stream around a row.
-    detail      Explanation of a row, byte by byte.
     motors      State and plots of each motor.
     pane        Base class, and the context that panes draw.
     plot        Curves in braille characters.
+    row         A row explained byte by byte, and the bytes of the stream around it.
     statistics  Rates, line use and faults of all rows.
     switcher    The list of panes; shows one at a time and updates the models that they draw.
     top         Top view: one sorted line for each kind and motor, in place of the table.

@@ -9,10 +9,9 @@ from typing import Final
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.tui.panes.bytes import BytesPane
-from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
+from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable

@@ -31,8 +31,15 @@ from fte_sniff.protocol import Frame, Row
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
-from fte_sniff.tui.table.overview_bar import BarSign, OverviewBar, OverviewRender
-from fte_sniff.tui.table.painter import EventCell, Painter, RowCell, Sign
+from fte_sniff.tui.table.painter import (
+    BarSign,
+    EventCell,
+    OverviewBar,
+    OverviewRender,
+    Painter,
+    RowCell,
+    Sign,
+)
 from fte_sniff.tui.table.theme import ColorRules, Colors, Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
