@@ -22,7 +22,7 @@ from textual.widgets import Input
 from textual.worker import WorkType
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, printable, unwritable
+from fte_sniff.errors import FteSniffError, unwritable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.protocol.dissect import dissect
@@ -42,11 +42,10 @@ from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import FilterField, PromptField, PromptLine
 from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.widget import RowTable, TableHeader
-from fte_sniff.tui.view_model import ViewModel, ViewUpdate
+from fte_sniff.tui.view_model import ViewModel
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -64,7 +63,6 @@ class ScreenActions(App[None]):
     _notice: NoticeLine
     _filter_field: FilterField
     _saved_filters: dict[str, str]
-    """Saved filters by name."""
     _name_field: PromptField
     _note_field: PromptField
     _search_field: PromptField
@@ -79,15 +77,12 @@ class ScreenActions(App[None]):
     """The row where the view was left, until it has come."""
     _noted_row: Row | None = None
     _noted_index: int = 0
-    """The row whose note is written, and its index."""
     _earlier_filters: list[str]
     """Filters before the current one, the latest last; an empty one shows all rows."""
     _speed = 1.0
-    """Speed of the next playback."""
     _notes: Notes | None
     """Where marks are kept; None to keep none."""
     _save_job: SaveJob | None = None
-    """The file that is being written, if any."""
 
     def _inform(self, text: str) -> None:
         self._notice.inform(text)
@@ -136,18 +131,17 @@ class ViewActions(ScreenActions):
         model.stop_playback()
         if index >= model.store.next - 1:
             index = model.store.first
-        self._panes.restart(model.play(index, speed, monotonic_ns()))
+        self._panes.restart(*model.play(index, speed, monotonic_ns()))
         self._table.action_follow()
         self._inform(_("playing; < and > change the speed, space pauses, esc shows the whole file"))
 
     def _stop_playback(self) -> None:
-        """Show the whole file again."""
         if self._model.playback is None:
             return
         self._speed = self._model.playback.speed
         self._table.stop_following()
         events = self._model.stop_playback()
-        self._panes.on_update(ViewUpdate(True, events, False, None))
+        self._panes.observe(events)
         self._table.sync()
         self._notice.report(_("the whole file is shown"))
 
@@ -223,10 +217,10 @@ class ViewActions(ScreenActions):
         if self._panes.explains_row:
             self._table.stop_following()
 
-    @on(TopView.AboutRow)
-    def _on_row_pane(self, event: TopView.AboutRow) -> None:
+    def action_row_pane(self, name: str) -> None:
+        """Show a pane about the table's row, and the table in place of the top view."""
         self.action_top()
-        self.action_pane(event.pane)
+        self.action_pane(name)
 
     def action_grow_pane(self, by: int) -> None:
         """Move the divider between the table and the pane."""
@@ -243,11 +237,11 @@ class ViewActions(ScreenActions):
 
     def action_zoom(self, by: int) -> None:
         """Show more time, or less."""
-        self._panes.zoom(by)
+        self._panes.change(lambda pane: pane.zoom(by))
 
     def action_plot_range(self) -> None:
         """Show outliers in the plots, or leave them out."""
-        self._panes.switch_range()
+        self._panes.change(Pane.switch_range)
 
     def action_scroll_pane(self, by: int) -> None:
         """Scroll the pane by lines."""
@@ -302,7 +296,6 @@ MAX_COPIED_ROWS = 10_000
 """A terminal accepts about a megabyte."""
 
 SAVE_GROUP = "save"
-"""Group of the save's worker, and topic of its notice."""
 
 _GAPS = re.compile(" {2,}")
 
@@ -363,9 +356,7 @@ class ExportActions(ScreenActions):
         file = write_copy(text)
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
         form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
-        self._inform(
-            form.format(what=printable(first), file=printable(_short_path(file)) if file else "")
-        )
+        self._inform(form.format(what=first, file=_short_path(file) if file else ""))
 
     def action_interrupt(self) -> None:
         """Copy the selected text of a field; without one, quit."""
@@ -379,7 +370,7 @@ class ExportActions(ScreenActions):
         """Ask for the file to which the selected rows, or all shown rows, are saved."""
         if self._save_job is not None:
             text = _("{file} is still being saved; esc ends that")
-            self._inform(text.format(file=printable(str(self._save_job.path))))
+            self._inform(text.format(file=self._save_job.path))
         elif not self._model.store.view.count:
             self._inform(_("no row is shown that could be saved"))
         else:
@@ -446,7 +437,7 @@ class ExportActions(ScreenActions):
         else:
             self._forget_job()
             text = _("saved {count:,} rows to {file}")
-            self._notice.report(text.format(count=job.rows, file=printable(str(job.path))))
+            self._notice.report(text.format(count=job.rows, file=job.path))
             self._end_selection()
 
     def action_picture(self) -> None:
@@ -485,11 +476,11 @@ class ExportActions(ScreenActions):
         except OSError as error:
             self._notice.warn(error_text(unwritable(path, error)))
         else:
-            self._inform(_("saved the screen to {file}", file=printable(str(path))))
+            self._inform(_("saved the screen to {file}", file=path))
 
     def _show_progress(self, job: SaveJob, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")
-        text = text.format(file=printable(str(job.path)), share=share)
+        text = text.format(file=job.path, share=share)
         self._notice.pin(SAVE_GROUP, text, warning=False)
 
     async def _wait_until_drawn(self) -> None:
@@ -511,5 +502,5 @@ class ExportActions(ScreenActions):
         self.workers.cancel_group(self, SAVE_GROUP)
         # A worker that has not started yet does not notice that it is cancelled.
         job.abandon()
-        self._inform(_("{file} was not saved", file=printable(str(job.path))))
+        self._inform(_("{file} was not saved", file=job.path))
         return True

@@ -24,7 +24,7 @@ from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.errors import FteSniffError, printable
+from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.session.notes import Place, RowKey
@@ -100,7 +100,6 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
-        """The feed's error that closed the screen."""
         self._options = options
         self._poll_interval = PollInterval(feed)
         self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
@@ -221,7 +220,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         """Start to poll, a file at its first row; quit on signals."""
         self._table.focus()
         if self._warnings:
-            self._notice.warn(printable("; ".join(map(_, self._warnings))))
+            self._notice.warn("; ".join(map(_, self._warnings)))
         self.tick()
         if not self._model.state.live and self._left_at == self._options.place.cursor:
             self._table.action_first()
@@ -321,7 +320,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
             self._poll_interval.stop()
         if self._model.state.live and not state.live:
             self._table.action_follow()  # what was recorded so far is read
-        self._panes.on_update(update)
+        self._panes.observe(update.events, update.stream_changes)
         self._find_noted(update.rows, update.first)
         self._report(update)
         self._table.landmarks.add(update.events, update.stream_changes)
@@ -357,7 +356,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         self._report_alert()
         if update.trouble:
             self._notice.unpin("recording")  # the other one is new
-            self._notice.pin("recording", printable(_(update.trouble)))
+            self._notice.pin("recording", _(update.trouble))
         elif not state.trouble:
             self._notice.unpin("recording")
         if update.ended and self._notice.asks:
@@ -365,13 +364,11 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         if update.ended and self._options.leave_at_end:
             self.exit()
         elif update.ended and state.ended:
-            reason = printable(_(state.ended))
-            self._notice.pin("end", _("ended: {reason}", reason=reason))
+            self._notice.pin("end", _("ended: {reason}", reason=_(state.ended)))
         elif update.ended and self._model.events_text:
             self._notice.report(self._model.events_text)
 
     def _report_alert(self) -> None:
-        """Count the rows that match the alert's filter."""
         alert = self._model.alert
         if alert is None or alert.last is None or alert.count == self._alerts:
             return

@@ -48,7 +48,6 @@ class Goal:
 
 
 NO_TIME = -(2**63)
-"""Stands for the time of a row without one, before all others."""
 
 _ROW = re.compile(r"[0-9][0-9_,]*")
 _NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
@@ -138,7 +137,6 @@ def time_at(store: RowStore, position: int) -> int | None:
 
 
 SEARCH_GROUP = "search"
-"""Group of the search's workers, and topic of its notice."""
 
 SEARCH_BLOCK_S = 0.05
 """How long a search may block the screen before it continues in a worker."""
@@ -149,11 +147,8 @@ class SearchProgress:
     """How far a search has come."""
 
     found: int | None
-    """Index of the hit."""
     seen: int
-    """Rows that were searched."""
     wrapped: bool
-    """Whether the search went on from the other end."""
 
 
 class FindActions(ScreenActions):
@@ -195,7 +190,7 @@ class FindActions(ScreenActions):
             text, end = _("{time} is before the first row ({end})"), first
         else:
             return
-        self._inform(text.format(time=printable(line.strip()), end=clock_text(end, 3, zone)))
+        self._inform(text.format(time=line.strip(), end=clock_text(end, 3, zone)))
 
     def action_fault(self, by: int) -> None:
         """Go to the next fault, or to the previous one."""
@@ -218,7 +213,6 @@ class FindActions(ScreenActions):
         self._jump(index, below if by > 0 else above)
 
     def _jump(self, index: int | None, otherwise: str) -> None:
-        """Go to a row by its index, or inform why not."""
         if not self._table.jump_to_index(index):
             self._inform(otherwise)
 
@@ -258,7 +252,7 @@ class FindActions(ScreenActions):
         if self._table.viewport.count:
             self._table.stop_following()
             index, row = self._table.last_index, self._table.cursor_row
-            if self._table.marks.text(index):
+            if self._table.marks.get(index):
                 self._inform(_("the row has a note; # changes it, an empty one removes it"))
             elif row is not None:
                 self._keep_note(index, row, "" if index not in self._table.marks else None)
@@ -269,7 +263,7 @@ class FindActions(ScreenActions):
         self._noted_row = self._table.cursor_row
         self._noted_index = self._table.last_index
         if self._noted_row is not None:
-            self._note_field.open(self._table.marks.text(self._noted_index))
+            self._note_field.open(self._table.marks.get(self._noted_index, ""))
 
     def _write_note(self, text: str) -> None:
         if self._noted_row is not None:
@@ -279,9 +273,9 @@ class FindActions(ScreenActions):
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
         note = Note.on(row, text or "")
         if text is None:
-            self._table.marks.remove(index)
+            self._table.marks.pop(index, None)
         else:
-            self._table.marks.set(index, note.text)
+            self._table.marks[index] = note.text
         self._table.sync()
         if self._notes is not None:
             if text is None:
@@ -297,7 +291,7 @@ class FindActions(ScreenActions):
     async def _save_notes(self) -> None:
         """Write the notes in a thread, since a disk may be slow."""
         if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
-            self._notice.warn(printable(_(trouble)))
+            self._notice.warn(_(trouble))
 
     def action_notes(self) -> None:
         """Pick a marked row and go to it."""
@@ -306,7 +300,7 @@ class FindActions(ScreenActions):
             if store.first <= index < store.next:
                 row = store.row(index)
                 time = "" if row.t_ns is None else clock_text(row.t_ns, 3, self._table.view.zone)
-                text = printable(marks.text(index)) or _("mark")
+                text = printable(marks[index]) or _("mark")
                 entries.append(Entry(f"{time}  {text}", str(index), f"{row.offset:,}"))
         if entries:
             self.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
@@ -329,18 +323,17 @@ class FindActions(ScreenActions):
                 continue
             note = self._missing.pop(key, None)
             if note is not None:
-                self._table.marks.set(first + number, note.text)
+                self._table.marks[first + number] = note.text
             if key == self._left_at:
                 self._left_at = None
                 self._table.sync()
                 self._table.jump_to_index(first + number)
 
     def _show_note(self) -> None:
-        """Show the note on the row under the cursor."""
         index = self._table.cursor_index
-        text = "" if index is None else self._table.marks.text(index)
+        text = "" if index is None else self._table.marks.get(index, "")
         if text:
-            self._notice.pin("note", _("note: {text}", text=printable(text)), warning=False)
+            self._notice.pin("note", _("note: {text}", text=text), warning=False)
         else:
             self._notice.unpin("note")
 
@@ -398,7 +391,7 @@ class FindActions(ScreenActions):
         """Save the filter in effect by name."""
         if name:
             self._saved_filters[name] = self._filter_field.current
-            self._inform(_("saved; f lists the filter as {name}", name=printable(name)))
+            self._inform(_("saved; f lists the filter as {name}", name=name))
 
     def action_only(self) -> None:
         """Show only rows with the same value in a cell."""
@@ -458,7 +451,7 @@ class FindActions(ScreenActions):
         while (progress := self._next_step(search, steps)) is not None:
             share = progress.seen / max(1, len(self._model.store))
             text = _("looking for {text}: {share:.0%} seen, esc ends it")
-            text = text.format(text=printable(search.typed), share=min(share, 1.0))
+            text = text.format(text=search.typed, share=min(share, 1.0))
             self._notice.pin(SEARCH_GROUP, text, warning=False)
             await asyncio.sleep(0)
 
@@ -511,7 +504,7 @@ class FindActions(ScreenActions):
             text = _("no row has {text}")
         else:
             text = _("no row that the filter shows has {text}")
-        self._inform(text.format(text=printable(search.typed)))
+        self._inform(text.format(text=search.typed))
 
     @property
     def _searching(self) -> bool:

@@ -13,16 +13,13 @@ from typing import Final, Self
 from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, printable
 
 DOMAIN: Final = "fte-sniff"
-"""Gettext domain."""
 
 CATALOGUES: Final = Path(__file__).parent / "locale"
-"""Folder of the catalogues."""
 
 LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "zh": "中文"}
 """Names of the languages, by their word on the command line."""
 
 AUTO: Final = "auto"
-"""The language of the locale."""
 
 
 @dataclass(slots=True)

@@ -40,7 +40,6 @@ MOVING: tuple[Binding, ...] = (
     _key("left,h", "aside(-1)", "", "columns to the left", "left h"),
     _key("right,l", "aside(1)", "", "columns to the right", "right l"),
 )
-"""Move in the table."""
 
 FINDING: tuple[Binding, ...] = (
     _key("f", "filter", "Filter", "filter the rows: motor = 1 AND rpm > 500", "f"),
@@ -65,7 +64,6 @@ FINDING: tuple[Binding, ...] = (
         "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
     ),
 )
-"""Find rows."""
 
 HANDLING: tuple[Binding, ...] = (
     _key(
@@ -122,10 +120,9 @@ TOP: tuple[Binding, ...] = (
     _key("down,j", "move_line(1)", "", "one line down", "down j"),
     _key("pageup,ctrl+u", "page_lines(-1)", "", "one page up", "pgup ^u"),
     _key("pagedown,ctrl+d", "page_lines(1)", "", "one page down", "pgdn ^d"),
-    Binding("i", "about_row('detail')", show=False, priority=True),
-    Binding("b", "about_row('bytes')", show=False, priority=True),
+    Binding("i", "app.row_pane('detail')", show=False, priority=True),
+    Binding("b", "app.row_pane('bytes')", show=False, priority=True),
 )
-"""Keys of the top view."""
 
 LEAVING: tuple[Binding, ...] = (
     _key("question_mark", "help", "Help", "all keys and signs", "?"),
@@ -133,14 +130,12 @@ LEAVING: tuple[Binding, ...] = (
     _key("Q,ctrl+q", "quit", "", "quit at once, and print where the recording is", "Q ^q"),
     _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
-"""Help and quit."""
 
 UNBOUND: tuple[Binding, ...] = (
     _key("", "language", "", "switch the language: English, Chinese"),
     _key("", "events", "", "show or hide the lines of port events and gaps"),
     _key("", "notes", "", "list all marks and notes"),
 )
-"""Commands without a key."""
 
 TABLE_ACTIONS = frozenset(
     binding.action.partition("(")[0]
@@ -149,7 +144,6 @@ TABLE_ACTIONS = frozenset(
 """Actions that are off while a field or the help page is open."""
 
 TABLE_PANES = ("detail", "bytes")
-"""Panes about the table's row."""
 
 NEED_TABLE = frozenset(
     (
@@ -182,7 +176,6 @@ COMMANDS: tuple[Binding, ...] = tuple(
     for binding in (*FINDING, *UNDERSTANDING, *HANDLING, *UNBOUND, *MOVING, *LEAVING)
     if binding.action != "palette"
 )
-"""Bindings in the list of commands."""
 
 SEARCH_WORDS: Mapping[str, str] = {
     "filter": "where query sql show only",
@@ -245,7 +238,6 @@ _BACK = _of_list("escape", later("Back"), "esc")
 _MOVES = (_of_list("up", later("Up"), "up"), _of_list("down", later("Down"), "down"))
 
 PICKING = (_of_list("enter", later("Pick"), "enter"), _BACK, *_MOVES)
-"""Keys of a picker."""
 
 CHOOSING = (
     _of_list("enter", later("Apply"), "enter"),
@@ -253,7 +245,6 @@ CHOOSING = (
     _of_list("space", later("Show"), "space"),
     *_MOVES,
 )
-"""Keys of the column chooser."""
 
 INTERRUPT = Binding(
     "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or quit"
@@ -267,7 +258,6 @@ SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Top view", TOP[:4]),
     ("Handle", (*HANDLING, *LEAVING)),
 )
-"""Sections of the help."""
 
 
 KEY_NAMES = frozenset(
@@ -276,7 +266,6 @@ KEY_NAMES = frozenset(
         *(later("enter"), later("backspace")),
     )
 )
-"""Names of keys that are translated."""
 
 
 def key_names(binding: Binding) -> str:

@@ -191,7 +191,6 @@ class Picker(ListScreen[str | None]):
         self._type("", self._first)
 
     def _type(self, typed: str, cursor: int = 0) -> None:
-        """Show the entries for a typed text."""
         self._typed = typed
         lines = [(entry.text, entry.right) for entry in self.shown]
         hint = f"{typed}_" if typed else _("type to find, enter picks, esc goes back")
@@ -229,9 +228,7 @@ class ChosenColumns:
     """Result of the column chooser."""
 
     choice: ColumnChoice | None
-    """None where the width of the window decides."""
     delta: Delta
-    """Meaning of the column of time differences."""
 
 
 @dataclass(slots=True)
@@ -338,7 +335,6 @@ FRAMING = (
     ("reserve", later("always 00 in the protocol's examples")),
     ("tail", later("last byte: EE")),
 )
-"""Bytes of every frame."""
 
 
 def field_pairs(palette: Palette) -> Iterator[Pair]:
@@ -347,7 +343,8 @@ def field_pairs(palette: Palette) -> Iterator[Pair]:
         yield Text(name, palette.fields[name]), _(meaning)
     for field in VALUE_FIELDS:
         short = " ".join(short_names_of(field.name))
-        yield Text(f"{field.name} {short}", palette.fields[field.name]), _(_meaning_of(field.name))
+        meaning = _(COLUMN_BY_NAME[field.name].meaning)
+        yield Text(f"{field.name} {short}", palette.fields[field.name]), meaning
     for age, look in enumerate((*palette.changed, palette.faint)):
         text = _("with d: differs from the frame before of the same kind and motor")
         if age:
@@ -355,10 +352,6 @@ def field_pairs(palette: Palette) -> Iterator[Pair]:
         if age == UNCHANGED:
             text = _("with d: did not change")
         yield Text("E8", look), text
-
-
-def _meaning_of(name: str) -> str:
-    return COLUMN_BY_NAME[name].meaning
 
 
 def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from enum import IntEnum
@@ -15,6 +15,7 @@ from textual.geometry import Size
 from textual.timer import Timer
 from textual.widget import Widget
 
+from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import ELLIPSIS, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.text import event_text
@@ -24,7 +25,6 @@ _LONG_WORD = 12
 """Characters from which on a word may be cut."""
 
 _MIN_PATH = 16
-"""Cells of a shortened path."""
 
 
 def in_lines(text: str, width: int, max_lines: int) -> list[str]:
@@ -66,10 +66,11 @@ class WrappedText(Widget):
     reason is, not its middle.
     """
 
-    def __init__(self, max_lines: int = 0, classes: str | None = None) -> None:
-        """`max_lines` limits its height where that is automatic."""
+    max_lines = 0
+    """Limits its height where that is automatic."""
+
+    def __init__(self, classes: str | None = None) -> None:
         super().__init__(classes=classes)
-        self.max_lines = max_lines
         self._sign, self._text = "", ""
 
     def show(self, sign: str, text: str) -> None:
@@ -96,7 +97,6 @@ INFO_S = 8.0
 """How long an information stays where no key is pressed, seconds."""
 
 WARNING_S = 30.0
-"""How long a warning stays, seconds."""
 
 _TINY, _LOW = 12, 20
 """Lines of the terminal below which a notice has one line, and two."""
@@ -106,11 +106,8 @@ class Rank(IntEnum):
     """What a notice is about. Of those that are no warnings, the highest is shown."""
 
     STATE = 0
-    """Something that goes on."""
     EVENT = 1
-    """What happened without a key."""
     ANSWER = 2
-    """What a key did."""
     QUESTION = 3
     """What a key asks before it acts."""
     WARNING = 4
@@ -159,27 +156,28 @@ class NoticeLine(Vertical):
 
     def inform(self, text: str) -> None:
         """Show what a key did."""
-        self._set(Rank.ANSWER, Notice(text, Rank.ANSWER), INFO_S)
+        self._set(Rank.ANSWER, text, Rank.ANSWER, INFO_S)
 
     def ask(self, text: str) -> None:
         """Show a question, which the same key confirms while it `asks`."""
-        self._set(Rank.ANSWER, Notice(text, Rank.QUESTION), INFO_S)
+        self._set(Rank.ANSWER, text, Rank.QUESTION, INFO_S)
 
     def report(self, text: str) -> None:
         """Show for a while what happened without a key."""
-        self._set(Rank.EVENT, Notice(text, Rank.EVENT), INFO_S)
+        self._set(Rank.EVENT, text, Rank.EVENT, INFO_S)
 
     def warn(self, text: str, topic: Hashable | None = None) -> None:
         """Show a warning for a while."""
-        self._set(topic or text, Notice(text, Rank.WARNING), WARNING_S)
+        self._set(topic or text, text, Rank.WARNING, WARNING_S)
 
     def pin(self, topic: Hashable, text: str, *, warning: bool = True) -> None:
         """Show until `unpin`, in place of the notice of the same topic."""
-        self._set(topic, Notice(text, Rank.WARNING if warning else Rank.STATE), None)
+        self._set(topic, text, Rank.WARNING if warning else Rank.STATE, None)
 
     def unpin(self, topic: Hashable) -> None:
         """Remove the notice of a topic."""
-        if self._remove(topic):
+        self._stop_timer(topic)
+        if self._notices.pop(topic, None) is not None:
             self._update()
 
     def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
@@ -205,56 +203,41 @@ class NoticeLine(Vertical):
 
     def dismiss(self) -> None:
         """Remove the warning that is shown, or else the information."""
-        shown = self._topmost(_is_warning) or self._topmost(_is_information)
+        shown = self._topmost(warning=True) or self._topmost(warning=False)
         if shown is not None:
             self.unpin(shown)
 
-    def _set(self, topic: Hashable, notice: Notice, for_s: float | None) -> None:
-        if topic in self._notices and notice.rank is not Rank.WARNING:
-            self._remove(topic)
+    def _set(self, topic: Hashable, text: str, rank: Rank, for_s: float | None) -> None:
+        if topic in self._notices and rank is not Rank.WARNING:
+            del self._notices[topic]
         self._stop_timer(topic)
-        self._notices[topic] = notice
+        self._notices[topic] = Notice(printable(text), rank)
         if for_s is not None:
             self._expiries[topic] = self.set_timer(for_s, lambda: self.unpin(topic))
         self._update()
-
-    def _remove(self, topic: Hashable) -> bool:
-        """Remove a notice; returns whether there was one."""
-        self._stop_timer(topic)
-        return self._notices.pop(topic, None) is not None
 
     def _stop_timer(self, topic: Hashable) -> None:
         timer = self._expiries.pop(topic, None)
         if timer is not None:
             timer.stop()
 
-    def _topmost(self, test: Callable[[Notice], bool]) -> Hashable | None:
-        """Topic of the highest notice that passes, the newest of equal ones."""
-        topics = [topic for topic, notice in reversed(self._notices.items()) if test(notice)]
+    def _topmost(self, *, warning: bool) -> Hashable | None:
+        """Topic of the newest warning, or of the highest other notice."""
+        notices = reversed(self._notices.items())
+        topics = [topic for topic, notice in notices if (notice.rank is Rank.WARNING) is warning]
         return max(topics, key=lambda topic: self._notices[topic].rank, default=None)
 
     def _update(self) -> None:
         height = self.app.size.height
         max_lines = 1 if height < _TINY else 2 if height < _LOW else 3
         self.display = bool(self._notices)
-        for widget, test, sign in (
-            (self._warning, _is_warning, "!"),
-            (self._information, _is_information, "i"),
-        ):
-            topic = self._topmost(test)
+        for widget, sign in ((self._warning, "!"), (self._information, "i")):
+            topic = self._topmost(warning=widget is self._warning)
             hidden = widget is self._warning and self.answer is not None and height < _LOW
             widget.display = topic is not None and not hidden
             if topic is not None:
                 widget.max_lines = max_lines
                 widget.show(sign, self._notices[topic].text)
-
-
-def _is_warning(notice: Notice) -> bool:
-    return notice.rank is Rank.WARNING
-
-
-def _is_information(notice: Notice) -> bool:
-    return notice.rank is not Rank.WARNING
 
 
 _LASTING = frozenset(

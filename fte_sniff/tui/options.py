@@ -42,7 +42,6 @@ class Choices:
     theme: str | None = None
     """One of `i18n.THEMES`; None for the default."""
     columns: ColumnChoice | None = None
-    """None where the width of the window decides."""
     language: str | None = None
     """A key of `i18n.LANGUAGES`; None where it was not switched."""
     filters: tuple[tuple[str, str], ...] = ()
@@ -50,9 +49,7 @@ class Choices:
     panes: PaneLayout = PaneLayout()
     delta: Delta = Delta.ROW
     changes: bool = False
-    """Whether changed bytes are highlighted."""
     events: bool = True
-    """Whether port events and gaps have lines in the table."""
 
     @property
     def view(self) -> TableView:
@@ -67,21 +64,16 @@ class StartOptions:
     """How the screen begins, and what holds while it is open."""
 
     leave_at_end: bool = False
-    """Whether the screen closes when its feed has ended."""
     row_filter: RowFilter | None = None
-    """The first filter."""
     alert: Alert | None = None
-    """Signals rows that match its filter."""
     colors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Styles of rows by the filter that they match; the first that matches wins."""
     notes: Notes | None = None
     """Notes on the rows; None to keep none."""
     place: Place = START
-    """Where the view was left the last time."""
     play_speed: float | None = None
     """Speed at which a file is played from the start; None to show all of it."""
     save_place: Callable[[Place], None] | None = None
-    """Called at the end with the place where the view is left."""
     keep_rows: int = DEFAULT_BOUND
     """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
     signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -90,9 +82,7 @@ class StartOptions:
     language: str = "en"
     """A key of `i18n.LANGUAGES`."""
     choices: Choices = Choices()
-    """Choices of the last time."""
     save_choices: Callable[[Choices], None] | None = None
-    """Called at the end where the choices have changed."""
     warnings: tuple[str, ...] = ()
     """Problems from before the screen opened, a sentence each."""
     export_source: ExportSource = UNKNOWN

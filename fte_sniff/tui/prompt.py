@@ -97,7 +97,6 @@ class PromptLine(Input):
         self.history = History()
         self.can_focus = False
         self.is_open = False
-        """Whether keys are typed into it."""
         self._field = field
 
     async def on_key(self, event: events.Key) -> None:
@@ -391,7 +390,6 @@ MOST_CANDIDATES: Final = 200
 """Lines of the dropdown; more are found by typing."""
 
 MOST_EARLIER: Final = 5
-"""Earlier lines in the dropdown."""
 
 UNCOUNTED: Final = ("time", "offset", "raw")
 """Columns whose values seldom repeat; they are not suggested."""
@@ -548,7 +546,6 @@ class FilterField(PromptField):
         return self._values[column].counts
 
     def _suggest(self) -> None:
-        """Show the candidates for the line up to the cursor."""
         line = self._line
         if not self.is_open:
             return

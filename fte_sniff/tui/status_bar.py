@@ -198,8 +198,6 @@ class TitleLine(Widget):
         line = title_text(state, mode, unseen, self.size.width, elapsed_s)
         if line != self._line:
             self._line = line
-            self.set_class(mode is Mode.PAUSED, "-paused")
-            self.set_class(mode in (Mode.ENDED, Mode.WAITING), "-ended")
             self.refresh()
 
     def render(self) -> Text:
@@ -218,7 +216,6 @@ class StatusCounters:
     """Numbers of the status line."""
 
     rows: int
-    """All rows of the feed."""
     frames_per_s: float | None
     """None without times."""
     malformed: int
@@ -231,11 +228,9 @@ class StatusCounters:
     """Number of the cursor's row among those shown, from 1; 0 without a row."""
     following: bool
     below: int
-    """Rows below the window."""
     line_errors: int = 0
     """Errors that UARTs reported."""
     hits: str = ""
-    """Text about the hits of the search."""
     is_mean: bool = False
     """Whether the rate is that of all rows, not the current one."""
 
@@ -307,7 +302,6 @@ class StatusLine(Widget):
 
 
 GAP = 1
-"""Cells between two keys."""
 
 
 def fitting_keys(keys: Iterable[Binding], width: int) -> list[Binding]:

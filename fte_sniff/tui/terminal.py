@@ -133,8 +133,6 @@ _END_SYNC = "\x1b[?2026l"
 
 
 class _State(Enum):
-    """Who has the terminal."""
-
     OFF = auto()
     ON = auto()
     SUSPENDED = auto()

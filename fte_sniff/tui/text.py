@@ -32,17 +32,12 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import LineSetup
 
 
-def short_values(row: Row, width: int | None = None) -> str:
-    """The row's values by their short names: `motor=1 rpm=1000`; see `value_parts`."""
-    return " ".join(text for text, _field in value_parts(row, width))
-
-
 ValuePart: TypeAlias = tuple[str, Field]
 """A value with its short name, and its field."""
 
 
 def value_parts(row: Row, width: int | None = None) -> list[ValuePart]:
-    """The row's values, which fit into `width` cells with a space between them.
+    """The row's values by their short names, `motor=1`, which fit into `width` cells with spaces.
 
     Flag bytes with their default value are left out. If the text does not fit the width, names are
     shortened (`M1 rpm=1000`, `M1 r=1000`), then left out (`M1 1000`).

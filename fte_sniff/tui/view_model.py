@@ -45,20 +45,16 @@ class ViewUpdate:
     """What one poll changed."""
 
     changed: bool
-    """Whether other rows are shown now."""
     events: Sequence[PortEvent]
     ended: bool
     """Whether the feed ended since the poll before."""
     trouble: str | None
     """A problem that is new since the poll before, although the feed continues."""
-    rings: bool = False
-    """Whether the alert is due."""
-    stream_changes: Sequence[StreamChange] = ()
+    rings: bool
+    stream_changes: Sequence[StreamChange]
     """Gaps and baud changes among the new rows, by indices in the store."""
-    rows: Sequence[Row] = ()
-    """Rows that the store has received."""
-    first: int = 0
-    """Index of the first of them."""
+    rows: Sequence[Row]
+    first: int
 
 
 class ViewModel:
@@ -72,14 +68,12 @@ class ViewModel:
         self.store.view.set_filter(row_filter)
         self.state = FeedState("")
         self.tally = Tally()
-        """Counts over all rows that were polled."""
         self._feed = feed
         self._rate = Rate()
         self._frames = 0
         self._line_errors = 0
         self._events: Counter[PortEventKind] = Counter()
         self.playback: Playback | None = None
-        """The playback of a file, if it runs or is paused."""
         self._file_events: list[PortEvent] = []
         self._file_changes: list[StreamChange] = []
         self._events_played = 0
@@ -87,7 +81,6 @@ class ViewModel:
         self._frames_per_s: float | None = None
         self._recording_since_ns: int | None = None
         self.recorded_s = 0.0
-        """For how long the capture has been recorded, seconds."""
 
     def poll(self, now_ns: int, *, take_rows: bool = True) -> ViewUpdate:
         """Store the new rows and count them; raises FteSniffError if the feed failed.
@@ -125,13 +118,14 @@ class ViewModel:
             changed, events, ended, trouble, rings, stream_changes, update.rows, first
         )
 
-    def play(self, index: int, speed: float, now_ns: int) -> ViewUpdate:
-        """Play a file from a row on; returns what was before it, for models that begin anew."""
+    def play(
+        self, index: int, speed: float, now_ns: int
+    ) -> tuple[Sequence[PortEvent], Sequence[StreamChange]]:
+        """Play a file from a row on; returns the events before it, and all gaps and changes."""
         self.stop_playback()
         self.playback = Playback(self.store, index, speed, now_ns)
         self._events_played = 0
-        events = self._played_events(self.playback.t_ns)
-        return ViewUpdate(True, events, False, None, stream_changes=self._file_changes)
+        return self._played_events(self.playback.t_ns), self._file_changes
 
     def stop_playback(self) -> Sequence[PortEvent]:
         """Show all rows again; returns the events that were not played."""
@@ -154,7 +148,6 @@ class ViewModel:
         return self.alert is not None and self.alert.observe(rows, now_ns / 1e9)
 
     def _update_recording(self, now_ns: int) -> None:
-        """Measure the time for which the capture is recorded."""
         state = self.state
         if state.live and state.running and state.recording is not None:
             if self._recording_since_ns is None:
@@ -250,7 +243,6 @@ STEP_PAUSE_S: Final = 0.005
 """Pause between two counting steps, so that keys and drawing come first."""
 
 RECOUNT_S: Final = 0.5
-"""Interval at which new rows are counted."""
 
 
 class HitStatus:

@@ -436,7 +436,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         table(app).jump(499)
         await press(app, pilot, "colon")
-        app.query_one("GotoField PromptLine").value = goal  # type: ignore[attr-defined]
+        app._goto_field._line.value = goal
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == min(cursor, 999)
 
@@ -446,7 +446,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
 def test_a_byte_that_is_not_there_is_told(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "colon")
-        app.query_one("GotoField PromptLine").value = "@100"  # type: ignore[attr-defined]
+        app._goto_field._line.value = "@100"
         await press(app, pilot, "enter")
         await settle(app, pilot)
         assert "no row that is shown has byte 100 of its stream" in page(app)
@@ -624,7 +624,7 @@ def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
         assert row is not None
         assert row.values["rpm"] == 105
         marks, store = table(app).marks, app._model.store
-        assert {store.row(one).values["rpm"]: marks.text(one) for one in marks} == wanted
+        assert {store.row(one).values["rpm"]: marks[one] for one in marks} == wanted
         for key in ("S", "M"):
             await press(app, pilot, key)
             await until(app, pilot, lambda: "2 captures as one" in page(app))

@@ -26,7 +26,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.find_actions import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.prompt import Dropdown, FilterField, History
+from fte_sniff.tui.prompt import Dropdown, FilterField, History, SaveField
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
@@ -493,7 +493,7 @@ def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
 
 async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "w")
-    app.query_one("SaveField PromptLine").value = str(path)  # type: ignore[attr-defined]
+    app.query_one(SaveField)._line.value = str(path)
     await press(app, pilot, "enter")
 
 

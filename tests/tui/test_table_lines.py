@@ -123,7 +123,7 @@ def test_the_bar_shows_where_faults_and_marks_are(
         feed.give([*speed_rows(500), odd_rows[3], *speed_rows(500, start=501)])
         await settle(app, pilot)
         bar = table(app)._overview
-        table(app).marks.toggle(0)
+        table(app).marks[0] = ""
         signs = bar.signs(20, table(app).palette)
         assert {cell: sign.text for cell, sign in signs.items()} == {0: "◄", 9: "▐"}
         await app.run_action("overview(9)", app)

@@ -34,10 +34,8 @@ SECOND_NS: Final = 1_000_000_000
 WINDOWS_NS: Final = tuple(
     seconds * SECOND_NS for seconds in (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 14_400)
 )
-"""Time spans of the plots, nanoseconds."""
 
 DEFAULT_WINDOW: Final = 3
-"""Index of the first time span in `WINDOWS_NS`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +47,10 @@ class MotorsView:
     now_ns: int | None
     """The moment, nanoseconds since 1970 UTC; None where rows have no times."""
     window_ns: int
-    """Time span of the plots."""
     line_setup: LineSetup
     zone: tzinfo = UTC
     end: str = ""
-    """Text at the end of the time axis."""
     full_range: bool = False
-    """Whether the plots show outliers too."""
 
     @property
     def window(self) -> tuple[int, int]:
@@ -112,10 +107,8 @@ TALL_LINES: Final = 16
 """Lines from which on a card lists bits and plots both quantities."""
 
 TEXT_LINES: Final = 5
-"""Lines of text on the smallest card."""
 
 PLOT_LINES: Final = 2
-"""Lines of the smallest plot."""
 
 LEAST_DOTS: Final = 10
 """Columns of dots of the smallest plot beside another."""
@@ -378,7 +371,6 @@ MIN_CARD_LINES: Final = 7
 """Lines of a card; where there are fewer, the pane scrolls."""
 
 GAP: Final = 2
-"""Cells between two cards."""
 
 
 def grid(view: MotorsView, width: int, height: int, palette: Palette) -> Text:

@@ -43,13 +43,10 @@ class PaneContext:
     """What a pane draws, at one moment."""
 
     row: Row | None
-    """The row under the cursor."""
     index: int | None
-    """Its index in the store."""
     row_number: int
     """Its number among the shown rows, from 1; 0 without a row."""
     following: bool
-    """Whether the cursor follows the end."""
     now_ns: int | None
     """The time at the cursor, nanoseconds since 1970 UTC; None without times."""
     newest_ns: int | None
@@ -63,13 +60,10 @@ class PaneContext:
     zone: tzinfo
     """Zone of the table's times of day."""
     field: int | None = None
-    """Number in `dissect` of the field that the user looks at in the row."""
     answers: tuple[CommandAnswer, ...] = ()
     """The answers of the row, by motor, if it is a command."""
     command: CommandAnswer | None = None
-    """The command that the row answers."""
     captures: int = 1
-    """Captures whose rows are merged."""
 
     @property
     def merged_text(self) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -26,10 +27,8 @@ from fte_sniff.formats.cell_text import fit_right, short_number
 from fte_sniff.row_batch import Bools, Ints
 
 ACROSS: Final = 2
-"""Dots across in a cell."""
 
 DOWN: Final = 4
-"""Dots down in a cell."""
 
 _BLANK: Final = 0x2800
 _BITS: Final = np.array([[0, 3], [1, 4], [2, 5], [6, 7]])
@@ -66,7 +65,6 @@ class Canvas:
 
 
 SCALE_CELLS: Final = 8
-"""Cells of the scale at the left."""
 
 HOLD_NS: Final = 1_000_000_000
 """How long a curve continues after the last feedback; a longer silence is a gap."""
@@ -123,9 +121,7 @@ class Curves:
     target_ended: Bools
     """Columns in which a command of another kind ended the target."""
     first_target: float | None
-    """Target at the start of the plot."""
     column_ns: float
-    """Time span of a column."""
 
     def merged(self, columns: int) -> Curves:
         """The same in fewer columns, of which their number is a multiple."""
@@ -176,7 +172,7 @@ def plot(
         above = _by_cell(*(spans.high > scale.high for spans in both))
         below = _by_cell(*(spans.low < scale.low for spans in both))
     labels = _labels(scale, height, unit)
-    return _Plot(line, dashes, above, below, styles).lines(labels)
+    return _drawn_lines(line, dashes, above, below, labels, styles)
 
 
 def time_axis(width: int, span: str, half: str, end: str, style: Style) -> Text:
@@ -313,7 +309,6 @@ def _scale(curves: Iterable[EnvelopeColumns], usual: Floats | None) -> _Scale | 
 
 
 def _limits(usual: Floats) -> tuple[float, float]:
-    """The least and the greatest value that are no outliers."""
     low, high = float(usual.min()), float(usual.max())
     margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
     return low - margin, high + margin
@@ -378,38 +373,30 @@ def _by_cell(*columns: Bools) -> Bools:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Plot:
-    """Curves and markers of a plot."""
-
-    line: Canvas
-    dashes: Canvas
-    above: Bools
-    """Cells with an outlier above the scale."""
-    below: Bools
-    styles: PlotStyles
-
-    def lines(self, labels: Sequence[str]) -> list[Text]:
-        """The plot with a label at the left of each line."""
-        both = Canvas(0, 0)
-        both.dots = self.line.dots | self.dashes.dots
-        cells = both.cells
-        # The target's cells have its style, so that both are seen where they are the same.
-        styles = (self.dashes.cells != ord(" ")).astype(np.int8)
-        if len(cells):
-            for at, found, sign in ((-1, self.below, BELOW), (0, self.above, ABOVE)):
-                cells[at][found], styles[at][found] = ord(sign), 2
-        return [
-            self._line(label, "".join(map(chr, line)), used)
-            for label, line, used in zip(labels, cells.tolist(), styles, strict=True)
-        ]
-
-    def _line(self, label: str, characters: str, used: npt.NDArray[np.int8]) -> Text:
-        known = self.styles.feedback, self.styles.target, self.styles.outlier
-        text = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=self.styles.scale)
-        start = 0
-        for end in [*(np.flatnonzero(used[1:] != used[:-1]) + 1).tolist(), len(characters)]:
+def _drawn_lines(
+    line: Canvas,
+    dashes: Canvas,
+    above: Bools,
+    below: Bools,
+    labels: Sequence[str],
+    styles: PlotStyles,
+) -> list[Text]:
+    """The curves with a label at the left of each line, and markers in cells with outliers."""
+    both = Canvas(0, 0)
+    both.dots = line.dots | dashes.dots
+    cells = both.cells
+    # The target's cells have its style, so that both are seen where they are the same.
+    used = (dashes.cells != ord(" ")).astype(np.int8)
+    if len(cells):
+        for at, found, sign in ((-1, below, BELOW), (0, above, ABOVE)):
+            cells[at][found], used[at][found] = ord(sign), 2
+    known = styles.feedback, styles.target, styles.outlier
+    lines = []
+    for label, codes, numbers in zip(labels, cells.tolist(), used, strict=True):
+        text = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=styles.scale)
+        starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(codes)]
+        for start, end in pairwise(starts):
             if end > start:
-                text.append(characters[start:end], known[used[start]])
-            start = end
-        return text
+                text.append("".join(map(chr, codes[start:end])), known[numbers[start]])
+        lines.append(text)
+    return lines

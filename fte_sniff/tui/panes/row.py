@@ -88,11 +88,8 @@ class DetailLayout:
     width: int
     """Cells; meanings and faults are wrapped to them."""
     bit_lines: bool
-    """Whether each bit of a flag byte has a line of its own."""
     field: int | None = None
-    """Number of the field that is highlighted."""
     relations: tuple[str, ...] = ()
-    """Result of `relation_lines`."""
 
 
 def detail_text(
@@ -236,7 +233,6 @@ class DetailPane(Pane):
     EXPLAINS_ROW = True
     HINT = later("[ ]: field   J K: scroll   esc: close")
     _index: int | None = None
-    """Index of the row that is shown."""
 
     def draw(self, context: PaneContext) -> None:
         """Explain the cursor's row, where it is not explained already."""

@@ -35,7 +35,6 @@ from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import event_words, span_text
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
-"""Upper limits of the classes of silences."""
 
 _NAME_WIDTH: Final = 19
 _MILLISECONDS: Final = 3
@@ -77,9 +76,7 @@ class StatisticsPage:
 
     models: LiveModels
     rates_ns: int | None
-    """Time of the current rates; None after the end."""
     width: int
-    """Cells."""
     palette: Palette
     zone: tzinfo = UTC
 
@@ -145,7 +142,6 @@ class StatisticsPage:
             yield self._use_over_time(port.share_over_time)
 
     def _quiet(self, port: PortStats) -> Iterator[Text]:
-        """Silences and events."""
         if port.share is not None:
             yield from self._silences(port.silences)
         if port.events:

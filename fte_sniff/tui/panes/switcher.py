@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
 from typing import Final
 
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewUpdate
 
 PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
 
@@ -45,13 +46,11 @@ class PaneSwitcher:
         self._store, self._table, self._line_setup = store, table, line_setup
         self._models = LiveModels(store, line_setup)
         self.top = TopView()
-        """Shown in place of the table."""
         self._panes = {pane.NAME: pane() for pane in PANES}
         self._open: Pane | None = None
         self._step_pending = self._postponed = self._rows_come = False
         self._drawn_at_ns: dict[Pane | TopView, int] = {}
         self._drawn: dict[Pane | TopView, tuple[object, ...]] = {}
-        """What each shows."""
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
         self._playhead_ns: int | None = None
@@ -95,16 +94,10 @@ class PaneSwitcher:
         if self.explains_row:
             self.redraw()
 
-    def zoom(self, by: int) -> None:
-        """Show more time (`by` 1) or less (-1) in the open pane."""
+    def change(self, how: Callable[[Pane], None]) -> None:
+        """Change the open pane and draw it."""
         if self._open is not None:
-            self._open.zoom(by)
-            self.redraw()
-
-    def switch_range(self) -> None:
-        """Show outliers, or leave them out, in the open pane."""
-        if self._open is not None:
-            self._open.switch_range()
+            how(self._open)
             self.redraw()
 
     def scroll(self, by: int) -> None:
@@ -112,17 +105,17 @@ class PaneSwitcher:
         if self._open is not None:
             self._open.scroll_relative(y=by, animate=False)
 
-    def on_update(self, update: ViewUpdate) -> None:
-        """Forward port events, and gaps and baud changes between rows, to the models."""
-        if update.events:
+    def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
+        """Add port events, and gaps and baud changes between rows, to the models."""
+        if events:
             self._drawn.clear()
-        self._models.statistics.observe_events(update.events)
-        self._models.add_changes(update.stream_changes)
+        self._models.statistics.observe_events(events)
+        self._models.add_changes(changes)
 
-    def restart(self, update: ViewUpdate) -> None:
-        """Begin the models anew, with the events and changes of an update."""
+    def restart(self, events: Sequence[PortEvent], changes: Sequence[StreamChange]) -> None:
+        """Begin the models anew, with these events and changes."""
         self._models = LiveModels(self._store, self._line_setup)
-        self.on_update(update)
+        self.observe(events, changes)
 
     def tick(self, now_ns: int, running: bool, playhead_ns: int | None = None) -> None:
         """Update the models with new rows, and draw the open pane where it is due.

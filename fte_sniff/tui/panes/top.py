@@ -7,8 +7,8 @@ speed_feedba…   1 rpm=998    50/s    20 ms    12,340 online
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Any, ClassVar, Final
 
@@ -39,7 +39,6 @@ from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
 
 CURVE_NS: Final = 10 * SECOND_NS
-"""Time span of the curves, nanoseconds."""
 
 STALE_NS: Final = 2 * SECOND_NS
 """Age of the last frame from which on a line is muted, unless its period is long."""
@@ -57,7 +56,6 @@ OLD: Final = 4
 """Drawings after which a changed byte is as muted as one that never changed."""
 
 JITTER_FRAMES: Final = 64
-"""Latest frames whose jitter is shown."""
 
 _LEVELS: Final = "▁▂▃▄▅▆▇█"
 
@@ -303,10 +301,8 @@ COLUMNS: Final = (
     *(_KIND, _MOTOR, _PORT, _VALUES, _TARGET, _ACTUAL, _RATE, _JITTER, _DELTA, _DELAY),
     *(_UNANSWERED, _COUNT, _FLAGS, _CURVE, _BYTES),
 )
-"""All columns from left to right."""
 
 ALWAYS: Final = (_KIND, _MOTOR, _VALUES, _RATE, _DELTA, _COUNT, _FLAGS)
-"""Columns of 80 cells."""
 
 WHERE_WIDE: Final = (_TARGET, _ACTUAL, _JITTER, _DELAY, _UNANSWERED, _CURVE, _BYTES)
 """Further columns, the most useful first."""
@@ -348,7 +344,6 @@ class TopView(ScrollView, can_focus=True):
     ALLOW_SELECT = False
     COMPONENT_CLASSES: ClassVar[set[str]] = {"top-view--cursor", "top-view--head"}
     REDRAW_S: ClassVar[float] = 0.25
-    """Shortest time between two drawings, seconds."""
 
     class Chosen(Message):
         """Rows of a line are wanted."""
@@ -358,13 +353,6 @@ class TopView(ScrollView, can_focus=True):
             self.condition = condition
             """Filter that keeps only the line's rows."""
 
-    class AboutRow(Message):
-        """A pane about a row is wanted, for which the table comes back."""
-
-        def __init__(self, pane: str) -> None:
-            super().__init__()
-            self.pane = pane
-
     def __init__(self) -> None:
         super().__init__()
         translate_keys(self)
@@ -372,12 +360,8 @@ class TopView(ScrollView, can_focus=True):
         self._shown: ShownStreams | None = None
         self._columns: list[tuple[TopColumn, int]] = []
         self._lines: list[TopLine] = []
-        self._seen: dict[tuple[str, str, int], tuple[bytes, tuple[int, ...]]] = {}
-        """Bytes of the last drawing, and their ages."""
         self._sort: TopColumn | None = None
-        """None for the order of the frame table."""
         self._reverse = False
-        self._order: list[tuple[str, str, int]] = []
         self._sorted_at_s = -RESORT_S
         self._cursor: tuple[str, str, int] | None = None
         self._palette: Palette | None = None
@@ -387,7 +371,7 @@ class TopView(ScrollView, can_focus=True):
     @property
     def is_behind(self) -> bool:
         """Whether rows that the filter shows were not counted yet, or a changed byte fades."""
-        fading = any(0 <= age < OLD for _raw, ages in self._seen.values() for age in ages)
+        fading = any(0 <= age < OLD for line in self._lines for age in line.ages)
         return fading or (self._shown is not None and bool(self._pending))
 
     def draw(self, context: PaneContext) -> None:
@@ -397,8 +381,8 @@ class TopView(ScrollView, can_focus=True):
         self._columns = columns_for(width, len({one.port for one in streams}))
         curve = next((cells for column, cells in self._columns if column is _CURVE), 0)
         states = {one.motor: one for one in context.models.motors.states(context.newest_ns)}
-        lines = [self._line(one, states, context, curve) for one in streams]
-        self._seen = {line.key: (line.raw, line.ages) for line in lines}
+        before = {line.key: line for line in self._lines}
+        lines = [self._line(one, before, states, context, curve) for one in streams]
         self._lines = self._sorted(lines)
         self._palette = context.palette
         self.virtual_size = Size(width, len(lines) + 1)
@@ -417,6 +401,7 @@ class TopView(ScrollView, can_focus=True):
     def _line(
         self,
         stats: StreamStats,
+        before: Mapping[tuple[str, str, int], TopLine],
         states: dict[int, MotorState],
         context: PaneContext,
         curve: int,
@@ -428,24 +413,17 @@ class TopView(ScrollView, can_focus=True):
             found = (one.answers.get(stats.kind.cmds[0]) for one in asked)
             answers = [one for one in found if one is not None]
         values = _values(stats, context.models.traces, context.newest_ns, curve)
-        key = stats.port, stats.kind.name, stats.motor or 0
-        return TopLine(stats, state, context.newest_ns, answers, values, self._ages(key, stats))
-
-    def _ages(self, key: tuple[str, str, int], stats: StreamStats) -> tuple[int, ...]:
-        raw, before = stats.latest[0], stats.latest[-1]
-        seen, ages = self._seen.get(key, (before, (OLD,) * len(raw)))
-        return tuple(
-            0 if now != then else min(OLD, age + 1)
-            for now, then, age in zip(raw, seen, ages, strict=True)
-        )
+        line = TopLine(stats, state, context.newest_ns, answers, values)
+        return replace(line, ages=_ages(line, before.get(line.key)))
 
     def _sorted(self, lines: list[TopLine]) -> list[TopLine]:
-        by_key = {line.key: line for line in lines}
+        """The lines in a new order where that is due, else in that of the last drawing."""
+        by_key, order = {line.key: line for line in lines}, [line.key for line in self._lines]
         is_due = monotonic() >= self._sorted_at_s + RESORT_S
-        if is_due or by_key.keys() != set(self._order):
+        if is_due or by_key.keys() != set(order):
             self._sorted_at_s = monotonic()
-            self._order = [line.key for line in self._resorted(lines)]
-        return [by_key[key] for key in self._order]
+            return self._resorted(lines)
+        return [by_key[key] for key in order]
 
     def _resorted(self, lines: list[TopLine]) -> list[TopLine]:
         column = self._sort
@@ -527,7 +505,6 @@ class TopView(ScrollView, can_focus=True):
 
     @property
     def _cursor_at(self) -> int:
-        """Position of the line under the cursor."""
         keys = [line.key for line in self._lines]
         return keys.index(self._cursor) if self._cursor in keys else 0
 
@@ -557,9 +534,7 @@ class TopView(ScrollView, can_focus=True):
 
     def _sort_by(self, column: TopColumn | None, *, reverse: bool) -> None:
         self._sort, self._reverse, self._sorted_at_s = column, reverse, monotonic()
-        natural = sorted(self._lines, key=lambda line: self._natural(line))
-        self._lines = self._resorted(natural)
-        self._order = [line.key for line in self._lines]
+        self._lines = self._resorted(sorted(self._lines, key=_natural))
         self.refresh()
 
     def action_choose(self) -> None:
@@ -571,10 +546,6 @@ class TopView(ScrollView, can_focus=True):
         if line.stats.motor is not None:
             conditions.append(f"motor = {line.stats.motor}")
         self.post_message(self.Chosen(" AND ".join(conditions)))
-
-    def action_about_row(self, pane: str) -> None:
-        """Show a pane about the table's row."""
-        self.post_message(self.AboutRow(pane))
 
     def on_click(self, event: Click) -> None:
         """Sort by the clicked head; put the cursor on the clicked line, or choose it."""
@@ -595,9 +566,20 @@ class TopView(ScrollView, can_focus=True):
                 self._sort_by(column, reverse=column is self._sort and not self._reverse)
                 return
 
-    @staticmethod
-    def _natural(line: TopLine) -> tuple[str, int, int]:
-        return line.stats.port, KINDS.index(line.stats.kind), line.stats.motor or 0
+
+def _natural(line: TopLine) -> tuple[str, int, int]:
+    return line.stats.port, KINDS.index(line.stats.kind), line.stats.motor or 0
+
+
+def _ages(line: TopLine, before: TopLine | None) -> tuple[int, ...]:
+    """For each byte the drawings since it changed; `before` is the line as it is drawn now."""
+    raw, ages = line.stats.latest[-1], (OLD,) * len(line.raw)
+    if before is not None:
+        raw, ages = before.raw, before.ages
+    return tuple(
+        0 if now != then else min(OLD, age + 1)
+        for now, then, age in zip(line.raw, raw, ages, strict=True)
+    )
 
 
 def _values(stats: StreamStats, traces: Traces, now_ns: int | None, columns: int) -> Floats:

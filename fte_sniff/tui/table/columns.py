@@ -79,14 +79,11 @@ class TableView:
     """Ports so far; from two on there is a column for them."""
     times: TimeStyle = TimeStyle.CLOCK
     choice: ColumnChoice | None = None
-    """None where the width of the window decides."""
     delta: Delta = Delta.ROW
     changes: bool = False
     """Whether bytes that changed are highlighted, and the others dimmed."""
     events: bool = True
-    """Whether port events and gaps have lines."""
     zone: timezone = UTC
-    """Zone of local times."""
 
     @property
     def shown_zone(self) -> timezone:
@@ -109,7 +106,6 @@ VALUES = "values"
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
 DELTA = "delta"
-"""Column of time differences."""
 
 ORDER = (
     "time",
@@ -127,10 +123,8 @@ ORDER = (
 )
 """Columns of the row contract and `DELTA`, the most useful first."""
 
-"""Head of local times."""
 
 MIN_WIDTH, MAX_WIDTH = 3, 200
-"""Width limits of a column."""
 
 HOURS_WIDTH = len("12:00:00.000")
 
@@ -154,7 +148,6 @@ class TableColumn:
     """Name in the row contract."""
     head: str
     width: int
-    """Cells."""
     number: bool
     """Whether it is aligned to the right."""
     text: Callable[[Value, int], str]
@@ -283,7 +276,6 @@ _SIZE_CLASSES = (NARROW, 100, WITH_DELTA, 160)
 
 
 def _size_class(cells: int) -> int:
-    """Number of the class of tables in which columns have similar widths."""
     return bisect_right(_SIZE_CLASSES, cells)
 
 

@@ -58,7 +58,6 @@ LEAST_VALUES = 10
 """Cells that the values keep beside the faults of their row."""
 
 _BYTE_CELLS = 3
-"""Cells of a byte and the space after it."""
 
 _Run: TypeAlias = tuple[str, Style]
 """A text and its style, without that of the line."""
@@ -94,11 +93,9 @@ class RowCell:
     since_ns: int | None = None
     """The time from which the row's time is counted, if any."""
     delta_ns: int | None = None
-    """The value of the column of time differences."""
     ages: bytes | None = None
     """By byte, the frames since it changed; None where changes are not shown."""
     field: range | None = None
-    """Offsets of the bytes that are highlighted."""
     style: Style | None = None
     """The user's style of the row, over all others but that of the line."""
 
@@ -112,7 +109,6 @@ class EventCell:
 
 
 EVENT_SIGN = "="
-"""Sign of a port event or a gap."""
 
 
 @dataclass(frozen=True)
@@ -122,12 +118,10 @@ class Painter:
     layout: TableLayout
     palette: Palette
     width: int
-    """Cells of the window."""
     hidden: int = 0
     """Columns after the first that are scrolled out at the left."""
     times: TimeStyle = TimeStyle.CLOCK
     search: Search | None = None
-    """Its hits are highlighted."""
 
     def row(self, cell: RowCell, line: Style) -> Strip:
         """The row, over the style of its line."""
@@ -210,13 +204,11 @@ class Painter:
 
     @cached_property
     def _raw_whole(self) -> bool:
-        """Whether all bytes of a frame are in the window."""
         whole = _BYTE_CELLS * FRAME_LENGTH - 1
         return any(column.name == "raw" and column.width >= whole for column in self._columns)
 
     @cached_property
     def _faults_cut(self) -> bool:
-        """Whether the column of faults is not in the window."""
         return "faults" not in self._names
 
     @cached_property
@@ -298,7 +290,6 @@ class Painter:
         return [(text, self.palette.statuses[row.status])]
 
     def _bytes(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
-        """The bytes in the styles of their fields."""
         row, width = cell.row, column.width
         if len(row.raw) > FRAME_LENGTH:
             return [(fit(bytes_text(row.raw, width), width), self.palette.statuses[row.status])]
@@ -317,7 +308,6 @@ class Painter:
         return [*runs, (text[_BYTE_CELLS * len(styles) :], _NULL)]
 
     def _highlighted(self, runs: Sequence[_Run]) -> Sequence[_Run]:
-        """The runs of a cell with the hits of the search."""
         if self.search is None:
             return runs
         text = "".join(run[0] for run in runs)

@@ -37,25 +37,18 @@ class Palette:
     hues: tuple[str, ...]
     """A colour for each quantity, in the order of the frame table."""
     target: Style
-    """The target, in a plot."""
     statuses: Mapping[Status, Style]
-    """Names of faults."""
     marks: Mapping[Status, Style]
-    """The sign of each status."""
     raised: Style
     """Values of a row with a raised flag byte."""
     raised_mark: Style
-    """The sign of such a row."""
     signs: Style
-    """The sign of a marked or selected row."""
     found: Style
     """Hits of the search; underlined too, since there may be no colours."""
     events: Style
-    """Lines of port events."""
     field_hues: tuple[str, ...]
     """A colour for CMD, then for each field of a value, in the order of the frame table."""
     faint: Style
-    """Bytes that did not change."""
     changed: tuple[Style, ...]
     """Bytes that changed, by the frames since then."""
     field: Style
@@ -63,7 +56,6 @@ class Palette:
     cursor_row: Style
     """The bytes of the cursor's row among others."""
     framing: Style
-    """Header and tail bytes."""
     few_colors: bool = False
     """Whether fields differ by underline and bold too, since there are no or 16 colours."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 
 class Viewport:
     """A window of `height` rows onto `count` rows, which follows the end at first.
@@ -15,9 +13,7 @@ class Viewport:
         self.count = 0
         """Rows that can be shown."""
         self.height = 0
-        """Rows that fit into the window."""
         self.top = 0
-        """The first row in the window."""
         self.cursor = 0
         """The row under the cursor; 0 without rows."""
         self.following = True
@@ -97,53 +93,19 @@ class Viewport:
         self.top = min(max(self.top, lowest, 0), self.cursor)
 
 
-class RowMarks:
-    """Marked rows by index, each with a text, which may be empty."""
-
-    def __init__(self) -> None:
-        self._by_age: dict[int, str] = {}
-
-    def __contains__(self, index: int) -> bool:
-        return index in self._by_age
-
-    def __len__(self) -> int:
-        return len(self._by_age)
-
-    def __iter__(self) -> Iterator[int]:
-        """The marks, the oldest first."""
-        return iter(self._by_age)
+class RowMarks(dict[int, str]):
+    """Texts of the marked rows, which may be empty, by index; the oldest mark is the first."""
 
     @property
     def latest(self) -> int | None:
         """The mark that was set last."""
-        return next(reversed(self._by_age), None)
-
-    def toggle(self, index: int) -> bool:
-        """Set or remove a mark; returns whether it is set now."""
-        is_new = index not in self._by_age
-        if is_new:
-            self._by_age[index] = ""
-        else:
-            del self._by_age[index]
-        return is_new
-
-    def text(self, index: int) -> str:
-        """The text of a mark; empty without a text or a mark."""
-        return self._by_age.get(index, "")
-
-    def set(self, index: int, text: str) -> None:
-        """Mark a row, or change the text of its mark."""
-        self._by_age[index] = text
-
-    def remove(self, index: int) -> None:
-        """Remove a mark, if there is one."""
-        self._by_age.pop(index, None)
+        return next(reversed(self), None)
 
     def forget_before(self, first: int) -> None:
         """Remove the marks of rows that left the store."""
-        self._by_age = {index: text for index, text in self._by_age.items() if index >= first}
+        for index in [index for index in self if index < first]:
+            del self[index]
 
     def beyond(self, index: int, by: int) -> list[int]:
         """Marks after an index (`by` 1) or before it (-1), the nearest first."""
-        beyond = (mark for mark in self._by_age if (mark - index) * by > 0)
-        return sorted(beyond, reverse=by < 0)
+        return sorted((mark for mark in self if (mark - index) * by > 0), reverse=by < 0)

@@ -45,7 +45,6 @@ from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
 
 WHEEL_ROWS = 3
-"""Rows that one notch of the mouse wheel scrolls."""
 
 SCALE_STEPS = 64
 """Scroll bar units per row of the window, at most; the bar cannot show more."""
@@ -76,10 +75,6 @@ class TableHeader(Widget):
     def on_click(self) -> None:
         """Post the message."""
         self.post_message(self.Clicked())
-
-    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """One line."""
-        return 1
 
     def render_line(self, y: int) -> Strip:
         """The names."""
@@ -158,19 +153,16 @@ class RowTable(ScrollView, can_focus=True):
         self.selection_start: int | None = None
         """Index of the row at which the selection began; None without one."""
         self.search: Search | None = None
-        """Its hits are highlighted."""
         self.column: str | None = None
-        """Name of the column that was clicked last."""
         self.start_ns: int | None = None
-        """Time of the first row of all, if it has one."""
         self.field: int | None = None
         """Number in `dissect` of the field that the user looks at in the cursor's row."""
         self.rules: ColorRules | None = None
-        """The user's styles of rows by filter."""
         self._empty_text = ""
         self._store = store
         self._header = header
-        self._cursor_index = 0
+        self.last_index = 0
+        """Index of the row under the cursor, now or when there last were rows."""
         self._pause_index = 0
         self._hidden = 0
         self._lines: Sequence[TableLine] = ()
@@ -190,21 +182,16 @@ class RowTable(ScrollView, can_focus=True):
         return self._store.view.index(viewport.cursor) if viewport.count else None
 
     @property
-    def last_index(self) -> int:
-        """Index of the row under the cursor, now or when there last were rows."""
-        return self._cursor_index
-
-    @property
     def near(self) -> int | None:
         """Index of the row that the user reads; None while the end is followed."""
-        return None if self.viewport.following else self._cursor_index
+        return None if self.viewport.following else self.last_index
 
     @property
     def selected(self) -> range:
         """Indices from the start of the selection to the cursor; empty without one."""
         if self.selection_start is None or not self.viewport.count:
             return range(0)
-        low, high = sorted((self.selection_start, self._cursor_index))
+        low, high = sorted((self.selection_start, self.last_index))
         return range(max(low, self._store.first), high + 1)
 
     @property
@@ -235,7 +222,7 @@ class RowTable(ScrollView, can_focus=True):
         """Draw the rows that the store shows now; the cursor stays on its row."""
         shown, viewport = self._store.view, self.viewport
         count = shown.position_of(self._pause_index if viewport.paused else self._store.next)
-        viewport.refit(count, shown.position_of(self._cursor_index), shown.count - count)
+        viewport.refit(count, shown.position_of(self.last_index), shown.count - count)
         if viewport.following:
             self._update_cursor_index()
         self._draw()
@@ -243,7 +230,7 @@ class RowTable(ScrollView, can_focus=True):
     def _update_cursor_index(self) -> None:
         """Note the index of the cursor's row, which stays the same when rows are filtered."""
         if self.viewport.count:
-            self._cursor_index = self._store.view.index(self.viewport.cursor)
+            self.last_index = self._store.view.index(self.viewport.cursor)
 
     def _on_moved(self) -> None:
         self._update_cursor_index()
@@ -300,7 +287,6 @@ class RowTable(ScrollView, can_focus=True):
             self.jump(min(position, max(0, self.viewport.count - 1)))
 
     def _window_lines(self) -> Sequence[TableLine]:
-        """Rows in the window and the landmarks between them, from top to bottom."""
         viewport = self.viewport
         end = min(viewport.top + viewport.height, viewport.count)
         rows = self._store.view.slice(viewport.top, end)
@@ -329,7 +315,6 @@ class RowTable(ScrollView, can_focus=True):
         return self._pause_index if self.viewport.paused else self._store.next
 
     def _event_lines(self, start: int, end: int) -> Iterator[TableLine]:
-        """Lines of the landmarks before the rows with these indices."""
         if not self.view.events:
             return
         for landmark in self.landmarks.between(start, end):
@@ -352,12 +337,12 @@ class RowTable(ScrollView, can_focus=True):
                 if past is not None:
                     before_ns = past.frame_ns if in_frames else past.command_ns
             known = before_ns is not None and row.t_ns is not None
-            if index == self._cursor_index and self.field is not None:
+            if index == self.last_index and self.field is not None:
                 field = self._field_offsets(row)
             sign = Sign.SELECTED if index in selected else Sign.NONE
             sign = Sign.PAIRED if index in pair else sign
             if index in self.marks:
-                sign = Sign.NOTED if self.marks.text(index) else Sign.MARKED
+                sign = Sign.NOTED if self.marks[index] else Sign.MARKED
             yield (
                 index,
                 RowCell(
@@ -378,12 +363,10 @@ class RowTable(ScrollView, can_focus=True):
 
     @property
     def _above_ns(self) -> int | None:
-        """Time of the row above the window."""
         store, top = self._store, self.viewport.top
         return store.view.row(top - 1).t_ns if 0 < top <= store.view.count else None
 
     def _field_offsets(self, row: Row) -> range | None:
-        """Offsets of the field that the user looks at."""
         fields = dissect(row)
         if self.field is None or self.field >= len(fields):
             return None
@@ -394,7 +377,7 @@ class RowTable(ScrollView, can_focus=True):
         """Indices of the rows that belong to the cursor's row, unless the end is followed."""
         if self.viewport.following or not self.viewport.count:
             return frozenset()
-        return frozenset(self.relations.related(self._cursor_index))
+        return frozenset(self.relations.related(self.last_index))
 
     @property
     def _since_ns(self) -> int | None:
@@ -583,4 +566,4 @@ class RowTable(ScrollView, can_focus=True):
 
     def next_mark(self, by: int) -> int | None:
         """Index of the nearest shown mark below (`by` 1) or above (-1)."""
-        return next(filter(self._store.view.has, self.marks.beyond(self._cursor_index, by)), None)
+        return next(filter(self._store.view.has, self.marks.beyond(self.last_index, by)), None)
