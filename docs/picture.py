@@ -24,7 +24,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
-from fte_sniff.tui import notices
+from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
@@ -210,7 +210,7 @@ def drawn(name: str) -> str:
 
 
 if __name__ == "__main__":
-    notices.INFO_S = 3600.0  # a slow machine draws the same
+    status_bar.INFO_S = 3600.0  # a slow machine draws the same
     FOLDER.mkdir(exist_ok=True)
     for each in sys.argv[1:] or PICTURES:
         (FOLDER / f"{each}.svg").write_text(drawn(each), encoding="utf-8")

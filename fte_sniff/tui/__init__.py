@@ -8,11 +8,10 @@ Modules:
     i18n          Translation, and the names of the themes.
     keys          Key bindings: the source of the keys, the key line and the help.
     modals        Modal screens: pick an entry, choose columns, the help page.
-    notices       Temporary and pinned notices.
     options       Options with which the screen is opened.
     panes         The panes below the table.
     prompt        Prompt fields at the bottom: filter, search and save.
-    status_bar    Title line, status line and key line.
+    status_bar    Lines around the table: title, status, keys and notices.
     table         The table of rows.
     terminal      Terminal driver: output that never blocks, job control.
     text          The values of rows in short words, fitted to a width.

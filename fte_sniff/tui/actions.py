@@ -18,31 +18,27 @@ from rich.console import Console
 from rich.terminal_theme import SVG_EXPORT_THEME
 from textual import on
 from textual.app import App
+from textual.containers import Vertical
 from textual.widgets import Input
 from textual.worker import WorkType
 
+from fte_sniff.analysis.feed import Feed
+from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.search import select_rows
 from fte_sniff.errors import FteSniffError, unwritable
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.notes import Note, Notes, RowKey
-from fte_sniff.session.save import (
-    PICTURE_SUFFIXES,
-    ExportSource,
-    SaveJob,
-    SaveTarget,
-    replace_text,
-)
-from fte_sniff.tui.i18n import LANGUAGES, _, error_text, switch_language, theme_after
+from fte_sniff.session.save import PICTURE_SUFFIXES, ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.tui.i18n import LANGUAGES, _, error_text, set_language, switch_language, theme_after
 from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
-from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.prompt import FilterField, PromptField, PromptLine
+from fte_sniff.tui.prompt import PICTURE_FILE, ROWS_FILE, PromptField, SaveField
+from fte_sniff.tui.status_bar import NoticeLine
 from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import ViewModel
@@ -54,35 +50,22 @@ if TYPE_CHECKING:
 class ScreenActions(App[None]):
     """Base of the actions: the widgets and the state that they work on."""
 
-    _options: StartOptions
-    _model: ViewModel
-    _table: RowTable
-    _header: TableHeader
-    _panes: PaneSwitcher
-    _body: Body
-    _notice: NoticeLine
-    _filter_field: FilterField
-    _saved_filters: dict[str, str]
-    _name_field: PromptField
-    _note_field: PromptField
-    _search_field: PromptField
-    _goto_field: PromptField
-    _save_field: PromptField
-    _picture_field: PromptField
-    language: str
-    """A key of `i18n.LANGUAGES`."""
-    _missing: dict[RowKey, Note]
-    """Notes whose rows have not come yet."""
-    _left_at: RowKey | None
-    """The row where the view was left, until it has come."""
-    _noted_row: Row | None = None
-    _noted_index: int = 0
-    _earlier_filters: list[str]
-    """Filters before the current one, the latest last; an empty one shows all rows."""
-    _speed = 1.0
-    _notes: Notes | None
-    """Where marks are kept; None to keep none."""
-    _save_job: SaveJob | None = None
+    def __init__(self, feed: Feed, options: StartOptions, source: BlockSource | None) -> None:
+        """Build the widgets; with a `source`, which reads rows again, not all stay in memory."""
+        super().__init__()
+        set_language(options.language)
+        self.language = options.language
+        translate_keys(self)
+        self._options = options
+        self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
+        store = self._model.store
+        self._header = TableHeader()
+        self._table = RowTable(store, self._header, options.choices.view)
+        captures = 1 if options.notes is None else options.notes.origins.captures
+        self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
+        main = Vertical(self._header, self._table, self._panes.top, id="main")
+        self._body = Body(main, self._panes, options.choices.panes)
+        self._notice = NoticeLine()
 
     def _inform(self, text: str) -> None:
         self._notice.inform(text)
@@ -111,6 +94,9 @@ class ScreenActions(App[None]):
 
 class ViewActions(ScreenActions):
     """Pause, times, columns, theme, language, panes, help and the list of commands."""
+
+    _speed = 1.0
+    """Speed of the next playback."""
 
     def action_pause(self) -> None:
         """Freeze the view of a capture, or resume it; play a file, or pause playback."""
@@ -203,7 +189,7 @@ class ViewActions(ScreenActions):
         words = list(LANGUAGES)
         self.language = words[(words.index(self.language) + 1) % len(words)]
         switch_language(self.language)
-        for node in (self, *self.query(RowTable), *self.query(PromptLine)):
+        for node in (self, self._table, self._panes.top):
             translate_keys(node)
         for field in self.query(PromptField):
             field.translate()
@@ -320,6 +306,14 @@ def _short_path(path: Path) -> str:
 class ExportActions(ScreenActions):
     """Copy rows and typed text to the clipboard; save rows and pictures to files."""
 
+    def __init__(self, feed: Feed, options: StartOptions, source: BlockSource | None) -> None:
+        super().__init__(feed, options, source)
+        self._save_job: SaveJob | None = None
+        self._save_field = SaveField(ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
+        self._picture_field = SaveField(
+            PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
+        )
+
     def action_copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
         rows = self._rows_to_copy()
@@ -421,7 +415,8 @@ class ExportActions(ScreenActions):
     async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that pass the filter, while the screen continues."""
         store, index = self._model.store, indices.start
-        await self._wait_until_drawn()
+        # The first rows may take long, so the notice comes before them.
+        await self.screen.wait_for_refresh()
         try:
             while index < indices.stop:
                 if index < store.first:
@@ -482,12 +477,6 @@ class ExportActions(ScreenActions):
         text = _("saving to {file}: {share:.0%}, esc ends it")
         text = text.format(file=job.path, share=share)
         self._notice.pin(SAVE_GROUP, text, warning=False)
-
-    async def _wait_until_drawn(self) -> None:
-        """Wait until the notice is on the screen, since the first rows may take long."""
-        drawn = asyncio.Event()
-        self.call_after_refresh(drawn.set)
-        await drawn.wait()
 
     def _forget_job(self) -> None:
         self._save_job = None

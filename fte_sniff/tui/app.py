@@ -13,7 +13,6 @@ from textual import on
 from textual.actions import ActionParseResult
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Vertical
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
@@ -22,16 +21,13 @@ from textual.filter import LineFilter
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
-from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.session.notes import Place, RowKey
-from fte_sniff.session.save import PICTURE_SUFFIXES
 from fte_sniff.tui.actions import ExportActions, ViewActions
-from fte_sniff.tui.find_actions import FindActions, parse_goal
-from fte_sniff.tui.i18n import THEMES, _, set_language
+from fte_sniff.tui.find_actions import FindActions
+from fte_sniff.tui.i18n import THEMES, _
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -42,30 +38,16 @@ from fte_sniff.tui.keys import (
     TABLE_PANES,
     UNDERSTANDING,
     bindings,
-    translate_keys,
 )
-from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
-from fte_sniff.tui.panes.pane import Body, Pane
-from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.prompt import (
-    FILTER_NAME,
-    GOTO,
-    NOTE,
-    PICTURE_FILE,
-    ROWS_FILE,
-    SEARCH,
-    FilterField,
-    PromptField,
-    PromptLine,
-    SaveField,
-)
+from fte_sniff.tui.panes.pane import Pane
+from fte_sniff.tui.prompt import PromptLine
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
-from fte_sniff.tui.table.widget import RowTable, TableHeader
+from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.terminal import Terminal
-from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
+from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewUpdate
 
 LOW = 16
 """Lines of the terminal below which a pane has only a few."""
@@ -89,56 +71,20 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def __init__(
         self, feed: Feed, options: StartOptions = DEFAULTS, source: BlockSource | None = None
     ) -> None:
-        """Build the widgets; with a `source`, which reads rows again, not all stay in memory."""
-        super().__init__()
-        set_language(options.language)
-        self.language = options.language
-        translate_keys(self)
+        super().__init__(feed, options, source)
         for theme in CONTRAST_THEMES:
             self.register_theme(theme)
         self.theme = options.choices.theme or THEMES[0]
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
-        self._options = options
         self._poll_interval = PollInterval(feed)
-        self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
-        store = self._model.store
-        self._title_line, self._header = TitleLine(), TableHeader()
-        self._table = RowTable(store, self._header, options.choices.view)
         rules = ColorRules(options.colors)
         self._table.rules = rules if options.colors else None
         self._warnings = [*options.warnings, *rules.mistakes]
-        captures = 1 if options.notes is None else options.notes.origins.captures
-        self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
-        main = Vertical(self._header, self._table, self._panes.top, id="main")
-        self._body = Body(main, self._panes, options.choices.panes)
-        self._notice = NoticeLine()
-        filter_line = options.row_filter.text if options.row_filter else ""
-        self._saved_filters = dict(options.choices.filters)
-        self._filter_field = FilterField(
-            store,
-            filter_line,
-            self._saved_filters,
-            self._cursor_ns,
-            self._set_filter,
-            self._ask_filter_name,
-        )
-        self._name_field = PromptField(FILTER_NAME, str, self._name_filter)
-        self._note_field = PromptField(NOTE, str, self._write_note)
-        self._search_field = PromptField(SEARCH, Search.parse, self._search)
-        self._goto_field = PromptField(GOTO, parse_goal, self._go)
-        self._save_field = SaveField(ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
-        self._picture_field = SaveField(
-            PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
-        )
-        self._earlier_filters = []
-        self._notes = options.notes
-        self._missing = dict(options.notes.notes) if options.notes else {}
-        self._left_at = options.place.cursor
         self._alerts = 0
-        self._status_line = StatusLine()
-        self._hit_status = HitStatus(store, self._table)
+        self._title_line, self._status_line = TitleLine(), StatusLine()
+        self._hit_status = HitStatus(self._model.store, self._table)
         self.first_choices = self.choices
 
     def compose(self) -> ComposeResult:
@@ -202,10 +148,6 @@ class SniffApp(ViewActions, ExportActions, FindActions):
             self._notice.ask(_("press q again to stop recording and quit"))
         else:
             self.exit()
-
-    async def action_quit(self) -> None:
-        """Quit at once."""
-        self.exit()
 
     def get_driver_class(self) -> type[Driver]:
         """Our driver in place of Textual's for Linux."""
@@ -281,10 +223,6 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def tally(self) -> Tally:
         """Counts over all rows that reached the screen."""
         return self._model.tally
-
-    def _cursor_ns(self) -> int | None:
-        row = self._table.cursor_row
-        return None if row is None else row.t_ns
 
     def now_ns(self) -> int:
         """The time of a poll, by a monotonic clock."""

@@ -13,8 +13,9 @@ from time import monotonic
 
 from textual import on
 
+from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
-from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.row_store import BlockSource, RowStore
 from fte_sniff.analysis.search import Search, find_byte, find_fault, find_raised, find_step
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import FteSniffError, InputTextError, printable
@@ -25,8 +26,18 @@ from fte_sniff.session.notes import Note, located
 from fte_sniff.tui.actions import ScreenActions
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.modals import Entry, Picker
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.top import TopView
-from fte_sniff.tui.prompt import parse_filter, preload_filter
+from fte_sniff.tui.prompt import (
+    FILTER_NAME,
+    GOTO,
+    NOTE,
+    SEARCH,
+    FilterField,
+    PromptField,
+    parse_filter,
+    preload_filter,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,17 +153,37 @@ SEARCH_BLOCK_S = 0.05
 """How long a search may block the screen before it continues in a worker."""
 
 
-@dataclass(frozen=True, slots=True)
-class SearchProgress:
-    """How far a search has come."""
-
-    found: int | None
-    seen: int
-    wrapped: bool
-
-
 class FindActions(ScreenActions):
     """Go to rows, mark and select them, filter them, and search for a text or bytes."""
+
+    def __init__(self, feed: Feed, options: StartOptions, source: BlockSource | None) -> None:
+        super().__init__(feed, options, source)
+        self._saved_filters = dict(options.choices.filters)
+        self._filter_field = FilterField(
+            self._model.store,
+            options.row_filter.text if options.row_filter else "",
+            self._saved_filters,
+            self._cursor_ns,
+            self._set_filter,
+            self._ask_filter_name,
+        )
+        self._name_field = PromptField(FILTER_NAME, str, self._name_filter)
+        self._note_field = PromptField(NOTE, str, self._write_note)
+        self._search_field = PromptField(SEARCH, Search.parse, self._search)
+        self._goto_field = PromptField(GOTO, parse_goal, self._go)
+        self._earlier_filters: list[str] = []
+        """Filters before the current one, the latest last; an empty one shows all rows."""
+        self._notes = options.notes
+        self._missing = {} if options.notes is None else dict(options.notes.notes)
+        """Notes whose rows have not come yet."""
+        self._left_at = options.place.cursor
+        """The row where the view was left, until it has come."""
+        self._noted: tuple[int, Row] | None = None
+        """The row whose note is written, after its index."""
+
+    def _cursor_ns(self) -> int | None:
+        row = self._table.cursor_row
+        return None if row is None else row.t_ns
 
     def action_goto(self) -> None:
         """Ask where to go."""
@@ -260,14 +291,14 @@ class FindActions(ScreenActions):
     def action_note(self) -> None:
         """Ask for a note on the row under the cursor."""
         self._table.stop_following()
-        self._noted_row = self._table.cursor_row
-        self._noted_index = self._table.last_index
-        if self._noted_row is not None:
-            self._note_field.open(self._table.marks.get(self._noted_index, ""))
+        index, row = self._table.last_index, self._table.cursor_row
+        if row is not None:
+            self._noted = index, row
+            self._note_field.open(self._table.marks.get(index, ""))
 
     def _write_note(self, text: str) -> None:
-        if self._noted_row is not None:
-            self._keep_note(self._noted_index, self._noted_row, text or None)
+        if self._noted is not None:
+            self._keep_note(*self._noted, text or None)
 
     def _keep_note(self, index: int, row: Row, text: str | None) -> None:
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
@@ -443,37 +474,23 @@ class FindActions(ScreenActions):
         steps = self._search_steps(search, start, by)
         until = monotonic() + SEARCH_BLOCK_S
         while monotonic() < until:
-            if self._next_step(search, steps) is None:
+            if next(steps, None) is None:
                 return
         self._start_worker(SEARCH_GROUP, partial(self._continue_search, search, steps))
 
-    async def _continue_search(self, search: Search, steps: Iterator[SearchProgress]) -> None:
-        while (progress := self._next_step(search, steps)) is not None:
-            share = progress.seen / max(1, len(self._model.store))
-            text = _("looking for {text}: {share:.0%} seen, esc ends it")
-            text = text.format(text=search.typed, share=min(share, 1.0))
+    async def _continue_search(self, search: Search, steps: Iterator[int]) -> None:
+        form = _("looking for {text}: {share:.0%} seen, esc ends it")
+        for seen in steps:
+            share = min(seen / max(1, len(self._model.store)), 1.0)
+            text = form.format(text=search.typed, share=share)
             self._notice.pin(SEARCH_GROUP, text, warning=False)
             await asyncio.sleep(0)
 
-    def _next_step(self, search: Search, steps: Iterator[SearchProgress]) -> SearchProgress | None:
-        """Search some rows; None at the end, which has then been reported."""
-        try:
-            progress = next(steps, None)
-        except FteSniffError as error:
-            self._notice.unpin(SEARCH_GROUP)
-            self._notice.warn(error_text(error))
-            return None
-        if progress is not None and progress.found is None:
-            return progress
-        self._notice.unpin(SEARCH_GROUP)
-        if progress is None:
-            self._report_no_hit(search)
-        else:
-            self._show_hit(progress)
-        return None
+    def _search_steps(self, search: Search, start: int, by: int) -> Iterator[int]:
+        """Search to the end of the rows, then from the other end to the start.
 
-    def _search_steps(self, search: Search, start: int, by: int) -> Iterator[SearchProgress]:
-        """Search to the end of the rows, then from the other end to the start."""
+        Yields the number of rows that were seen; shows the result at the end.
+        """
         store = self._model.store
         rows_at_start = len(store)
         mask = partial(search.matches, columns={column.name for column in self._table.columns})
@@ -482,28 +499,37 @@ class FindActions(ScreenActions):
             if wrapped:
                 index = store.first if by > 0 else store.next - 1
             while index is not None:
-                step = find_step(store, mask, index, by)
-                reached = step.found if step.found is not None else index
+                try:
+                    step = find_step(store, mask, index, by)
+                except FteSniffError as error:
+                    self._notice.unpin(SEARCH_GROUP)
+                    self._notice.warn(error_text(error))
+                    return
+                reached = index if step.found is None else step.found
                 if wrapped and (reached - start) * by >= 0:
+                    break
+                if step.found is not None:
+                    self._show_hit(step.found, wrapped)
                     return
                 distance = abs(index - start)
-                seen = rows_at_start - distance if wrapped else distance
-                yield SearchProgress(step.found, seen, wrapped)
+                yield rows_at_start - distance if wrapped else distance
                 index = step.next_index
+        self._report_no_hit(search)
 
-    def _show_hit(self, progress: SearchProgress) -> None:
-        if not self._table.jump_to_index(progress.found):
+    def _show_hit(self, found: int, wrapped: bool) -> None:
+        self._notice.unpin(SEARCH_GROUP)
+        if not self._table.jump_to_index(found):
             self._inform(_("the next match arrived after the pause; space continues"))
-        elif progress.wrapped:
+        elif wrapped:
             self._inform(_("the search continued from the other end"))
 
     def _report_no_hit(self, search: Search) -> None:
+        self._notice.unpin(SEARCH_GROUP)
+        text = _("no row that the filter shows has {text}")
         if self._model.store.view.pending:
             text = _("no row has {text} so far; the filter is still running")
         elif self._model.store.view.filter is None:
             text = _("no row has {text}")
-        else:
-            text = _("no row that the filter shows has {text}")
         self._inform(text.format(text=search.typed))
 
     @property

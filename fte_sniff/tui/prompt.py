@@ -27,7 +27,7 @@ from fte_sniff.session.save import DEFAULT_NAME, free_path
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.modals import LineList, list_line
-from fte_sniff.tui.notices import WrappedText
+from fte_sniff.tui.status_bar import WrappedText
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 if TYPE_CHECKING:
@@ -109,10 +109,11 @@ class PromptLine(Input):
             event.prevent_default().stop()
             self.app.post_message(events.Key(event.key, event.character))
         elif not event.is_printable:
-            for binding in self._bindings.key_to_bindings.get(event.key, ()):
-                if await self.app.run_action(binding.action, self):
-                    event.prevent_default().stop()
-                    break
+            for node in (self, self._field):
+                for binding in node._bindings.key_to_bindings.get(event.key, ()):
+                    if await self.app.run_action(binding.action, node):
+                        event.prevent_default().stop()
+                        return
 
     def action_older(self, by: int) -> None:
         """Move in the list of candidates, or show another line of the history."""
@@ -163,13 +164,12 @@ class Prompt:
 class PromptField(Vertical):
     """A labelled input that is checked while the user types."""
 
-    LINE: ClassVar[type[PromptLine]] = PromptLine
-
     def __init__(self, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
         self._prompt, self._check, self._on_submit = prompt, check, on_submit
-        self._line = self.LINE(self, prompt.example)
+        translate_keys(self)
+        self._line = PromptLine(self, prompt.example)
         self._focused_before: Widget | None = None
         self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
@@ -183,8 +183,10 @@ class PromptField(Vertical):
         return Text(f" {_(self._prompt.label)} ")
 
     def translate(self) -> None:
-        """Show the label in the current language."""
+        """Show the label and the keys in the current language."""
         self._label.update(self._label_text)
+        for node in (self, self._line):
+            translate_keys(node)
 
     def compose(self) -> ComposeResult:
         """The label, the input and, below, the verdict."""
@@ -398,20 +400,6 @@ STEP_S: Final = 0.01
 """How long counting may block the screen before keys come first."""
 
 
-class FilterLine(PromptLine):
-    """The input of a filter, which can be saved."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+s", "save", later("Save"), key_display="^s"),
-    ]
-
-    def action_save(self) -> None:
-        """Apply the filter and ask for its name."""
-        field = self._field
-        if isinstance(field, FilterField):
-            field.save(self.value.strip())
-
-
 FILTER: Final = Prompt(
     later("filter"),
     "motor = 1 AND rpm > 500",
@@ -422,7 +410,9 @@ FILTER: Final = Prompt(
 class FilterField(PromptField):
     """Asks for a filter; shows the current one with the number of rows that pass."""
 
-    LINE = FilterLine
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "save", later("Save"), key_display="^s"),
+    ]
 
     def __init__(
         self,
@@ -484,8 +474,9 @@ class FilterField(PromptField):
             self._count_text = text
             self._count.update(Text(text), layout=layout)
 
-    def save(self, line: str) -> None:
+    def action_save(self) -> None:
         """Apply a valid filter, and ask for its name."""
+        line = self._line.value.strip()
         if line and self._judge(line):
             self.submit(line)
             self._on_save(line)

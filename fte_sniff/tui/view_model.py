@@ -55,6 +55,7 @@ class ViewUpdate:
     """Gaps and baud changes among the new rows, by indices in the store."""
     rows: Sequence[Row]
     first: int
+    """Index of the first of these rows in the store."""
 
 
 class ViewModel:

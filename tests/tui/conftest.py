@@ -25,7 +25,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.tui import actions, notices
+from fte_sniff.tui import find_actions, status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
@@ -105,14 +105,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(autouse=True)
 def notices_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Notices do not vanish while a slow machine runs a test."""
-    monkeypatch.setattr(notices, "INFO_S", 3600.0)
-    monkeypatch.setattr(notices, "WARNING_S", 3600.0)
+    monkeypatch.setattr(status_bar, "INFO_S", 3600.0)
+    monkeypatch.setattr(status_bar, "WARNING_S", 3600.0)
 
 
 @pytest.fixture(autouse=True)
 def searches_end_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search is not continued beside the next keys because a slow machine took long for it."""
-    monkeypatch.setattr(actions, "SEARCH_BLOCK_S", 3600.0)
+    monkeypatch.setattr(find_actions, "SEARCH_BLOCK_S", 3600.0)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
-from fte_sniff.tui import notices
+from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import (
     FINDING,
@@ -30,13 +30,14 @@ from fte_sniff.tui.keys import (
     UNDERSTANDING,
 )
 from fte_sniff.tui.modals import help_text
-from fte_sniff.tui.notices import NoticeLine, in_lines
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.status_bar import (
     KeyLine,
     Mode,
+    NoticeLine,
     StatusCounters,
     fitting_keys,
+    in_lines,
     mode_of,
     recording_text,
     status_text,
@@ -348,7 +349,7 @@ def test_what_a_key_told_goes_with_the_next_key(feed: Any, keys: Sequence[str], 
 def test_it_goes_after_a_while_too_and_a_warning_later(
     feed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(notices, "INFO_S", 0.05)
+    monkeypatch.setattr(status_bar, "INFO_S", 0.05)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         notice = app.query_one(NoticeLine)
@@ -359,7 +360,7 @@ def test_it_goes_after_a_while_too_and_a_warning_later(
         await press(app, pilot, "k", "j")
         await pilot.pause(0.1)
         assert "2 framing" in page(app)
-        monkeypatch.setattr(notices, "WARNING_S", 0.05)
+        monkeypatch.setattr(status_bar, "WARNING_S", 0.05)
         feed.emit(PortEvent(0, "p", PortEventKind.LINE_ERROR, "3 framing", 3))
         await settle(app, pilot)
         await _until_gone(notice, pilot)

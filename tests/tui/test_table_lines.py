@@ -23,7 +23,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.table.columns import RAISED_MARK, ColumnChoice, Delta, TableView, layout_for
-from fte_sniff.tui.table.painter import EVENT_SIGN, EventCell, RowCell, Sign
+from fte_sniff.tui.table.painter import EVENT_SIGN, RowCell, Sign
 from tests.tui.conftest import NOON_NS, Rows, lines, page, play, press, settle, table
 
 MS = 1_000_000
@@ -48,7 +48,7 @@ def exchange() -> list[Row]:
 
 def events_in(app: SniffApp) -> list[tuple[int, str]]:
     shown = enumerate(line.cell for line in table(app)._lines)
-    return [(y, cell.text) for y, cell in shown if isinstance(cell, EventCell)]
+    return [(y, cell) for y, cell in shown if isinstance(cell, str)]
 
 
 def cells(app: SniffApp) -> list[RowCell]:

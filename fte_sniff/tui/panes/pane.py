@@ -44,6 +44,7 @@ class PaneContext:
 
     row: Row | None
     index: int | None
+    """Its index in the store."""
     row_number: int
     """Its number among the shown rows, from 1; 0 without a row."""
     following: bool
@@ -60,9 +61,11 @@ class PaneContext:
     zone: tzinfo
     """Zone of the table's times of day."""
     field: int | None = None
+    """Number in `dissect` of the field that the user looks at in the row."""
     answers: tuple[CommandAnswer, ...] = ()
     """The answers of the row, by motor, if it is a command."""
     command: CommandAnswer | None = None
+    """The command that the row answers."""
     captures: int = 1
 
     @property

@@ -79,6 +79,7 @@ class TableView:
     """Ports so far; from two on there is a column for them."""
     times: TimeStyle = TimeStyle.CLOCK
     choice: ColumnChoice | None = None
+    """None where the width of the window decides."""
     delta: Delta = Delta.ROW
     changes: bool = False
     """Whether bytes that changed are highlighted, and the others dimmed."""

@@ -100,14 +100,6 @@ class RowCell:
     """The user's style of the row, over all others but that of the line."""
 
 
-@dataclass(frozen=True, slots=True)
-class EventCell:
-    """A port event or a gap between two rows."""
-
-    text: str
-    """Printable."""
-
-
 EVENT_SIGN = "="
 
 
@@ -142,9 +134,9 @@ class Painter:
             runs = [(text, style + over) for text, style in runs]
         return self._strip(runs, line)
 
-    def event(self, cell: EventCell, line: Style) -> Strip:
-        """The line of a port event."""
-        text = fit(f" {cell.text} ", self.width - 1).rstrip()
+    def event(self, text: str, line: Style) -> Strip:
+        """The line of a port event or a gap; the text is printable."""
+        text = fit(f" {text} ", self.width - 1).rstrip()
         rule = "─" * max(0, self.width - 1 - cell_len(text) - 1)
         style = self.palette.events
         return self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)

@@ -31,15 +31,7 @@ from fte_sniff.protocol import Frame, Row
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
-from fte_sniff.tui.table.painter import (
-    BarSign,
-    EventCell,
-    OverviewBar,
-    OverviewRender,
-    Painter,
-    RowCell,
-    Sign,
-)
+from fte_sniff.tui.table.painter import BarSign, OverviewBar, OverviewRender, Painter, RowCell, Sign
 from fte_sniff.tui.table.theme import ColorRules, Colors, Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
@@ -59,7 +51,8 @@ NO_COLOR_CURSOR = Style(reverse=True, bold=True)
 class TableLine:
     """A line of the window."""
 
-    cell: RowCell | EventCell
+    cell: RowCell | str
+    """A row, or the text of a port event or a gap."""
     position: int | None
     """Of its row among those shown; None for an event."""
 
@@ -318,8 +311,7 @@ class RowTable(ScrollView, can_focus=True):
         if not self.view.events:
             return
         for landmark in self.landmarks.between(start, end):
-            text = landmark_text(landmark.what, self.view.shown_zone)
-            yield TableLine(EventCell(text), None)
+            yield TableLine(landmark_text(landmark.what, self.view.shown_zone), None)
 
     def _row_cells(self, rows: Sequence[tuple[int, Row]]) -> Iterator[tuple[int, RowCell]]:
         """Index and cell of rows in the window, from top to bottom."""
@@ -419,7 +411,7 @@ class RowTable(ScrollView, can_focus=True):
         width, base = self.scrollable_size.width, self._base
         if y < len(self._lines):
             cell = self._lines[y].cell
-            if isinstance(cell, EventCell):
+            if isinstance(cell, str):
                 return self._line_painter.event(cell, base)
             return self._line_painter.row(cell, self._line_style(self._lines[y]))
         if not self.viewport.count and y == self.viewport.height // 2:
