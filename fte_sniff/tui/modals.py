@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import ClassVar, TypeAlias
 
 from rich.cells import cell_len
-from rich.style import Style
 from rich.table import Column, Table
 from rich.text import Text
 from textual import events, on
@@ -60,9 +59,7 @@ from fte_sniff.tui.table.painter import (
     EVENT_SIGN,
     Sign,
 )
-from fte_sniff.tui.table.theme import Palette
-
-CURSOR = Style(reverse=True, bold=True)
+from fte_sniff.tui.table.theme import REVERSED, Palette
 
 
 def list_line(text: str, right: str) -> Table:
@@ -82,7 +79,7 @@ class LineList(OptionList, can_focus=False):
         """A line; reversed under the cursor, as there may be no colours."""
         strip = super().render_line(y)
         under_cursor = self.scroll_offset.y + y == self.highlighted
-        return strip.apply_style(CURSOR) if under_cursor else strip
+        return strip.apply_style(REVERSED) if under_cursor else strip
 
 
 class ListScreen(ModalScreen[ScreenResultType]):

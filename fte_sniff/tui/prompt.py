@@ -96,7 +96,6 @@ class PromptLine(Input):
         translate_keys(self)
         self.history = History()
         self.can_focus = False
-        self.is_open = False
         self._field = field
 
     async def on_key(self, event: events.Key) -> None:
@@ -105,7 +104,7 @@ class PromptLine(Input):
         By default, a key that is no text acts only after it has bubbled up to the app, and later
         text overtakes it. Keys after the line was submitted go back to the app.
         """
-        if not self.is_open:
+        if not self.can_focus:
             event.prevent_default().stop()
             self.app.post_message(events.Key(event.key, event.character))
         elif not event.is_printable:
@@ -130,7 +129,7 @@ class PromptLine(Input):
 
     def on_blur(self) -> None:
         """Leave where another widget was clicked, but not where the terminal lost the focus."""
-        if self.is_open and self.app.app_focus:
+        if self.can_focus and self.app.app_focus:
             self._field.close()
 
     async def action_submit(self) -> None:
@@ -198,7 +197,7 @@ class PromptField(Vertical):
     @property
     def is_open(self) -> bool:
         """Whether the user is typing a line."""
-        return self._line.is_open
+        return self._line.can_focus
 
     def open(self, line: str | None = None) -> None:
         """Show the field with a line, or that in effect, and focus its input."""
@@ -210,14 +209,14 @@ class PromptField(Vertical):
             self._line.cursor_position = len(line)
         self._judge(self._line.value)
         self._focused_before = self.screen.focused
-        self._line.is_open = self._line.can_focus = True
+        self._line.can_focus = True
         # At once and not by a message, since the next key may have been typed already.
         self.screen.set_focus(self._line)
 
     def close(self) -> None:
         """Return the focus, and show the line in effect; without one, hide the field."""
         if self.is_open:
-            self._line.is_open = self._line.can_focus = False
+            self._line.can_focus = False
             self.screen.set_focus(self._focused_before)
         self.set_class(False, "-asking")
         self._stop_patience()

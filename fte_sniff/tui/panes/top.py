@@ -35,7 +35,7 @@ from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
 from fte_sniff.tui.panes.plot import usual_range
 from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.theme import REVERSED, Palette
 from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
 
 CURVE_NS: Final = 10 * SECOND_NS
@@ -441,7 +441,7 @@ class TopView(ScrollView, can_focus=True):
         self._base = self.rich_style
         self._cursor_style = self.get_component_rich_style("top-view--cursor")
         if self.app.no_color:
-            self._cursor_style = Style(reverse=True, bold=True)
+            self._cursor_style = REVERSED
         return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:

@@ -222,12 +222,11 @@ def _port_column(ports: tuple[str, ...]) -> TableColumn:
 
 def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
     """Times of day in a zone; without the hour where they do not fit."""
-    ahead_ns = zone.utcoffset(None) // timedelta(microseconds=1) * 1000
 
     def cell(value: Value, width: int) -> str:
         if not isinstance(value, int):
             return ""
-        clock = clock_text(value + ahead_ns, 9)
+        clock = clock_text(value, 9, zone)
         return clock[:width] if width >= HOURS_WIDTH else clock[3:][:width]
 
     return cell

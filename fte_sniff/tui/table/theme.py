@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _PLAIN = Style.null()
 _COMMAND = Style(bold=True)
+REVERSED = Style(reverse=True, bold=True)
+"""What must be seen without colours."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class Palette:
 
     def _standing_out(self, mark: Style) -> Style:
         """The style of a mark for bytes: reversed where its background may not show."""
-        return Style(reverse=True, bold=True) if self.few_colors else mark
+        return REVERSED if self.few_colors else mark
 
     def aged(self, style: Style, age: int) -> Style:
         """The style of a byte that changed `age` frames ago."""
@@ -234,7 +236,7 @@ def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) ->
 
 
 _FEW_CHANGED = (
-    Style(reverse=True, bold=True),
+    REVERSED,
     Style(bold=True, underline=True),
     Style(underline=True),
     _PLAIN,

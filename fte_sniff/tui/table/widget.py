@@ -32,7 +32,7 @@ from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.painter import BarSign, OverviewBar, OverviewRender, Painter, RowCell, Sign
-from fte_sniff.tui.table.theme import ColorRules, Colors, Palette, palette_of
+from fte_sniff.tui.table.theme import REVERSED, ColorRules, Colors, Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import landmark_text
 
@@ -43,8 +43,6 @@ SCALE_STEPS = 64
 
 OVERVIEW_S = 1.0
 """Shortest time between two drawings of the overview while rows come, seconds."""
-
-NO_COLOR_CURSOR = Style(reverse=True, bold=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -426,7 +424,7 @@ class RowTable(ScrollView, can_focus=True):
                 return self._component_style("paired" if sign is Sign.PAIRED else "selected")
             return self._base
         if self.app.no_color:
-            return self._base + NO_COLOR_CURSOR
+            return self._base + REVERSED
         return self._component_style("cursor" if self.has_focus else "cursor-away")
 
     def _component_style(self, name: str) -> Style:
