@@ -241,7 +241,7 @@ class ViewModel:
 
 
 STEP_PAUSE_S: Final = 0.005
-"""Pause between two counting steps, so that keys and drawing come first."""
+"""Pause between two steps of counting, so that keys and drawing come first."""
 
 RECOUNT_S: Final = 0.5
 

@@ -17,6 +17,7 @@ from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
 
@@ -28,9 +29,6 @@ OPEN_BUDGET_S: Final = 0.03
 
 CLOSED_BUDGET_S: Final = 0.015
 """The same without a pane: a file then loads faster."""
-
-STEP_PAUSE_S: Final = 0.005
-"""Pause between two steps of models that are behind, so that keys and drawing come first."""
 
 CLOSED_BATCH_ROWS: Final = 4_096
 """Rows that are collected for a step while no pane is open: fewer steps cost less."""

@@ -330,7 +330,7 @@ def columns_for(width: int, ports: int) -> list[tuple[TopColumn, int]]:
 
 def _total(*columns: TopColumn) -> int:
     """Cells of the mark and of columns with one cell between them."""
-    return 1 + sum(column.width + 1 for column in columns) - 1
+    return sum(column.width + 1 for column in columns)
 
 
 class TopView(ScrollView, can_focus=True):
