@@ -6,7 +6,7 @@ Modules:
                   baud rate.
     counters      Counters over rows: durations, counts over time, tallies,
                   rates.
-    dataframe     RowBatch to polars DataFrame.
+    dataframe     RowBatch to polars DataFrame, and a search for text in it.
     feed          Follow a growing store; gaps and baud changes.
     filter        The filter language: SQL boolean expressions over the row
                   columns.
@@ -16,13 +16,12 @@ Modules:
     measures      Measures of rows, which rules compare with numbers.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
-    relations     Commands and their answers.
+    relations     Frames of one kind and motor, and what changed between them; commands and
+                  their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
     rules         Rules of a check: a measure of the rows, compared with a number.
     search        Search in a store: the next matching row, and a counter.
-    search_frame  Text search in the displayed cells of many rows (polars).
     statistics    Statistics of ports, streams and faults.
-    streams       Frames of one kind and motor, and what changed between them.
     summary       Statistics of all rows of one or more inputs.
     tally         Counts of rows by status, kind, fault and port.
     time_text     Times and durations that a user types.

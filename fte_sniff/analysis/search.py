@@ -174,7 +174,7 @@ class Search:
             faults = [",".join(faults) for faults in rows.codebook.faults]
             found |= self._in_texts(faults)[rows.faults]
             # The import loads polars, which is slow; the screen starts without a search.
-            from fte_sniff.analysis.search_frame import contains_text
+            from fte_sniff.analysis.dataframe import contains_text
 
             found |= contains_text(self.text, columns, rows)
         return found

@@ -22,7 +22,13 @@ from fte_sniff.analysis.counters import (
     extent,
 )
 from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.streams import KEYS_PER_PORT, NO_STREAM, STREAMS, by_stream, stream_keys
+from fte_sniff.analysis.relations import (
+    KEYS_PER_PORT,
+    NO_STREAM,
+    STREAMS,
+    by_stream,
+    stream_keys,
+)
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,

@@ -14,7 +14,7 @@ from time import monotonic
 from textual import on
 
 from fte_sniff.analysis.feed import Feed
-from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
+from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.analysis.row_store import BlockSource, RowStore
 from fte_sniff.analysis.search import Search, find_byte, find_fault, find_raised, find_step
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns

@@ -20,7 +20,7 @@ from textual.strip import Strip
 from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.analysis.streams import UNCHANGED
+from fte_sniff.analysis.relations import UNCHANGED
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import (

@@ -309,7 +309,6 @@ class PromptField(Vertical):
 _FILTER_MODULES: Final = (
     "fte_sniff.analysis.filter.row_filter",
     "fte_sniff.analysis.filter.completion",
-    "fte_sniff.analysis.search_frame",
 )
 """Modules that import polars, which takes longer than to show the first rows of a file."""
 

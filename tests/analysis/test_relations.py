@@ -11,13 +11,16 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.relations import (
     MOST_SEARCHED,
+    UNCHANGED,
     AnswerState,
     CommandAnswer,
     RowRelations,
     answer_pairs,
+    change_ages,
+    frames_before,
+    stream_keys,
 )
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.streams import UNCHANGED, change_ages, frames_before, stream_keys
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     KINDS,

@@ -2,12 +2,12 @@
 
 Modules:
 
-    cell_filter  Filter made from a table cell; needs no polars.
     compiler     Compiler from filter terms to polars SQL: types, values, conditions.
     completion   Completions of a filter at the cursor.
     parser       Lexer and recursive-descent parser of filters.
     row_filter   RowFilter: a compiled filter, applied to rows.
-    terms        Terms, functions, error messages and help text; needs no polars.
+    terms        Terms, functions, error messages and help text, filters made from cells; needs no
+                 polars.
 
 A new function, such as `round`, is one entry of `terms.FUNCTIONS`.
 

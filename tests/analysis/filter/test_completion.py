@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.cell_filter import both, cell_filters
 from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.filter.terms import EXAMPLES, both, cell_filters
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KINDS,
