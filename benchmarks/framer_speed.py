@@ -21,7 +21,7 @@ from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.framing import SPAN_BYTES, decided_spans
+from fte_sniff.session.log_rows import SPAN_BYTES, decided_spans
 
 SLOW_PART = 200_000
 """Bytes that the slow decoders get."""

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
 from fte_sniff.protocol.spec import DEFAULT_BAUD
-from fte_sniff.recording.bulk_writer import BulkWriter
 from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import BulkWriter
 from fte_sniff.row_batch import RowBatch
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")

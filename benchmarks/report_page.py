@@ -24,7 +24,7 @@ from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, MOTORS, Chunk, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.framing import decided_spans
+from fte_sniff.session.log_rows import decided_spans
 from tests.browser import drawn, open_browser
 
 _PERIOD_NS = 2_500_000

@@ -23,7 +23,7 @@ Modules:
     search        Search in a store: the next matching row, and a counter.
     statistics    Statistics of ports, streams and faults.
     summary       Statistics of all rows of one or more inputs.
-    tally         Counts of rows by status, kind, fault and port.
+    tally         Counts of rows by status, kind, fault and port; RowModel.
     time_text     Times and durations that a user types.
     timeline      Commands, feedback, flags and faults over time, for reports.
     traces        Targets and feedback of the motors over time, for plots.

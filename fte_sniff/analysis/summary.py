@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
 from fte_sniff.analysis.counters import extent
-from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
-from fte_sniff.analysis.statistics import (
-    LineSetup,
-    Statistics,
-)
-from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import Gap, PortEvent, Row
+from fte_sniff.analysis.statistics import LineSetup, Statistics
+from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.protocol import Gap, PortEvent
 from fte_sniff.row_batch import RowBatch
 
 
@@ -30,7 +28,7 @@ class RowSource:
     count: RowCount = field(default_factory=RowCount)
 
 
-class StatisticsSummary:
+class StatisticsSummary(RowModel):
     """Statistics of all rows so far."""
 
     def __init__(self, setup: LineSetup) -> None:
@@ -47,20 +45,7 @@ class StatisticsSummary:
         """Start the next input."""
         self.sources.append(RowSource(name))
 
-    def observe(
-        self,
-        rows: Sequence[Row],
-        events: Sequence[PortEvent] = (),
-        changes: Sequence[StreamChange] = (),
-    ) -> None:
-        """Add the next rows, and the port events and changes among them."""
-        batch = RowBatch.from_rows(rows)
-        start = 0
-        for change in changes:
-            self._observe(batch[start : change.index])
-            self.observe_change(change.what)
-            start = change.index
-        self._observe(batch[start:])
+    def _observe_events(self, events: Sequence[PortEvent]) -> None:
         self.statistics.observe_events(events)
 
     def observe_change(self, change: Gap | BaudChange) -> None:
@@ -69,7 +54,7 @@ class StatisticsSummary:
         if isinstance(change, Gap):
             self.answers.interrupt()
 
-    def merge(self, later: StatisticsSummary) -> None:
+    def merge(self, later: Self) -> None:
         """Add the inputs that follow, as if they had been observed here."""
         self.sources += later.sources
         self.statistics.merge(later.statistics)
@@ -77,8 +62,6 @@ class StatisticsSummary:
         self.flags.merge(later.flags)
 
     def _observe(self, rows: RowBatch) -> None:
-        if not len(rows):
-            return
         length = int(rows.length.sum(dtype=np.int64))
         self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.timed]))
         self.statistics.observe(rows)

@@ -1,18 +1,20 @@
-"""Tally: counts of rows by status, kind, fault and port.
+"""Counts of rows by status, kind, fault and port; the base of models that can merge.
 
 Not part of `counters`, so that commands count the rows of a short log without loading numpy.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from fte_sniff.protocol import KINDS, Fault, Frame, Row, Status, status_of
+from fte_sniff.protocol import KINDS, Fault, Frame, Gap, PortEvent, Row, Status, status_of
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.feed import BaudChange, StreamChange
     from fte_sniff.row_batch import RowBatch
 
 
@@ -53,6 +55,47 @@ class RowCount:
     def duration_ns(self) -> int | None:
         """Nanoseconds from the earliest time to the latest."""
         return None if self.times is None else self.times[1] - self.times[0]
+
+
+class RowModel(ABC):
+    """What counts consecutive rows, and those of another model that counted the rows after them."""
+
+    def begin(self, name: str) -> None:  # noqa: B027
+        """Start the next input."""
+
+    def observe(
+        self,
+        rows: Sequence[Row],
+        events: Sequence[PortEvent] = (),
+        changes: Sequence[StreamChange] = (),
+    ) -> None:
+        """Add the next rows, and the port events and changes among them."""
+        from fte_sniff.row_batch import RowBatch
+
+        batch, start = RowBatch.from_rows(rows), 0
+        for change in changes:
+            if change.index > start:
+                self._observe(batch[start : change.index])
+            self.observe_change(change.what)
+            start = change.index
+        if len(batch) > start:
+            self._observe(batch[start:])
+        self._observe_events(events)
+
+    @abstractmethod
+    def _observe(self, rows: RowBatch) -> None:
+        """Add rows, at least one."""
+
+    def _observe_events(self, events: Sequence[PortEvent]) -> None:  # noqa: B027
+        """Add port events."""
+
+    @abstractmethod
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Apply a change before the next rows."""
+
+    @abstractmethod
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow, as if they had been observed here."""
 
 
 @dataclass(slots=True)

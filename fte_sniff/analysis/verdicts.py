@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.measures import RowPosition, measure_of
 from fte_sniff.analysis.rules import MEASURES, Rule
-from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
+from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.row_batch import Bools, RowBatch
 
 
@@ -50,7 +50,7 @@ class Verdict:
         return self.result is RuleResult.FAIL
 
 
-class RuleCheck:
+class RuleCheck(RowModel):
     """Measures consecutive rows and judges rules about them."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
@@ -67,23 +67,6 @@ class RuleCheck:
         """Everything but the compiled filters."""
         return {**self.__dict__, "_filters": {}, "_names": frozenset()}
 
-    def begin(self, name: str) -> None:
-        """Start the next input; its name is not needed."""
-
-    def observe(
-        self,
-        rows: Sequence[Row],
-        events: Sequence[PortEvent] = (),
-        changes: Sequence[StreamChange] = (),
-    ) -> None:
-        """Add the next rows and the changes between them."""
-        batch, start = RowBatch.from_rows(rows), 0
-        for change in changes:
-            self._observe(batch[start : change.index])
-            self.observe_change(change.what)
-            start = change.index
-        self._observe(batch[start:])
-
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
         if isinstance(change, Gap):
@@ -93,11 +76,8 @@ class RuleCheck:
                 measure.interrupt()
 
     def _observe(self, rows: RowBatch) -> None:
-        if not len(rows):
-            return
-        self.total.count(
-            len(rows), int(rows.length.sum(dtype=np.int64)), extent(rows.t_ns[rows.timed])
-        )
+        length = int(rows.length.sum(dtype=np.int64))
+        self.total.count(len(rows), length, extent(rows.t_ns[rows.timed]))
         masks = self._masks(rows)
         for rule, measure in zip(self.rules, self._measures, strict=True):
             measure.observe(rows, masks[rule.filter_text])
@@ -114,7 +94,7 @@ class RuleCheck:
             masks |= {text: one.mask(frame).to_numpy() for text, one in self._filters.items()}
         return masks
 
-    def merge(self, later: RuleCheck) -> None:
+    def merge(self, later: Self) -> None:
         """Add the rows that follow, as if they had been observed here."""
         self.unseen += later.unseen
         self.total.include(later.total)

@@ -45,9 +45,9 @@ from fte_sniff.session.inputs import (
     STDIN_NAME,
     Input,
     LogInput,
+    Progress,
     RecordingInput,
 )
-from fte_sniff.session.progress import Progress
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:

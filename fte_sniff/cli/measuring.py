@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +22,7 @@ from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err
 from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, Model
+    from fte_sniff.session.file_jobs import FileJob, Model
     from fte_sniff.session.input_reading import InputReading
 
 _WAITING_PER_WORKER: Final = 2
@@ -45,74 +44,22 @@ jobs_options = all_of(
 """The options `--jobs` and `--cluster`."""
 
 
-class DelayedInterrupt:
-    """Ctrl-C as KeyboardInterrupt, delayed while something must not be interrupted."""
-
-    def __init__(self) -> None:
-        self._held = self._pending = False
-
-    def hold(self) -> None:
-        """Delay it from here on."""
-        self._held = True
-
-    def release(self) -> None:
-        """Raise KeyboardInterrupt if there was one, and from here on at once."""
-        self._held = False
-        if self._pending:
-            self._pending = False
-            raise KeyboardInterrupt
-
-    def on_signal(self, *_: object) -> None:
-        """Handle SIGINT; the next one ends the program."""
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        if self._held:
-            self._pending = True
-        else:
-            raise KeyboardInterrupt
-
-
-@contextmanager
-def _delayed_interrupt() -> Iterator[DelayedInterrupt]:
-    delayed = DelayedInterrupt()
-    before = signal.getsignal(signal.SIGINT)
-    if not callable(before):  # Ctrl-C is ignored, as in a background job
-        yield delayed
-        return
-    signal.signal(signal.SIGINT, delayed.on_signal)
-    try:
-        yield delayed
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
+@dataclass(slots=True)
 class FilesMeasured:
     """The measurements of files, also after Ctrl-C."""
 
-    def __init__(self, reading: InputReading, files: int) -> None:
-        self.reading = reading
-        self._files = files
-        self.read = 0
-        """Files that were read."""
-        self.interrupted = False
-
-    def add(
-        self, job: FileJob[Model], result: FileResult[Model] | FileError, merger: FileMerger[Model]
-    ) -> None:
-        """Add the result of a job; raises KeyboardInterrupt if Ctrl-C ended it."""
-        if isinstance(result, FileError):
-            self.reading.skip(result)
-            return
-        merger.add(job, result)
-        if result.interrupted:
-            raise KeyboardInterrupt
-        self.read += 1
+    reading: InputReading
+    files: int
+    read: int = 0
+    """Files that were read."""
+    interrupted: bool = False
 
     def finish(self, *, refused: bool = False) -> None:
         """Print notes about the files and exit unless all is well; `refused` means exit code 1."""
         reading = self.reading
         print_notes(reading)
         if self.interrupted:
-            files = f"{self.read} of {self._files} files"
+            files = f"{self.read} of {self.files} files"
             print_err(f"fte-sniff: interrupted; {files} and {reading.tally.rows:,} rows were read")
             sys.exit(EXIT_INTERRUPTED)
         if advice := explain_no_frames(reading.tally, reading):
@@ -136,7 +83,7 @@ def measure(
         UsageError: the options contradict each other.
         InputTextError: a filter, time, date or zone is invalid.
     """
-    from fte_sniff.session.file_jobs import FileMerger, finished_jobs
+    from fte_sniff.session.file_jobs import DelayedInterrupt, FileMerger, finished_jobs
 
     if cluster is not None:
         if jobs is not None:
@@ -145,19 +92,25 @@ def measure(
     with progress_line(reads_stdin=STDIN in query.files) as line:
         todo, reading = query.jobs(make_model, line.progress)
         merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
+        interrupts = DelayedInterrupt()
         try:
             with (
                 _executor(processes_for(jobs, todo), cluster) as (executor, waiting),
-                _delayed_interrupt() as interrupts,
+                interrupts.installed(),
             ):
                 here = cluster is None
                 results = finished_jobs(
                     todo, executor, waiting, interrupts, line.progress, helps=here
                 )
                 for job, result in results:
-                    interrupts.hold()
-                    measured.add(job, result, merger)
-                    interrupts.release()
+                    with interrupts.held():
+                        if isinstance(result, FileError):
+                            reading.skip(result)
+                            continue
+                        merger.add(job, result)
+                        measured.read += not result.interrupted
+                    if result.interrupted:
+                        raise KeyboardInterrupt
         except KeyboardInterrupt:
             measured.interrupted = True
         except FileError as error:  # the executor is gone

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, TextIO
 
 from fte_sniff.cli.streams import abandon
 from fte_sniff.errors import printable
-from fte_sniff.session.progress import Progress
+from fte_sniff.session.inputs import Progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Columns

@@ -12,7 +12,7 @@ from fte_sniff.cli.options import FileName
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.session.progress import size_of
+from fte_sniff.session.inputs import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.recording.repair import FileDamage

@@ -3,7 +3,6 @@
 Modules:
 
     batch_reader   Reading of batches by several threads; ranges of time and of rows.
-    bulk_writer    Write a recording from batches; threads compress.
     file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
@@ -16,5 +15,5 @@ Modules:
     repair         Repair a damaged recording.
     retention      Rotation and size limits; which old files are deleted.
     trigger        Keep rows only around rows that match.
-    writer         RecordingWriter: rows to one file.
+    writer         Writers of one recording: rows as they come, and batches.
 """

@@ -8,16 +8,15 @@ Modules:
     doctor           The checks of `doctor`: machine, ports, line.
     file_jobs        Measure many files, one job a file: public check() and stats().
     following        Follow a recording that another program writes, across its files.
-    framing          Frame the chunks of one port; rows as a list where they are few.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
     input_reading    InputReading: rows of inputs through a filter, merged by
                      time, with the gaps found.
-    inputs           Recordings, logs, raw bytes and standard input.
+    inputs           Recordings, logs, raw bytes and standard input; Progress of
+                     reading them.
     live_session     LiveSession: start, poll, stop.
-    log_rows         The rows of a log: its streams are framed and merged.
+    log_rows         The rows of raw bytes and logs: streams are framed and merged.
     notes            Notes on rows beside the recording, and the place of a view.
     port_merge       Order rows of several ports; detect swapped wiring.
-    progress         Progress: how far the reading of files has come.
     replay           ReplaySession over files with paging; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().

@@ -8,22 +8,24 @@ the executor works on, so memory does not grow with the number of files.
 
 from __future__ import annotations
 
+import signal
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.tally import RowModel
 from fte_sniff.errors import FileError, FteSniffError, RecordingWarning, printable
-from fte_sniff.protocol import Gap, PortEvent, Row
+from fte_sniff.protocol import Gap
 from fte_sniff.session.input_reading import ANOTHER, InputReading, ReadingCounts
-from fte_sniff.session.inputs import Input, RecordingInput
-from fte_sniff.session.progress import Progress
+from fte_sniff.session.inputs import Input, Progress, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.verdicts import Verdict
@@ -31,36 +33,44 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import Part
 
 
-class MergeableModel(Protocol):
-    """What counts rows."""
-
-    def begin(self, name: str) -> None:
-        """Start the next input."""
-
-    def observe(
-        self, rows: Sequence[Row], events: Sequence[PortEvent], changes: Sequence[StreamChange]
-    ) -> None:
-        """Add the next rows, and the port events and changes among them."""
-
-    def observe_change(self, change: Gap | BaudChange) -> None:
-        """Apply a change before the next rows."""
-
-    def merge(self, later: Self) -> None:
-        """Add the rows that follow, as if they had been observed here."""
-
-
-Model = TypeVar("Model", bound=MergeableModel)
+Model = TypeVar("Model", bound=RowModel)
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
-class Interrupts(Protocol):
-    """Delays Ctrl-C while a model changes."""
+class DelayedInterrupt:
+    """Ctrl-C as KeyboardInterrupt, delayed while a model changes."""
 
-    def hold(self) -> None:
-        """Delay it from here on."""
+    def __init__(self) -> None:
+        self._held = self._pending = False
 
-    def release(self) -> None:
-        """Raise KeyboardInterrupt if there was one, and from here on at once."""
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Context in which it handles SIGINT, unless that is ignored, as in a background job."""
+        before = signal.getsignal(signal.SIGINT)
+        if not callable(before):
+            yield
+            return
+        signal.signal(signal.SIGINT, self._on_signal)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def _on_signal(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # the next one ends the program
+        if not self._held:
+            raise KeyboardInterrupt
+        self._pending = True
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Context that raises KeyboardInterrupt at its end if Ctrl-C came in it."""
+        self._held = True
+        yield
+        self._held = False
+        if self._pending:
+            self._pending = False
+            raise KeyboardInterrupt
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +128,7 @@ class FileResult(Generic[Model]):
 
 def count_file(
     job: FileJob[Model],
-    interrupts: Interrupts | None = None,
+    interrupts: DelayedInterrupt | None = None,
     progress: Progress | None = None,
     bauds: Mapping[str, int] | None = None,
 ) -> FileResult[Model]:
@@ -155,7 +165,7 @@ def _count_rows(
     reading: InputReading,
     one: Input,
     bauds: Mapping[str, int],
-    interrupts: Interrupts | None,
+    interrupts: DelayedInterrupt | None,
 ) -> None:
     if isinstance(one, RecordingInput) and reading.span is not None:
         result.first = one.first_place()
@@ -168,11 +178,8 @@ def _count_rows(
         for change in changes:
             if isinstance(change.what, BaudChange):
                 result.bauds[change.what.port] = change.what.baud
-        if interrupts is not None:
-            interrupts.hold()
-        result.model.observe(batch.rows, batch.events, changes)
-        if interrupts is not None:
-            interrupts.release()
+        with interrupts.held() if interrupts is not None else nullcontext():
+            result.model.observe(batch.rows, batch.events, changes)
 
 
 def _compiled(text: str | None) -> Any:
@@ -235,7 +242,7 @@ def finished_jobs(
     jobs: Iterable[FileJob[Model]],
     executor: Executor | None = None,
     most_waiting: int = 1,
-    interrupts: Interrupts | None = None,
+    interrupts: DelayedInterrupt | None = None,
     progress: Progress | None = None,
     *,
     helps: bool = False,
@@ -286,7 +293,7 @@ class _Submitted(Generic[Model]):
 def _finished(
     waiting: deque[_Submitted[Model]],
     helps: bool,
-    interrupts: Interrupts | None,
+    interrupts: DelayedInterrupt | None,
     progress: Progress | None,
 ) -> Finished[Model]:
     """The first job; while the executor works on it, this process does later ones."""
@@ -306,7 +313,7 @@ def _finished(
 
 
 def _done_here(
-    job: FileJob[Model], interrupts: Interrupts | None, progress: Progress | None
+    job: FileJob[Model], interrupts: DelayedInterrupt | None, progress: Progress | None
 ) -> Finished[Model]:
     try:
         return job, count_file(job, interrupts, progress)

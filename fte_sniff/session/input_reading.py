@@ -11,8 +11,7 @@ from fte_sniff.analysis.feed import GapDetector, StreamChange
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind
-from fte_sniff.session.inputs import Input, InputBatch
-from fte_sniff.session.progress import Progress
+from fte_sniff.session.inputs import Input, InputBatch, Progress
 from fte_sniff.session.save import ExportSource
 from fte_sniff.session.time_merge import TimedInput, merged_by_time
 

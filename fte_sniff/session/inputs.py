@@ -1,13 +1,14 @@
-"""Recordings, logs, raw bytes and standard input, read as batches of rows."""
+"""Recordings, logs, raw bytes and standard input, read as batches of rows; the progress of that."""
 
 from __future__ import annotations
 
+import stat
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -24,8 +25,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     iso_time,
 )
-from fte_sniff.session.framing import decided_spans, rows_of_spans
-from fte_sniff.session.progress import size_of
+from fte_sniff.session.log_rows import decided_spans, rows_of_log, rows_of_spans
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -34,6 +34,42 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.row_batch import Ints, RowBatch, Rows
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far the reading of files has come; another thread may read it at any time."""
+
+    step: str = ""
+    """What happens before rows are read; empty then. May hold text from outside."""
+    files: int = 0
+    """Number of files; 0 before they are known."""
+    files_done: int = 0
+    size: int = 0
+    """Bytes of all files; 0 if unknown."""
+    position: int = 0
+    """Bytes of them that were read."""
+    rows: int = 0
+    """Rows that were read."""
+
+    def expect(self, sizes: Sequence[int | None]) -> None:
+        """Set the files by their bytes; None if unknown."""
+        self.files = len(sizes)
+        self.size = 0 if None in sizes else sum(size or 0 for size in sizes)
+
+    def advance(self, bytes_: int, rows: int = 0) -> None:
+        """Add bytes and rows that were read."""
+        self.position += bytes_
+        self.rows += rows
+
+
+def size_of(path: Path) -> int | None:
+    """The bytes of a regular file; None if it is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_size if stat.S_ISREG(found.st_mode) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,44 +158,33 @@ class Input(ABC):
         """Why reading ended early; the rows before it are valid."""
         self.successor: Input | None = None
         """The input that continues it; known when it has been read."""
+        self.part: Part | None = None
+        """Which file of a capture it is; None if it is none."""
+        self.count: int | None = None
+        """Number of rows and events; None if it is unknown before reading."""
+        self.facts: Mapping[str, str] = {}
+        """Facts except those of the ports, such as the host and the clock."""
 
     @property
+    @abstractmethod
     def times(self) -> tuple[int, int | None] | None:
         """First and last time of its rows, nanoseconds since 1970 UTC; None without times.
 
         The last is None if it is not known before reading.
         """
-        return None
 
     @property
+    @abstractmethod
     def first_ns(self) -> int | None:
         """The time of its first row or event, nanoseconds since 1970 UTC; None without times.
 
         None too if it is not known before reading, because the input can be read only once.
         """
-        return None
 
     @property
-    def part(self) -> Part | None:
-        """Which file of a capture it is; None if it is none."""
-        return None
-
-    @property
-    def count(self) -> int | None:
-        """Number of rows and events; None if it is unknown before reading."""
-        return None
-
-    @property
+    @abstractmethod
     def ports(self) -> Sequence[PortFacts]:
         """The ports that are known before reading."""
-        from fte_sniff.recording.metadata import PortFacts
-
-        return [PortFacts(self.name)]
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """Facts except those of the ports, such as the host and the clock."""
-        return {}
 
     @property
     def losses(self) -> Sequence[str]:
@@ -203,9 +228,14 @@ class RecordingInput(Input):
         self, reader: RecordingReader, copy: IO[bytes] | None = None, name: str | None = None
     ) -> None:
         """Read nothing yet; `copy` is the temporary file that holds a pipe of this name."""
+        from fte_sniff.recording.metadata import PROGRAM, part_of
+
         super().__init__(name or str(reader.path))
         self.reader = reader
-        self.size = reader.size
+        self.size, self.count = reader.size, reader.count
+        facts = reader.metadata.get(PROGRAM, {})
+        self.part = part_of(facts)
+        self.facts = {k: v for k, v in facts.items() if not k.startswith(("library", "port."))}
         self._copy = copy
         self.ends: dict[str, int] = {}
         """By port, the offset after the last row that was read."""
@@ -227,30 +257,10 @@ class RecordingInput(Input):
         except FileError:
             return None  # raised again by `batches`
 
-    @cached_property
-    def part(self) -> Part | None:
-        """Which file of a capture it is."""
-        from fte_sniff.recording.metadata import part_of
-
-        return part_of(self.facts)
-
-    @property
-    def count(self) -> int | None:
-        """Number of messages, from the summary."""
-        return self.reader.count
-
     @property
     def ports(self) -> Sequence[PortFacts]:
         """The ports in the metadata."""
         return self.reader.ports
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """The metadata without the ports and the writer's name."""
-        from fte_sniff.recording.metadata import PROGRAM
-
-        facts = self.reader.metadata.get(PROGRAM, {})
-        return {k: fact for k, fact in facts.items() if not k.startswith(("library", "port."))}
 
     @property
     def losses(self) -> Sequence[str]:
@@ -317,7 +327,8 @@ class RecordingInput(Input):
         for loss in self.losses:
             note(f"{self.name}: {loss}")
         if span is not None and not some and (known := self.reader.times) is not None:
-            held = "rows" if self.count is None else f"{self.count:,} rows and events"
+            count = self.reader.count
+            held = "rows" if count is None else f"{count:,} rows and events"
             note(f"{self.name}: {_none_in_span(held, *known)}")
 
 
@@ -354,7 +365,7 @@ class LogInput(Input):
         """The time of the first row that has one; reads the start of a text log."""
         try:
             if self._log is not None:
-                rows: Rows = next(self._log_rows(self._log.again()), [])
+                rows: Rows = next(rows_of_log(self._log.again()), [])
                 return next((row.t_ns for row in rows if row.t_ns is not None), None)
             return self._first_ns()
         except FteSniffError:
@@ -374,7 +385,7 @@ class LogInput(Input):
             return first_ns, first_ns + frames_ns
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
-            for rows in self._log_rows(self._log.again()):
+            for rows in rows_of_log(self._log.again()):
                 tally.update(rows)
         return tally.times
 
@@ -395,7 +406,7 @@ class LogInput(Input):
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
         if self._log is not None:
-            rows = self._log_rows(self._log, note)
+            rows = rows_of_log(self._log, note)
         else:
             chunks = self._counted(self._chunks)
             spans = decided_spans(chunks, self.name, note, self._drained, self._baud)
@@ -404,11 +415,6 @@ class LogInput(Input):
             if self._log is not None:
                 self.position = self._log.position
             yield InputBatch(found)
-
-    def _log_rows(self, log: LogReader, note: Note = lambda _note: None) -> Iterator[Rows]:
-        from fte_sniff.session.log_rows import rows_of_log
-
-        return rows_of_log(log, note)
 
     def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         for chunk in chunks:

@@ -1,8 +1,9 @@
-"""The rows of a log: each direction or port is a stream with its own framer; they are merged.
+"""The rows of raw bytes and of logs, which are framed here.
 
-In a file with times, rows are merged by time: a row waits until every other stream has passed its
-time. Without times, from a pipe, and after the clock was set back, they are merged by line: a row
-waits while another stream has undecided bytes of an earlier line.
+Each direction or port of a log is a stream with its own framer; they are merged. In a file with
+times, rows are merged by time: a row waits until every other stream has passed its time. Without
+times, from a pipe, and after the clock was set back, they are merged by line: a row waits while
+another stream has undecided bytes of an earlier line.
 """
 
 from __future__ import annotations
@@ -13,18 +14,104 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, StreamBytes
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Framer
+from fte_sniff.protocol import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    HEADERS,
+    Chunk,
+    Direction,
+    Fault,
+    Framer,
+)
+from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
-from fte_sniff.session.framing import FEW, FEWEST, cut_frame_note
 
 if TYPE_CHECKING:
     from fte_sniff.formats.log_form import Array
     from fte_sniff.formats.log_reader import LogReader
-    from fte_sniff.protocol.framer.segments import DecidedSpan
     from fte_sniff.row_batch import RowBatch, Rows
+
+SPAN_BYTES: Final = 1 << 19
+"""Bytes that are framed before their rows are yielded, unless a reader waits for them."""
+
+FEW: Final = 20_000
+"""Rows of an input that come as lists, before numpy and polars are loaded for the others."""
+
+FEWEST: Final = 100
+"""Spans of fewer rows become lists; for them numpy is slower."""
+
+
+def decided_spans(
+    chunks: Iterable[Chunk],
+    name: str,
+    note: Callable[[str], None],
+    drained: Callable[[], bool],
+    baud: int = DEFAULT_BAUD,
+) -> Iterator[DecidedSpan]:
+    """Frame all chunks, about `SPAN_BYTES` at a time.
+
+    Args:
+        chunks: of one port; their times may fall.
+        name: the port.
+        note: called with a message if the input ends within a frame.
+        drained: whether the next chunk has to be waited for, so that rows are not held back.
+        baud: bits per second.
+
+    Raises:
+        FileError: there is no chunk.
+        FteSniffError: raised by the chunks, after the rows before it.
+    """
+    framer = Framer(name, baud)
+    size, empty = 0, True
+    try:
+        before_ns = None
+        for chunk in chunks:
+            if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
+                framer.reset_clock()
+            before_ns = before_ns if chunk.t_ns is None else chunk.t_ns
+            empty = False
+            framer.push(chunk)
+            size += len(chunk.data)
+            if size >= SPAN_BYTES or drained():
+                size = 0
+                yield framer.drain()
+    except FteSniffError:
+        framer.finish()
+        yield framer.drain()
+        raise
+    if empty:
+        raise FileError(f"{name}: is empty; there is nothing to decode")
+    framer.finish()
+    last = framer.drain()
+    yield last
+    if cut := cut_frame_note(last):
+        note(f"{name}: {cut}")
+
+
+def rows_of_spans(spans: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Rows]:
+    """The rows of each span; the first `few` rows come as lists."""
+    count = 0
+    for span in spans:
+        rows = len(span)
+        count += rows
+        if count < few or rows < min(few, FEWEST):
+            yield span.rows()
+            continue
+        from fte_sniff.row_batch import RowBatch
+
+        yield RowBatch.from_span(span)
+
+
+def cut_frame_note(last: DecidedSpan) -> str | None:
+    """That a stream whose last rows these are ends within a frame."""
+    row = last.last()
+    if row is None or row[1] or Fault.TRUNCATED not in row[2]:
+        return None
+    return f"ends in the middle of a frame ({row[0]} of {FRAME_LENGTH} bytes)"
+
 
 _MOST_HELD: Final = 1_000_000
 """Rows that wait for another stream, about 50 MB."""
@@ -34,7 +121,7 @@ _WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.
 """By label, what the host, which writes the log, does with the frames, and their direction."""
 
 
-def rows_of_log(log: LogReader, note: Callable[[str], None]) -> Iterator[Rows]:
+def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None) -> Iterator[Rows]:
     """Read the rows of a log once; note at the end how it was read.
 
     Raises:

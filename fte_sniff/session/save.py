@@ -516,8 +516,8 @@ class RecordingSink:
     """Writes a recording; each row must have a time."""
 
     def __init__(self, path: Path, source: ExportSource) -> None:
-        from fte_sniff.recording.bulk_writer import BulkWriter
         from fte_sniff.recording.metadata import PART_FACTS, PortFacts
+        from fte_sniff.recording.writer import BulkWriter
 
         ports = [PortFacts(port, source.bauds.get(port)) for port in source.ports]
         facts = {name: fact for name, fact in source.facts.items() if name not in PART_FACTS}

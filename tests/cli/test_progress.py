@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.progress import PATIENCE_S, _columns, _text
-from fte_sniff.session.progress import Progress
+from fte_sniff.session.inputs import Progress
 from tests.cli.processes import BOUND_S, FRAME
 from tests.cli.terminals import terminal
 

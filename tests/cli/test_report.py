@@ -24,8 +24,8 @@ from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.analysis.timeline import Timeline
 from fte_sniff.cli.report_page import TEXTS, ReportFacts, page
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Gap, GapKind, encode
-from fte_sniff.recording.bulk_writer import BulkWriter
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
+from fte_sniff.recording.writer import BulkWriter
 from fte_sniff.row_batch import RowBatch
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 

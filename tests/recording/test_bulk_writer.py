@@ -16,11 +16,10 @@ from mcap.reader import make_reader
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.recording.bulk_writer import CHUNK_ROWS
 from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.writer import CHUNK_ROWS, RecordingWriter
 from fte_sniff.row_batch import Codebook, RowBatch
 from tests.recording.conftest import entries_in
 

@@ -25,8 +25,8 @@ from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.framing import FEW, SPAN_BYTES, decided_spans, rows_of_spans
 from fte_sniff.session.inputs import InputBatch, LogInput, RecordingInput
+from fte_sniff.session.log_rows import FEW, SPAN_BYTES, decided_spans, rows_of_spans
 from fte_sniff.session.save import write_rows
 from tests.protocol.streams import raw_bytes
 
