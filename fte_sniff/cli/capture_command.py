@@ -153,7 +153,7 @@ def run_capture(
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
     if baud is None:
-        baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
+        baud = settings.default(ports, "baud") or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)

@@ -367,9 +367,9 @@ def line_setup(
     Raises UsageError if the settings of the ports differ, or a gear ratio has no resolution.
     """
     if resolution is None:
-        resolution = settings.defaults(ports, "resolution").resolution
+        resolution = settings.default(ports, "resolution")
     if resolution is not None and gear_ratio is None:
-        gear_ratio = settings.defaults(ports, "gear_ratio").gear_ratio
+        gear_ratio = settings.default(ports, "gear-ratio")
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
     from fte_sniff.analysis.statistics import LineSetup

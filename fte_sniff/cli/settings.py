@@ -35,7 +35,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import click
@@ -54,54 +53,18 @@ _COLUMNS: Final = (*ORDER, VALUES)
 
 
 @dataclass(frozen=True, slots=True)
-class ScreenSettings:
-    """Settings of the screen; None where the file has no value."""
-
-    theme: str | None = None
-    columns: tuple[str, ...] | None = None
-    """Names of the table's columns in display order; at least one."""
-    widths: Mapping[str, int] | None = None
-    """Width in cells of the columns that do not have their default width."""
-    widths_at: int | None = None
-    """Cells of the table when the widths were chosen; None if they apply to every table."""
-    delta: str | None = None
-    """Name of a `Delta` in lower case."""
-    changes: bool | None = None
-    """Whether bytes that changed are highlighted."""
-    events: bool | None = None
-    """Whether port events have lines in the table."""
-    language: str | None = None
-    pane_beside: bool | None = None
-    """Whether a pane is beside the table on a wide terminal."""
-    pane_height: int | None = None
-    """Height of a pane below the table, percent of both."""
-    pane_width: int | None = None
-    """Width of a pane beside the table, percent of both."""
-
-
-@dataclass(frozen=True, slots=True)
-class PortDefaults:
-    """Settings of one port; None where the file has no value."""
-
-    baud: int | None = None
-    """Bits per second, at least 1."""
-    resolution: float | None = None
-    """Pulses for one turn of the motor's shaft, above 0."""
-    gear_ratio: float | None = None
-    """Turns of the motor's shaft for one of the wheel, above 0."""
-
-
-@dataclass(frozen=True, slots=True)
 class Settings:
     """The contents of a settings file."""
 
-    screen: ScreenSettings = ScreenSettings()
+    screen: Mapping[str, Any] = field(default_factory=dict)
+    """Values of `SCREEN_FIELDS` by name, without those that the file lacks."""
     ports: tuple[str, ...] = ()
     """Ports to open when none is named; one or two."""
-    by_port: Mapping[str, PortDefaults] = field(default_factory=lambda: MappingProxyType({}))
-    filters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    by_port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """By port, `baud`, `resolution` and `gear-ratio`, without those that the file lacks."""
+    filters: Mapping[str, str] = field(default_factory=dict)
     """Saved filters by name."""
-    colors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    colors: Mapping[str, str] = field(default_factory=dict)
     """Styles of rows by the filter that they match, as rich writes styles."""
     faults: tuple[str, ...] = ()
     """Invalid entries of the file, one line each."""
@@ -110,35 +73,30 @@ class Settings:
     trouble: tuple[str, ...] = ()
     """Problems with the file that were reported, one line each."""
 
-    def of_port(self, port: str) -> PortDefaults:
+    def of_port(self, port: str) -> Mapping[str, Any]:
         """Settings of a port, by this name or another name of the same device."""
         found = self.by_port.get(port)
         if found is None and "://" not in port:
             device = Path(port).resolve()
             same = (name for name in self.by_port if Path(name).resolve() == device)
             found = self.by_port.get(next(same, ""))
-        return found or PortDefaults()
+        return found or {}
 
-    def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
-        """The named settings of these ports.
+    def default(self, ports: Sequence[str], name: str) -> Any:
+        """The setting of this name for these ports, which an option overrides; None without one.
 
-        Raises UsageError if a setting differs between the ports.
+        Raises UsageError if it differs between the ports.
         """
-        by_port = [self.of_port(port) for port in ports]
-        found = {}
-        for name in names:
-            values = {getattr(one, name) for one in by_port} - {None}
-            if len(values) > 1:
-                raise UsageError(
-                    f"{self.path} has another {name.replace('_', '-')} for each port; "
-                    f"give one with {OPTION_OF[name]}"
-                )
-            found[name] = next(iter(values), None)
-        return PortDefaults(**found)
+        values = {self.of_port(port).get(name) for port in ports} - {None}
+        if len(values) > 1:
+            raise UsageError(
+                f"{self.path} has another {name} for each port; give one with --{name}"
+            )
+        return next(iter(values), None)
 
     def language(self, lang: str | None) -> str:
         """The language of the screen; `lang` is the value of `--lang`."""
-        return language_of(lang or self.screen.language, os.environ)
+        return language_of(lang or self.screen.get("language"), os.environ)
 
     @property
     def choices(self) -> Choices:
@@ -146,20 +104,20 @@ class Settings:
         from fte_sniff.tui.options import Choices, PaneLayout
         from fte_sniff.tui.table.columns import ColumnChoice
 
-        screen = self.screen
+        setting = self.screen.get
         columns = None
-        if screen.columns is not None:
-            widths = tuple((screen.widths or {}).items())
-            columns = ColumnChoice(screen.columns, widths, screen.widths_at)
-        panes = PaneLayout(screen.pane_beside or False, screen.pane_height, screen.pane_width)
+        if (names := setting("columns")) is not None:
+            widths = tuple(setting("widths", {}).items())
+            columns = ColumnChoice(names, widths, setting("widths_at"))
+        beside, height, width = map(setting, ("pane_beside", "pane_height", "pane_width"))
         return Choices(
-            screen.theme,
+            setting("theme"),
             columns,
             filters=tuple(self.filters.items()),
-            panes=panes,
-            delta=Delta[(screen.delta or "row").upper()],
-            changes=bool(screen.changes),
-            events=screen.events is not False,
+            panes=PaneLayout(bool(beside), height, width),
+            delta=Delta[setting("delta", "row").upper()],
+            changes=bool(setting("changes")),
+            events=setting("events") is not False,
         )
 
     def choices_at(self, place: Place) -> Choices:
@@ -180,20 +138,19 @@ class Settings:
             if found.faults:
                 print_err(f"the screen settings are not saved: correct {self.path} first")
                 return
-            screen = replace(
-                found.screen,
-                theme=choices.theme,
-                language=choices.language or found.screen.language,
-                columns=None if columns is None else columns.names,
-                widths=None if columns is None else dict(columns.widths) or None,
-                pane_beside=choices.panes.beside or None,
-                pane_height=choices.panes.height,
-                pane_width=choices.panes.width,
-                widths_at=None if columns is None else columns.widths_at,
-                delta=None if choices.delta is Delta.ROW else choices.delta.name.lower(),
-                changes=choices.changes or None,
-                events=None if choices.events else False,
-            )
+            screen = {
+                "theme": choices.theme,
+                "language": choices.language or found.screen.get("language"),
+                "pane_beside": choices.panes.beside or None,
+                "pane_height": choices.panes.height,
+                "pane_width": choices.panes.width,
+                "delta": None if choices.delta is Delta.ROW else choices.delta.name.lower(),
+                "changes": choices.changes or None,
+                "events": None if choices.events else False,
+            }
+            if columns is not None:
+                screen["columns"], screen["widths_at"] = columns.names, columns.widths_at
+                screen["widths"] = dict(columns.widths) or None
             save_screen(self.path, screen, dict(choices.filters))
         except FteSniffError as error:
             print_err(f"the screen settings are not saved: {error}")
@@ -253,7 +210,7 @@ def _widths(value: Any) -> Mapping[str, int]:
         with suppress(ValueError):
             cells = {name: _whole(width) for name, width in value.items()}
             if all(MIN_WIDTH <= width <= MAX_WIDTH for width in cells.values()):
-                return MappingProxyType(cells)
+                return cells
     raise ValueError(f"a table of columns with {MIN_WIDTH} to {MAX_WIDTH} cells each")
 
 
@@ -266,7 +223,7 @@ def _word(words: Collection[str]) -> _Convert:
     return convert
 
 
-SCREEN_FIELDS: Mapping[str, _Convert] = {
+SCREEN_FIELDS: Final[Mapping[str, _Convert]] = {
     "theme": _word(THEMES),
     "columns": _columns,
     "widths": _widths,
@@ -279,6 +236,8 @@ SCREEN_FIELDS: Mapping[str, _Convert] = {
     "pane_height": _share,
     "pane_width": _share,
 }
+"""What the table of the screen may have; pane shares are percent of the table and the pane."""
+
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
 _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}
 _TABLES = ("screen", "live", "port", "filters", "colors")
@@ -289,14 +248,12 @@ def parse_settings(content: Mapping[str, Any]) -> Settings:
     check = _Check()
     tables = check.known(content, _TABLES, "")
     return Settings(
-        ScreenSettings(**check.values(tables.get("screen", {}), "screen", SCREEN_FIELDS)),
+        check.values(tables.get("screen", {}), "screen", SCREEN_FIELDS),
         check.values(tables.get("live", {}), "live", _LIVE).get("ports", ()),
-        MappingProxyType(
-            {
-                name: PortDefaults(**check.values(table, f"port.{name}", _PORT))
-                for name, table in check.table(tables.get("port", {}), "port").items()
-            }
-        ),
+        {
+            name: check.values(table, f"port.{name}", _PORT)
+            for name, table in check.table(tables.get("port", {}), "port").items()
+        },
         check.texts(tables.get("filters", {}), "filters"),
         check.texts(tables.get("colors", {}), "colors"),
         tuple(check.faults),
@@ -330,20 +287,14 @@ class _Check:
     def texts(self, table: Any, where: str) -> Mapping[str, str]:
         """A table of texts by any name."""
         entries = self.table(table, where)
-        return MappingProxyType(self.values(entries, where, dict.fromkeys(entries, _text), str))
+        return self.values(entries, where, dict.fromkeys(entries, _text))
 
-    def values(
-        self,
-        table: Any,
-        where: str,
-        converts: Mapping[str, Callable[[Any], Any]],
-        field_of: Callable[[str], str] = lambda name: name.replace("-", "_"),
-    ) -> dict[str, Any]:
-        """Converted values of a table, by field name."""
+    def values(self, table: Any, where: str, converts: Mapping[str, _Convert]) -> dict[str, Any]:
+        """Converted values of a table, by name."""
         found = {}
         for name, value in self.known(self.table(table, where), converts, where).items():
             try:
-                found[field_of(name)] = converts[name](value)
+                found[name] = converts[name](value)
             except ValueError as error:
                 self.faults.append(f"{name} in [{where}] must be {error}, not {value!r:.60}")
         return found
@@ -407,12 +358,11 @@ def read_settings(path: Path) -> Settings:
     return parse_settings(tables)
 
 
-def save_screen(
-    path: Path, settings: ScreenSettings, filters: Mapping[str, str] = MappingProxyType({})
-) -> None:
+def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, str]) -> None:
     """Write screen settings and filters into the file; comments and other settings stay.
 
-    The file is replaced atomically. Raises FileError if the file there cannot be read or written.
+    `settings` has values of `SCREEN_FIELDS`; those that are None or lacking are removed. The file
+    is replaced atomically. Raises FileError if it cannot be read or written.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -423,7 +373,7 @@ def save_screen(
         document = tomlkit.parse(path.read_text("utf-8")) if path.exists() else tomlkit.document()
         screen = document.setdefault("screen", tomlkit.table())
         for name in SCREEN_FIELDS:
-            value = getattr(settings, name)
+            value = settings.get(name)
             if value is not None:
                 screen[name] = _toml(value)
             elif name in screen:
@@ -445,10 +395,6 @@ def _toml(value: Any) -> Any:
         table.update(value)
         return table
     return list(value) if isinstance(value, tuple) else value
-
-
-OPTION_OF = {"baud": "--baud", "resolution": "--resolution", "gear_ratio": "--gear-ratio"}
-"""The option that overrides a field of `PortDefaults`."""
 
 
 config_option = click.option(
