@@ -35,7 +35,7 @@ PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
 SCREEN = PACKAGE / "tui"
 
-KEYWORDS = ("_", "later", "TranslatableText")
+KEYWORDS = ("_", "later", "TranslatableText", "RecordError")
 """Functions that are called with a text to translate."""
 
 

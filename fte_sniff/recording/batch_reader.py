@@ -199,9 +199,7 @@ class _Section:
         if self.chunk is None:
             return bytes(self.loose), None
         if self.size > _MOST_RATIO * self._stored:
-            raise RecordError(
-                TranslatableText("a chunk that claims to unpack to {size} bytes", size=self.size)
-            )
+            raise RecordError("a chunk that claims to unpack to {size} bytes", size=self.size)
         records = unpack(self.chunk.body)
         return records, indexed_starts(self.indexes, len(records))
 

@@ -38,11 +38,11 @@ from fte_sniff.recording.mcap.records import (
     LARGEST,
     LENGTH,
     MAGIC,
+    NO_RECORD,
     RecordError,
     RunningChecksum,
     claimed,
     compressed_records,
-    no_record,
     parse,
     records_in,
     unpack,
@@ -67,6 +67,7 @@ _FIRST_PACKED = HEAD.size + _MARK_OFFSET + _LONGEST_MARK
 _SEARCH_FACTOR = 512
 """Bytes that the search may unpack, as a multiple of the file's size."""
 
+_REACHING = TranslatableText("a record overlaps the next one")
 _WRONG_DATA = TranslatableText("the checksum over the data outside the chunks does not match")
 _WRONG_SUMMARY = TranslatableText("the checksum over the summary outside the chunks does not match")
 
@@ -219,7 +220,7 @@ class RecordStream:
         if self._size is not None:
             self._stream.seek(self._position)
         at_record = self._position > 0 or self._read(len(MAGIC)) == MAGIC
-        readable = at_record or self._resume(0, no_record())
+        readable = at_record or self._resume(0, RecordError(NO_RECORD))
         while readable and (self._stop is None or self._position < self._stop):
             position = self._position
             try:
@@ -254,32 +255,30 @@ class RecordStream:
             self._before = None if self._checksum is None else self._checksum.value()
         self._sum(head)
         if len(head) < HEAD.size:
-            raise RecordError(TranslatableText("it is cut off in the record"))
+            raise RecordError("it is cut off in the record")
         opcode, length = HEAD.unpack(head)
         if position in self._found:
             opcode, length = int(Opcode.CHUNK), self._found[position]
         elif self._summary and self._summary.heads.get(position, head)[0] != opcode:
-            raise RecordError(TranslatableText("the header of a record is damaged"))
+            raise RecordError("the header of a record is damaged")
         if opcode == 0:
-            raise no_record()
+            raise RecordError(NO_RECORD)
         if length > LARGEST:
-            raise RecordError(
-                TranslatableText("there is a record that claims {length} bytes", length=length)
-            )
+            raise RecordError("there is a record that claims {length} bytes", length=length)
         start = self._next_start(position)
         if start is not None and start < self._position + length:
-            raise _reaching()
+            raise RecordError(_REACHING)
         if opcode == Opcode.CHUNK and self._is_unwanted(position, length):
             return self._skip(position, length)
         body = self._read(length)
         if len(body) < length:
-            raise RecordError(TranslatableText("it is cut off in the record"))
+            raise RecordError("it is cut off in the record")
         if opcode == Opcode.CHUNK:
             # A chunk with a wrong length would hide the next ones.
             compressed_records(body)
         record = RawRecord(position, opcode, body)
         if start is None and self._in_data and self._reaches_over_chunk(record):
-            raise _reaching()
+            raise RecordError(_REACHING)
         return record
 
     def _is_unwanted(self, position: int, length: int) -> bool:
@@ -470,7 +469,3 @@ class RecordStream:
 def _crc_in(body: bytes) -> int:
     """The checksum at the end of a record's body."""
     return int.from_bytes(body[-_CRC_LENGTH:], "little")
-
-
-def _reaching() -> RecordError:
-    return RecordError(TranslatableText("a record overlaps the next one"))

@@ -41,14 +41,16 @@ HEAD = struct.Struct("<BQ")
 
 
 class RecordError(ValueError):
-    """A damaged record; the text is a noun phrase that can be part of a message."""
+    """A damaged record or message; its text is a noun phrase that can be part of another text."""
 
-    @property
-    def message(self) -> TranslatableText:
-        """The text."""
-        text = self.args[0]
-        return text if isinstance(text, TranslatableText) else TranslatableText("{text}", text=text)
+    def __init__(self, form: str, **values: object) -> None:
+        """Make the text, which can be translated, of a form with the names of these values."""
+        self.message = TranslatableText(form, **values)
+        super().__init__(self.message)
 
+
+BEYOND_CHUNK = TranslatableText("records that go beyond their chunk")
+NO_RECORD = TranslatableText("there is no MCAP record")
 
 _Record = TypeVar("_Record", covariant=True)
 
@@ -63,7 +65,7 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
     try:
         return record.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, ValueError) as error:
-        raise RecordError(TranslatableText("a record that contradicts itself")) from error
+        raise RecordError("a record that contradicts itself") from error
 
 
 def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
@@ -71,23 +73,13 @@ def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     at, end = 0, len(records)
     while at < end:
         if end - at < HEAD.size:
-            raise beyond_chunk()
+            raise RecordError(BEYOND_CHUNK)
         opcode, length = HEAD.unpack_from(records, at)
         at += HEAD.size
         if length > end - at:
-            raise beyond_chunk()
+            raise RecordError(BEYOND_CHUNK)
         yield opcode, records[at : at + length]
         at += length
-
-
-def beyond_chunk() -> RecordError:
-    """The error for a record that exceeds its chunk."""
-    return RecordError(TranslatableText("records that go beyond their chunk"))
-
-
-def no_record() -> RecordError:
-    """The error for bytes that are no record."""
-    return RecordError(TranslatableText("there is no MCAP record"))
 
 
 _LARGE = 64 * 1024
@@ -149,14 +141,12 @@ def unpack(body: bytes) -> bytes:
     packed, compression = compressed_records(body)
     size, crc = claimed(body)
     if size > min(LARGEST, max(_ALWAYS_UNPACKED, _MOST_RATIO * len(body))):
-        raise RecordError(
-            TranslatableText("a chunk that claims to unpack to {size} bytes", size=size)
-        )
+        raise RecordError("a chunk that claims to unpack to {size} bytes", size=size)
     records = _unpacked(compression, packed, size)
     if len(records) != size:
-        raise RecordError(TranslatableText("a chunk that does not unpack to what it claims"))
+        raise RecordError("a chunk that does not unpack to what it claims")
     if crc and crc32(records) != crc:
-        raise RecordError(TranslatableText("a chunk whose checksum does not match"))
+        raise RecordError("a chunk whose checksum does not match")
     return records
 
 
@@ -170,10 +160,10 @@ def compressed_records(body: bytes) -> tuple[memoryview, bytes]:
         name_end = CHUNK_HEAD.size + name_length
         (length,) = LENGTH.unpack_from(body, name_end)
     except struct.error as error:
-        raise RecordError(TranslatableText("a chunk without its header")) from error
+        raise RecordError("a chunk without its header") from error
     packed = memoryview(body)[name_end + LENGTH.size :]
     if len(packed) != length:
-        raise RecordError(TranslatableText("a chunk whose lengths contradict each other"))
+        raise RecordError("a chunk whose lengths contradict each other")
     return packed, body[CHUNK_HEAD.size : name_end]
 
 
@@ -185,16 +175,16 @@ def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
             return _unpacked_zstd(packed, size)
         case b"lz4":
             return _unpacked_lz4(packed, size)
-    raise RecordError(TranslatableText("a chunk that is packed neither with zstd nor with lz4"))
+    raise RecordError("a chunk that is packed neither with zstd nor with lz4")
 
 
 def _unpacked_zstd(packed: memoryview, size: int) -> bytes:
     try:
         if zstandard.get_frame_parameters(packed).content_size not in (size, _UNKNOWN_SIZE):
-            raise RecordError(TranslatableText("a chunk that does not unpack to what it claims"))
+            raise RecordError("a chunk that does not unpack to what it claims")
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     except zstandard.ZstdError as error:
-        raise RecordError(TranslatableText("a chunk that does not unpack")) from error
+        raise RecordError("a chunk that does not unpack") from error
 
 
 def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
@@ -202,7 +192,7 @@ def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
         with lz4.frame.LZ4FrameDecompressor() as unpacker:
             return bytes(unpacker.decompress(packed, max_length=size + 1))
     except RuntimeError as error:
-        raise RecordError(TranslatableText("a chunk that does not unpack")) from error
+        raise RecordError("a chunk that does not unpack") from error
 
 
 _BLOCK = 31 * 1024 * 1024

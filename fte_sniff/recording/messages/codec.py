@@ -131,14 +131,10 @@ class MessageReader:
         raw = message.raw
         if not (_is_framed(raw) if made is Frame else raw):
             what = TranslatableText("no frame") if made is Frame else TranslatableText("no damage")
-            raise ValueError(
-                TranslatableText("{what} in its {size} bytes", what=what, size=len(raw))
-            )
+            raise RecordError("{what} in its {size} bytes", what=what, size=len(raw))
         if message.offset > _GREATEST:
-            raise ValueError(
-                TranslatableText(
-                    "offset {offset} is past the end of any stream", offset=message.offset
-                )
+            raise RecordError(
+                "offset {offset} is past the end of any stream", offset=message.offset
             )
         return made(
             self.port,
@@ -163,28 +159,24 @@ class MessageReader:
 
     def _parse(self, data: bytes) -> Any:
         if len(data) > _LARGEST_MESSAGE:
-            raise ValueError(
-                TranslatableText("{size} bytes, more than any row has", size=len(data))
-            )
+            raise RecordError("{size} bytes, more than any row has", size=len(data))
         try:
             return self._message.FromString(data)
         except DecodeError as error:
-            raise ValueError(TranslatableText("a message that does not fit its schema")) from error
+            raise RecordError("a message that does not fit its schema") from error
 
     def _time(self, message: Any, log_time: int) -> int:
         own = self._has_time and message.HasField("time_ns")
         time = int(message.time_ns) if own else log_time
         if time > _GREATEST:
-            raise ValueError(TranslatableText("time {time} ns is past the year 2262", time=time))
+            raise RecordError("time {time} ns is past the year 2262", time=time)
         return time
 
     def _name(self, number: int) -> str:
         name = self._names.get(number)
         if name is None:
-            raise ValueError(
-                TranslatableText(
-                    "a word that this version does not know (number {number})", number=number
-                )
+            raise RecordError(
+                "a word that this version does not know (number {number})", number=number
             )
         return name
 
@@ -218,7 +210,7 @@ class ChannelReaders:
         known, _ = self._known.get((type(definition), definition.id), (None, False))
         if known != definition and _costs(definition, known):
             if self._updates >= _MOST_DEFINITIONS:
-                raise RecordError(TranslatableText("more definitions than a recording has"))
+                raise RecordError("more definitions than a recording has")
             self._updates += 1
         self.define(definition, trusted=trusted)
 

@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent
-from fte_sniff.recording.mcap.records import HEAD, RecordError, beyond_chunk, no_record
+from fte_sniff.recording.mcap.records import BEYOND_CHUNK, HEAD, NO_RECORD, RecordError
 from fte_sniff.recording.messages.codec import ChannelReaders, MessageReader, reason_in
 from fte_sniff.recording.messages.wire_layout import COMMON, WireLayout
 from fte_sniff.row_batch import NO_TIME, Array, RowBatch
@@ -211,7 +211,7 @@ def _walked(
         opcode, length = unpack(records, at)
         after = at + HEAD.size + length
         if opcode == 0:
-            raise no_record()
+            raise RecordError(NO_RECORD)
         if after > end:
             break
         if opcode == message:
@@ -220,9 +220,9 @@ def _walked(
             definitions.append((opcode, records[at + HEAD.size : after]))
         at, count = after, count + 1
     else:
-        raise RecordError(TranslatableText("a chunk of more records than its size can hold"))
+        raise RecordError("a chunk of more records than its size can hold")
     if at != end:
-        raise beyond_chunk()
+        raise RecordError(BEYOND_CHUNK)
     return starts, definitions, count
 
 
