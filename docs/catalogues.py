@@ -18,6 +18,7 @@ from pathlib import Path
 from babel.messages.catalog import Catalog
 from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
+from jinja2.ext import babel_extract
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.serial_port import LowLatency
@@ -77,12 +78,20 @@ def texts_in(folder: Path) -> Iterator[str]:
                         yield text
 
 
+def report_texts() -> Iterator[str]:
+    """Headings and notes of the report, which its template marks by `t("...")`."""
+    with (PACKAGE / "cli" / "report_page.html").open("rb") as file:
+        for _line, _function, text, _comments in babel_extract(file, ("t",), (), {}):
+            assert isinstance(text, str)
+            yield text
+
+
 def template() -> Catalog:
     """A catalogue of all texts."""
     found = Catalog(project=DOMAIN, fuzzy=False)
     for text in texts_in(PACKAGE):
         found.add(text)
-    for text in table_texts():
+    for text in (*table_texts(), *report_texts()):
         if text:
             found.add(str(text))
     return found

@@ -111,11 +111,7 @@ def duration_ns(text: str) -> int | None:
 
 
 def day_of(text: str) -> date:
-    """The day that `--date` names.
-
-    Raises:
-        InputTextError: it is none.
-    """
+    """The day that `--date` names; raises InputTextError if it is none."""
     try:
         day = date.fromisoformat(text.strip())
     except ValueError:
@@ -128,11 +124,7 @@ def day_of(text: str) -> date:
 
 
 def zone_of(text: str) -> tzinfo:
-    """The zone that `--zone` names: `+08:00`, `+8`, `UTC`, or as `Asia/Shanghai`.
-
-    Raises:
-        InputTextError: it is none.
-    """
+    """The zone of `--zone`: `+8`, `+08:00`, `UTC`, `Asia/Shanghai`; else raises InputTextError."""
     name = text.strip()
     if offset := re.fullmatch(_ZONE, name, re.ASCII):
         sign, hours, minutes = offset.groups()

@@ -52,7 +52,7 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
-from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
     from fte_sniff.protocol import Gap, Row
@@ -70,65 +70,6 @@ _LONGEST_SHOWN: Final = 32
 _TARGET, _ACTUAL, _BAD, _OFF = "#d9822b", "#3a7bd5", "#d03b3b", "#8a8f98"
 _CHASSIS: Final = (_ACTUAL, _TARGET, "#3c9d5b")
 _STATUS_COLOUR: Final = {Status.SUSPECT: _TARGET, Status.MALFORMED: _BAD, Status.OK: _ACTUAL}
-
-TEXTS: Final = {
-    "report": later("Report"),
-    "captured": later("What was captured"),
-    "numbers": later("Numbers"),
-    "over_time": later("Over time"),
-    "damage": later("First rows of each fault"),
-    "delays": later("Answer delays"),
-    "file": later("File"),
-    "rows": later("rows"),
-    "bytes": later("Bytes"),
-    "first": later("First row"),
-    "last": later("Last row"),
-    "duration": later("Duration"),
-    "filter": later("Filter"),
-    "port": later("Port"),
-    "baud": later("Baud"),
-    "use": later("Line in use"),
-    "silence": later("Longest silence"),
-    "events": later("Port events"),
-    "gaps": later("Rows that are missing"),
-    "from": later("From"),
-    "to": later("To"),
-    "reason": later("Reason"),
-    "facts": later("Recorded with"),
-    "fault": later("Fault"),
-    "share": later("Share"),
-    "kind": later("Kind"),
-    "motor": later("Motor"),
-    "frames": later("Frames"),
-    "rate": later("Rate"),
-    "period": later("Period"),
-    "jitter": later("Jitter"),
-    "longest": later("Longest"),
-    "values": later("Values"),
-    "commands": later("Commands"),
-    "feedback": later("Feedback"),
-    "answered": later("Answered"),
-    "unanswered": later("Unanswered"),
-    "neither": later("Neither"),
-    "neither_note": later(
-        "neither: resets, which need no answer, and commands still open where rows end"
-    ),
-    "delay": later("Delay"),
-    "lost": later("Times offline"),
-    "error_bits": later("ERROR bits"),
-    "error_bit": later("bit {bit} in {frames} of {feedback} frames"),
-    "time": later("Time"),
-    "offset": later("Offset"),
-    "raw": later("Bytes of the row"),
-    "whole": later("Whole capture"),
-    "zoom": later("Drag over a plot to zoom in; double-click to see the whole capture."),
-    "click": later("Click a mark of a fault to see its rows."),
-    "old": later("This browser is too old to draw the plots: it lacks DecompressionStream."),
-    "no_rows": later("There are no rows, so there is nothing to plot."),
-    "no_times": later("The rows have no times, so there is nothing to plot."),
-    "times_utc": later("Times are UTC."),
-}
-"""Headings and notes of the template."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +122,7 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
     )
     own = files("fte_sniff.cli")
     return environment.from_string((own / "report_page.html").read_text("utf-8")).render(
-        t={name: (shown := _(text))[:1].upper() + shown[1:] for name, text in TEXTS.items()},
+        t=_capitalized,
         numbers=numbers,
         facts=facts,
         gaps=[(_moment(gap.start_ns), _moment(gap.end_ns), gap) for gap in facts.gaps],
@@ -194,6 +135,12 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         models=script,
         data=_packed(timeline, plots.meta, gaps) if plots.figures else "",
     )
+
+
+def _capitalized(text: str) -> str:
+    """The translation of a heading or a note of the template, in which `t` marks them."""
+    shown = _(text)
+    return shown[:1].upper() + shown[1:]
 
 
 def _notes(timeline: Timeline) -> Iterator[str]:

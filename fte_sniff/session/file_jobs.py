@@ -257,8 +257,7 @@ def finished_jobs(
         progress: shows how far they have come.
         helps: whether this process does jobs that the executor has not begun.
 
-    Raises:
-        FteSniffError: a file cannot be read with these options, or the executor failed.
+    Raises FteSniffError if a file cannot be read with these options, or the executor failed.
     """
     waiting: deque[_Submitted[Model]] = deque()
     for job in jobs:

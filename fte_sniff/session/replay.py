@@ -293,8 +293,7 @@ class RecordingPages:
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         """The rows from index `start` on; see `BlockSource`.
 
-        Raises:
-            FileError: the file changed, or cannot be read any more.
+        Raises FileError if the file changed, or cannot be read any more.
         """
         # A copy, so that a block does not keep whole batches in memory.
         rows, done = RowBatch.allocate(codebook, count), 0

@@ -78,8 +78,7 @@ def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Si
         path: the file; None for standard output, for text formats.
         source: what is known about the rows; its gaps and selections are read on closing.
 
-    Raises:
-        OSError: the file cannot be created.
+    Raises OSError if the file cannot be created.
     """
     match form:
         case OutputFormat.PARQUET if path is not None:
@@ -214,8 +213,7 @@ class SaveTarget:
     def check(self) -> None:
         """Check that the file can be created now.
 
-        Raises:
-            FileError: it exists or is in use, or its folder does not exist.
+        Raises FileError if it exists or is in use, or its folder does not exist.
         """
         if self.path.is_dir():
             raise FileError("{path} is a folder; name a file in it", path=self.path)
@@ -353,8 +351,7 @@ class SaveJob:
     def __init__(self, target: SaveTarget, source: ExportSource) -> None:
         """Create the file under its temporary name.
 
-        Raises:
-            FileError: it cannot be created.
+        Raises FileError if it cannot be created.
         """
         target.check()
         self._target, self.path = target, target.path
@@ -373,8 +370,7 @@ class SaveJob:
     def write(self, rows: Rows) -> None:
         """Write the next rows.
 
-        Raises:
-            FileError: they cannot be written, or the format cannot hold them.
+        Raises FileError if they cannot be written, or the format cannot hold them.
         """
         with self._abandoned_on_error():
             self._export.sink.write(rows)
@@ -383,8 +379,7 @@ class SaveJob:
     def close(self) -> None:
         """Complete the file, and give it its name.
 
-        Raises:
-            FileError: it cannot be completed, or a file of that name exists now.
+        Raises FileError if it cannot be completed, or a file of that name exists now.
         """
         with self._abandoned_on_error():
             self._export.sink.close()
