@@ -24,6 +24,7 @@ from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.serial_port import LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
+from fte_sniff.recording.output_file import STOPPED
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.status_bar import Mode
@@ -56,6 +57,7 @@ def table_texts() -> Iterator[str]:
     yield from LowLatency
     yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
+    yield from STOPPED.values()
     yield from Joint
     yield from (event_words(kind) for kind in PortEventKind)
     for style in (*TimeStyle, *Delta):

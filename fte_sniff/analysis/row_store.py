@@ -151,40 +151,6 @@ class BlockSource(Protocol):
         ...
 
 
-class BlockCache:
-    """LRU cache of the full blocks that are in memory."""
-
-    def __init__(self, source: BlockSource | None, most: int, codebook: Codebook) -> None:
-        """A cache of at most `most` blocks, at least 1; without a source it drops none."""
-        self._source = source
-        self._most = most
-        self._codebook = codebook
-        self._blocks: dict[int, Block] = {}
-        """By start, the least recently used first."""
-
-    @property
-    def most_blocks(self) -> int | None:
-        """Most full blocks in memory; None if every block stays."""
-        return None if self._source is None else self._most
-
-    def load(self, block: Block) -> Block:
-        """The same block with its rows in memory; FileError if they can no longer be read."""
-        if self._source is None:
-            return block
-        if block.dropped:
-            block.restore(self._source.load(block.start, block.count, self._codebook))
-        if not block.free:
-            self._blocks.pop(block.start, None)
-            self._blocks[block.start] = block
-            while len(self._blocks) > self._most:
-                self._blocks.pop(next(iter(self._blocks))).drop()
-        return block
-
-    def remove(self, block: Block) -> None:
-        """Remove a block that left the store."""
-        self._blocks.pop(block.start, None)
-
-
 BLOCK_ROWS: Final = 32_768
 """Default number of rows in a block; an offset fits 16 bits."""
 
@@ -218,7 +184,9 @@ class RowStore:
         self.bound = bound
         self.codebook = Codebook()
         self._block_rows = block_rows
-        self._cache = BlockCache(source, most_blocks, self.codebook)
+        self._source, self._most_blocks = source, most_blocks
+        self._full: dict[int, Block] = {}
+        """The full blocks in memory, by start, the least recently used first; with a source."""
         self.blocks: deque[Block] = deque()
         """The oldest first."""
         self.first = 0
@@ -240,8 +208,7 @@ class RowStore:
     @property
     def most_in_memory(self) -> int:
         """Most rows in memory; other rows of the store are loaded again."""
-        most = self._cache.most_blocks
-        return self.bound if most is None else most * self._block_rows
+        return self.bound if self._source is None else self._most_blocks * self._block_rows
 
     # Blocks
 
@@ -255,7 +222,16 @@ class RowStore:
 
     def in_memory(self, block: Block) -> Block:
         """The same block with its rows in memory; FileError if they can no longer be read."""
-        return self._cache.load(block)
+        if self._source is None:
+            return block
+        if block.dropped:
+            block.restore(self._source.load(block.start, block.count, self.codebook))
+        if not block.free:
+            self._full.pop(block.start, None)
+            self._full[block.start] = block
+            while len(self._full) > self._most_blocks:
+                self._full.pop(next(iter(self._full))).drop()
+        return block
 
     # Rows
 
@@ -270,7 +246,7 @@ class RowStore:
             block = self.blocks[-1]
             piece = batch[done : done + block.free]
             block.append(piece)
-            changed.append(self._cache.load(block))
+            changed.append(self.in_memory(block))
             done += len(piece)
             self.loaded += len(piece)
             self._drop_oldest()
@@ -279,7 +255,7 @@ class RowStore:
     def _drop_oldest(self) -> None:
         self.first = max(self.first, self.loaded - self.bound)
         while self.blocks and self.blocks[0].end <= self.first:
-            self._cache.remove(self.blocks.popleft())
+            self._full.pop(self.blocks.popleft().start, None)
 
     def row(self, index: int) -> Row:
         """The row with that index; IndexError if it is not in the store."""
@@ -295,7 +271,7 @@ class RowStore:
         """The same rows as batches: views of the store, to be read at once and never changed."""
         start, end = max(start, self.first), min(end, self.next)
         while start < end:
-            block = self._cache.load(self.block_at(start))
+            block = self.in_memory(self.block_at(start))
             stop = min(end, block.end)
             yield block.rows[start - block.start : stop - block.start]
             start = stop

@@ -234,19 +234,14 @@ class PortStats:
             self._merge_times(later, later.first_ns)
 
     def _merge_times(self, later: PortStats, first_ns: int) -> None:
-        if self._continues:
-            idle = np.array([first_ns - self._end_ns])
-            self.silences.update(idle[idle > 0], np.array([first_ns])[idle > 0])
-            self._runs -= 1
-        elif self.first_ns is None or self.last_ns is None:
-            self.first_ns = first_ns
-        else:
-            self._gap_starts_ns += first_ns - self.last_ns
-            self._gap_idle_ns += first_ns - self._end_ns
+        if not self._continues:
+            self._start_run(first_ns)
+        idle = np.array([first_ns - self._end_ns])
+        self.silences.update(idle[idle > 0], np.array([first_ns])[idle > 0])
         self.silences.merge(later.silences)
         self._timed += later._timed
         self._busy_ns += later._busy_ns
-        self._runs += later._runs
+        self._runs += later._runs - 1  # one is common
         self._gap_starts_ns += later._gap_starts_ns
         self._gap_idle_ns += later._gap_idle_ns
         self.last_ns, self._end_ns = later.last_ns, later._end_ns

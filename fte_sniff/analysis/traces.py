@@ -43,9 +43,8 @@ class _Groups:
     """Values by bucket, with rising bucket numbers."""
 
     numbers: Ints
-    low: npt.NDArray[Any]
-    high: npt.NDArray[Any]
-    last: npt.NDArray[Any]
+    values: npt.NDArray[Any]
+    """Minimum, maximum and last value of each bucket; shape (3, buckets)."""
 
     def merged(self, numbers: Ints) -> _Groups:
         """The same with other bucket numbers, which must not fall."""
@@ -53,15 +52,9 @@ class _Groups:
             return self
         starts = np.flatnonzero(np.concatenate(([True], numbers[1:] != numbers[:-1])))
         ends = np.append(starts[1:], len(numbers)) - 1
-        return _Groups(
-            numbers[starts],
-            np.minimum.reduceat(self.low, starts),
-            np.maximum.reduceat(self.high, starts),
-            self.last[ends],
-        )
-
-    def __getitem__(self, at: npt.NDArray[Any]) -> _Groups:
-        return _Groups(self.numbers[at], self.low[at], self.high[at], self.last[at])
+        low, high, last = self.values
+        lows, highs = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        return _Groups(numbers[starts], np.stack((lows, highs, last[ends])))
 
 
 class _Level:
@@ -70,23 +63,22 @@ class _Level:
     def __init__(self, length_ns: int, buckets: int) -> None:
         self.length_ns = length_ns
         self._numbers: Ints = np.full(buckets, _NEVER, np.int64)
-        self._low = np.zeros(buckets, np.int32)
-        self._high = np.zeros(buckets, np.int32)
-        self._last = np.zeros(buckets, np.int32)
+        self._values = np.zeros((3, buckets), np.int32)
         self._newest = _NEVER
         self._oldest = -_NEVER
 
     def update(self, groups: _Groups) -> None:
-        numbers = groups.numbers
-        self._newest = max(self._newest, int(numbers[-1]))
-        self._oldest = min(self._oldest, int(numbers[0]))
-        groups = groups[numbers >= self._oldest_kept]
-        slots = groups.numbers % len(self._numbers)
-        found = self._numbers[slots] == groups.numbers
-        self._low[slots] = np.where(found, np.minimum(self._low[slots], groups.low), groups.low)
-        self._high[slots] = np.where(found, np.maximum(self._high[slots], groups.high), groups.high)
-        self._last[slots] = groups.last
-        self._numbers[slots] = groups.numbers
+        self._newest = max(self._newest, int(groups.numbers[-1]))
+        self._oldest = min(self._oldest, int(groups.numbers[0]))
+        kept = groups.numbers >= self._oldest_kept
+        numbers, (low, high, last) = groups.numbers[kept], groups.values[:, kept]
+        slots = numbers % len(self._numbers)
+        found = self._numbers[slots] == numbers
+        old_low, old_high, _ = self._values[:, slots]
+        low = np.where(found, np.minimum(old_low, low), low)
+        high = np.where(found, np.maximum(old_high, high), high)
+        self._values[:, slots] = low, high, last
+        self._numbers[slots] = numbers
 
     @property
     def _oldest_kept(self) -> int:
@@ -102,7 +94,7 @@ class _Level:
         end = -(-end_ns // self.length_ns)
         found = np.flatnonzero((numbers >= first) & (numbers < end))
         found = found[np.argsort(numbers[found])]
-        return _Groups(numbers, self._low, self._high, self._last)[found]
+        return _Groups(numbers[found], self._values[:, found])
 
     def before(self, t_ns: int) -> Reported | None:
         """The last value in a bucket that ends before a time."""
@@ -111,7 +103,7 @@ class _Level:
         if not early.any():
             return None
         slot = int(np.where(early, numbers, _NEVER).argmax())
-        return Reported(int(numbers[slot]) * self.length_ns, int(self._last[slot]))
+        return Reported(int(numbers[slot]) * self.length_ns, int(self._values[2, slot]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +130,7 @@ class Envelope:
         order = np.argsort(t_ns, kind="stable") if (t_ns[1:] < t_ns[:-1]).any() else slice(None)
         narrow = values[order].astype(np.int32)
         numbers = t_ns[order] // self._levels[0].length_ns
-        groups = _Groups(numbers, narrow, narrow, narrow).merged(numbers)
+        groups = _Groups(numbers, np.stack([narrow] * 3)).merged(numbers)
         for number, level in enumerate(self._levels):
             if number:
                 groups = groups.merged(groups.numbers // STEP)
@@ -154,21 +146,14 @@ class Envelope:
         middles = groups.numbers * level.length_ns + level.length_ns // 2
         at = (middles - start_ns) / max(1, end_ns - start_ns) * columns
         groups = groups.merged(np.clip(at.astype(np.int64), 0, columns - 1))
-        found = empty_columns(columns)
-        found.low[groups.numbers] = groups.low
-        found.high[groups.numbers] = groups.high
-        found.last[groups.numbers] = groups.last
-        return found
+        values = np.full((3, columns), np.nan)
+        values[:, groups.numbers] = groups.values
+        return EnvelopeColumns(*values)
 
     def before(self, t_ns: int) -> Reported | None:
         """The last value before the bucket of a time, from the finest level that has one."""
         found = (level.before(t_ns) for level in self._levels)
         return next((value for value in found if value is not None), None)
-
-
-def empty_columns(columns: int) -> EnvelopeColumns:
-    """Columns without values."""
-    return EnvelopeColumns(*(np.full(columns, np.nan) for _ in range(3)))
 
 
 _Key: TypeAlias = tuple[int, Direction, str]
@@ -238,7 +223,8 @@ class Traces:
         key = motor, direction, name
         found, trace = self._resampled.get((key, columns)), self._traces.get(key)
         if found is None:
-            found = empty_columns(columns) if trace is None else trace.resample(*window, columns)
+            empty = EnvelopeColumns(*np.full((3, columns), np.nan))
+            found = empty if trace is None else trace.resample(*window, columns)
             self._resampled[key, columns] = found
         return found
 

@@ -50,7 +50,6 @@ from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert
-    from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.verdicts import RuleCheck
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
@@ -170,12 +169,20 @@ def run_capture(
                 print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
             _print_lines(plan, filter_text, alert_of(alert_text), observe)
         else:
-            start = _start_options(plan, setup, settings, lang)
-            start = replace(
-                start,
+            from fte_sniff.tui.options import StartOptions
+
+            start = StartOptions(
                 row_filter=row_filter(filter_text),
                 alert=alert_of(alert_text),
                 keep_rows=keep_rows,
+                leave_at_end=plan.duration_s is not None or plan.count is not None,
+                signals=_ending_signals(plan),
+                line_setup=setup,
+                language=settings.language(lang),
+                colors=settings.colors,
+                choices=settings.choices,
+                save_choices=settings.keep,
+                warnings=settings.trouble,
             )
             code = _show_screen(plan, start, observe)
     sys.exit(code)
@@ -216,23 +223,6 @@ def _print_verdicts(check: RuleCheck) -> None:
             f"fte-sniff: {check.unseen:,} rows arrived too fast to be checked; run check on the "
             "recording"
         )
-
-
-def _start_options(
-    plan: CapturePlan, setup: LineSetup, settings: Settings, lang: str | None
-) -> StartOptions:
-    from fte_sniff.tui.options import StartOptions
-
-    return StartOptions(
-        leave_at_end=plan.duration_s is not None or plan.count is not None,
-        signals=_ending_signals(plan),
-        line_setup=setup,
-        language=settings.language(lang),
-        colors=settings.colors,
-        choices=settings.choices,
-        save_choices=settings.keep,
-        warnings=settings.trouble,
-    )
 
 
 def _is_stdout(recording: Path | None) -> bool:

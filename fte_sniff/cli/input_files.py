@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, tzinfo
 from functools import partial, wraps
@@ -271,25 +271,34 @@ class InputQuery:
             UsageError: the content of a file is unknown, or does not fit the options.
             InputTextError: a time, date or zone is invalid.
         """
+
+        def opened(path: Path) -> Input:
+            if following is not None:
+                return following.open(self._followed(path))
+            return _opened(path, self)
+
         self._check_log_options()
-        inputs: list[Input] = []
-        unreadable: list[FileError] = []
-        progress = progress or Progress()
-        for path in self.paths():
-            progress.step = f"opening {path}"
-            try:
-                followed = following and following.open(self._followed(path))
-                inputs.append(followed or _opened(path, self))
-            except FileError as error:
-                unreadable.append(error)
-        if not inputs:
-            raise unreadable[0]
+        progress, unreadable = progress or Progress(), list[FileError]()
+        inputs = [one for _, one in self._each(opened, progress, unreadable)]
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
         found = InputReading(inputs, span, row_filter, limit, self.baud, unreadable, progress)
         if following is not None:
             progress.step = f"following {inputs[0].name}"
         return found
+
+    def _each(
+        self, opened: Callable[[Path], Input], progress: Progress, unreadable: list[FileError]
+    ) -> Iterator[tuple[Path, Input]]:
+        """Open the inputs; errors of some are added to `unreadable`, and raised if all have one."""
+        for path in (paths := self.paths()):
+            progress.step = f"opening {path}"
+            try:
+                yield path, opened(path)
+            except FileError as error:
+                unreadable.append(error)
+        if len(unreadable) == len(paths):
+            raise unreadable[0]
 
     def _followed(self, path: Path) -> Path:
         """The path; raises UsageError if it is one of several, or cannot grow."""
@@ -314,22 +323,13 @@ class InputQuery:
         wanted = self.row_filter()
         opened = partial(_opened, query=replace(self, files=()))
         found: list[tuple[int | None, FileJob[Model]]] = []
-        unreadable: list[FileError] = []
-        paths = self.paths()
-        for path in paths:
-            progress.step = f"opening {path}"
-            try:
-                one = opened(path)
-            except FileError as error:
-                unreadable.append(error)
-                continue
+        unreadable, several = list[FileError](), len(self.paths()) > 1
+        for path, one in self._each(opened, progress, unreadable):
             source = path if path.is_file() else one
             job = FileJob(
                 source, opened, make_model, None, self.filter_text, self.baud, size=one.size
             )
-            found.append((one.first_ns if len(paths) > 1 else None, job))
-        if not found:
-            raise unreadable[0]
+            found.append((one.first_ns if several else None, job))
         found.sort(key=lambda one: (one[0] is None, one[0] or 0))
         jobs = [job for _, job in found]
         times = (_times_of(job.open(), progress) for job in jobs)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -225,24 +225,55 @@ class _Run:
 
 
 @dataclass(slots=True)
+class PassCounts:
+    """What was found in a file or a part of it, besides the rows."""
+
+    lost: list[LostBytes] = field(default_factory=list)
+    """Chunks that could not be read."""
+    losses: Losses = field(default_factory=Losses)
+    """Messages and definitions that could not be read."""
+    messages: int = 0
+    """Number of messages of any topic."""
+    unreadable: int = 0
+    """Number of messages that could not be read."""
+    chunks: int = 0
+    """Number of chunks that could be read."""
+    times: tuple[int, int] | None = None
+    """First and last log time of fte-sniff's messages."""
+    sequences: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """By channel id: the sequence number after the last message, and the number of messages."""
+
+    def count(self, piece: DecodedColumns) -> None:
+        """Add decoded messages."""
+        self.messages += piece.messages
+        self.times = _both(self.times, piece.times)
+        self.losses.merge(piece.losses)
+        self.unreadable += piece.losses.total()
+
+    def count_sequences(self, sequences: Mapping[int, tuple[int, int]]) -> None:
+        """Add sequence numbers of messages."""
+        for channel, (end, count) in sequences.items():
+            known, counted = self.sequences.get(channel, (0, 0))
+            self.sequences[channel] = max(end, known), count + counted
+
+    def include(self, other: PassCounts) -> None:
+        """Add what was found in another part."""
+        self.lost += other.lost
+        self.losses.merge(other.losses)
+        self.messages += other.messages
+        self.unreadable += other.unreadable
+        self.chunks += other.chunks
+        self.times = _both(self.times, other.times)
+        self.count_sequences(other.sequences)
+
+
+@dataclass(slots=True)
 class _Decoded:
     version: int
     runs: list[_Run]
     definitions: list[tuple[Definition, bool]] = field(default_factory=list)
     """Definitions in the sections, and whether a checksum protects them."""
-    lost: list[LostBytes] = field(default_factory=list)
-    losses: Losses = field(default_factory=Losses)
-    messages: int = 0
-    unreadable: int = 0
-    chunks: int = 0
-    times: tuple[int, int] | None = None
-    sequences: list[dict[int, tuple[int, int]]] = field(default_factory=list)
-
-    def count(self, piece: DecodedColumns) -> None:
-        self.messages += piece.messages
-        self.times = _both(self.times, piece.times)
-        self.losses.merge(piece.losses)
-        self.unreadable += piece.losses.total()
+    found: PassCounts = field(default_factory=PassCounts)
 
 
 @dataclass(slots=True)
@@ -285,7 +316,7 @@ class BatchReader:
             channels: the definitions so far; this object adds those that it reads.
             codebook: that of the batches.
             span: only rows in it.
-            count_sequences: whether to fill in `sequences`.
+            count_sequences: whether to count sequence numbers.
             share: divides the size of batches, and what is decoded ahead.
         """
         keep_freed_memory()
@@ -296,20 +327,8 @@ class BatchReader:
         self._most_jobs, self._most_under_way = cores() + 1, _MOST_UNDER_WAY // share
         self._enough = max(JOB // share, _FIRST_JOB)
         self._split_count = 0
-        self.lost: list[LostBytes] = []
-        """Chunks that could not be read."""
-        self.losses = Losses()
-        """Messages and definitions that could not be read."""
-        self.messages = 0
-        """Number of messages of any topic."""
-        self.unreadable = 0
-        """Number of messages that could not be read."""
-        self.chunks = 0
-        """Number of chunks that could be read."""
-        self.times: tuple[int, int] | None = None
-        """First and last log time of fte-sniff's messages."""
-        self.sequences: dict[int, tuple[int, int]] = {}
-        """By channel id: the sequence number after the last message, and the number of messages."""
+        self.found = PassCounts()
+        """What was found so far; `sequences` only if they are counted."""
         self.statistics: Statistics | None = None
         """Those at the end of the file, checked by no checksum."""
 
@@ -402,7 +421,7 @@ class BatchReader:
         try:
             self._channels.update(*definition, trusted=trusted)
         except RecordError as error:
-            self.losses.append(error.message)
+            self.found.losses.append(error.message)
 
     def _finished(
         self, sections: list[_Section], decoded: _Decoded
@@ -411,7 +430,7 @@ class BatchReader:
             self._define(definition, trusted=trusted)
         if decoded.version != self._channels.version:
             decoded = self._decode(sections, self._channels.version)
-        self._count(decoded)
+        self.found.include(decoded.found)
         if self._definitions[0] != self._channels.version:
             self._definitions = self._channels.version, self._channels.definitions
         for run in decoded.runs:
@@ -422,27 +441,16 @@ class BatchReader:
                 yield RowRange(definitions, ranges, self._span, skipped, count, after_loss), rows
                 skipped += count
 
-    def _count(self, decoded: _Decoded) -> None:
-        self.lost += decoded.lost
-        self.losses.merge(decoded.losses)
-        self.messages += decoded.messages
-        self.unreadable += decoded.unreadable
-        self.chunks += decoded.chunks
-        self.times = _both(self.times, decoded.times)
-        for sequences in decoded.sequences:
-            for channel, (end, count) in sequences.items():
-                known, counted = self.sequences.get(channel, (0, 0))
-                self.sequences[channel] = max(end, known), count + counted
-
     def _decode(self, sections: list[_Section], version: int) -> _Decoded:
         """Decode sections, in a thread."""
         reserved = sum(message_count(section.indexes) for section in sections)
         rows = _RowCollector(self._codebook, min(reserved, _MOST_RESERVED), self._span)
         run = _Run(sections[0].after_loss)
         decoded = _Decoded(version, [run])
+        counts = decoded.found
         for found in _indexed(sections):
             if isinstance(found, LostBytes):
-                decoded.lost.append(found)
+                counts.lost.append(found)
                 if not (run.batches or rows.pieces) or not self._splits():
                     run.after_loss = True
                     continue
@@ -451,22 +459,22 @@ class BatchReader:
                 decoded.runs.append(run)
                 continue
             run.ranges += [one for section in found.sections for one in section.ranges]
-            decoded.chunks += sum(section.chunk is not None for section in found.sections)
+            counts.chunks += sum(section.chunk is not None for section in found.sections)
             for definition in found.messages.definitions:
                 decoded.definitions.append((definition, found.sections[0].trusted))
             slices = list(found.messages.slices(2 * JOB, JOB // 4))
             for messages in slices:
                 piece = rows.append(messages, self._channels)
-                decoded.count(piece)
+                counts.count(piece)
                 run.after_loss |= bool(piece.losses)
                 if self._count_sequences:
-                    decoded.sequences.append(_sequences(messages))
+                    counts.count_sequences(_sequences(messages))
                 if len(slices) > 1:
                     rows.end_batch(run.batches)
             if found.messages.without_head:
                 text = TranslatableText("a message without its header")
-                decoded.losses.append(text, found.messages.without_head)
-                decoded.unreadable += found.messages.without_head
+                counts.losses.append(text, found.messages.without_head)
+                counts.unreadable += found.messages.without_head
             # Free this piece first: the next is then unpacked into cached memory.
             del found, slices
         rows.end_batch(run.batches)

@@ -227,7 +227,7 @@ class GrowingReader(RecordingReader):
                 self._position = self._complete
                 # It names the records of the first pass only.
                 self._summary = None
-                self.times = reader.times or self.times
+                self.times = reader.found.times or self.times
                 self._advance(stream)
 
     def last_ranges(
@@ -262,7 +262,7 @@ class GrowingReader(RecordingReader):
         try:
             yield from reader.read(records)
         finally:
-            self._damage |= dict.fromkeys((*records.losses, *reader.lost))
+            self._damage |= dict.fromkeys((*records.losses, *reader.found.lost))
         return records
 
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
 from itertools import count
 from pathlib import Path
+from typing import Final
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
 from fte_sniff.recording.file_lock import lock, locked
@@ -28,46 +29,26 @@ from fte_sniff.recording.mcap.append_file import (
     Stream,
 )
 
+STOPPED: Final[Mapping[type[OSError], str]] = {
+    BrokenPipeError: "{path}: its reader is gone; the recording ended after {rows:,} rows",
+    NoReaderError: "no program has opened {path} for reading, so its {rows} rows are lost; "
+    "start the reader, or record to a file",
+    CutOffError: "recording stopped: another program cut off {path} while it was being written; "
+    "of its {rows} rows, those after the cut are lost; do not change the file while it is written",
+    NotRestoredError: "recording stopped: {reason}; {path} has the {rows} rows up to there, but "
+    "also bytes of the failed write; copy it with `fte-sniff decode {path} -o NAME.mcap`",
+    OSError: "recording stopped: {reason}; {path} is complete up to there ({rows} rows); free "
+    "space, or record elsewhere with -o",
+}
+"""Forms of the errors of a recording that the system does not let go on."""
+
 
 def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
     """The error for a recording that the system does not let go on."""
-    if isinstance(error, BrokenPipeError):
-        where = TranslatableText("standard output") if str(path) == "-" else path
-        return FileError(
-            "{where}: its reader is gone; the recording ended after {rows:,} rows",
-            where=where,
-            rows=rows,
-        )
-    if isinstance(error, NoReaderError):
-        return FileError(
-            "no program has opened {path} for reading, so its {rows} rows are lost; "
-            "start the reader, or record to a file",
-            path=path,
-            rows=rows,
-        )
-    if isinstance(error, CutOffError):
-        return FileError(
-            "recording stopped: another program cut off {path} while it was being written; "
-            "of its {rows} rows, those after the cut are lost; do not change the file while it "
-            "is written",
-            path=path,
-            rows=rows,
-        )
-    if isinstance(error, NotRestoredError):
-        return FileError(
-            "recording stopped: {reason}; {path} has the {rows} rows up to there, but also bytes "
-            "of the failed write; copy it with `fte-sniff decode {path} -o NAME.mcap`",
-            reason=reason_of(error),
-            path=path,
-            rows=rows,
-        )
-    return FileError(
-        "recording stopped: {reason}; {path} is complete up to there "
-        "({rows} rows); free space, or record elsewhere with -o",
-        reason=reason_of(error),
-        path=path,
-        rows=rows,
-    )
+    form = next(form for kind, form in STOPPED.items() if isinstance(error, kind))
+    if isinstance(error, BrokenPipeError) and str(path) == "-":
+        path = TranslatableText("standard output")
+    return FileError(form, path=path, rows=rows, reason=reason_of(error))
 
 
 def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:

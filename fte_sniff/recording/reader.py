@@ -201,7 +201,7 @@ class RecordingReader:
             try:
                 yield from reader.read(records)
             finally:
-                self._damage |= dict.fromkeys((*records.losses, *reader.lost))
+                self._damage |= dict.fromkeys((*records.losses, *reader.found.lost))
         self._finish(reader, records, whole=span.everything)
         self._check_topics(reader, channels, cut=bool(records.ending or records.losses))
 
@@ -272,22 +272,23 @@ class RecordingReader:
         return channels
 
     def _finish(self, reader: BatchReader, records: RecordStream, *, whole: bool) -> None:
+        found = reader.found
         self._ending = records.ending or (None if whole else self._ending)
-        self._losses = reader.losses.lines
+        self._losses = found.losses.lines
         if not whole:
             return
-        self.times = reader.times or self.times
+        self.times = found.times or self.times
         count = self.count
         if count is None and reader.statistics is not None:
             count = _count_in(reader.statistics)
-        sequences = [(end, n) for end, n in reader.sequences.values() if end < _SEQUENCES]
+        sequences = [(end, n) for end, n in found.sequences.values() if end < _SEQUENCES]
         skipped = sum(max(0, end - n) for end, n in sequences)
-        self.least_lost_messages = skipped + reader.unreadable
-        self.unreadable, self.chunks = reader.unreadable, reader.chunks
+        self.least_lost_messages = skipped + found.unreadable
+        self.unreadable, self.chunks = found.unreadable, found.chunks
         if count is None:
             return
-        missing = count - reader.messages
-        self.lost_messages = self.least_lost_messages = max(0, missing + reader.unreadable)
+        missing = count - found.messages
+        self.lost_messages = self.least_lost_messages = max(0, missing + found.unreadable)
         if missing > 0:
             text = TranslatableText(
                 "{missing} of {count} messages are missing", missing=missing, count=count
@@ -296,11 +297,11 @@ class RecordingReader:
 
     def _check_topics(self, reader: BatchReader, channels: ChannelReaders, *, cut: bool) -> None:
         """Refuse a file of which nothing could be read, at the end of a pass."""
-        if reader.times is not None:
+        if reader.found.times is not None:
             return
         for channel in channels.channels:
             why = channels.get(channel.id)
-            if isinstance(why, str) and why in reader.losses:
+            if isinstance(why, str) and why in reader.found.losses:
                 raise FileError("{path}: {why}", path=self.path, why=why)
         topics = [channel.topic for channel in channels.channels]
         ours = self._is_ours or any(topic in TOPIC_BY_NAME for topic in topics)
