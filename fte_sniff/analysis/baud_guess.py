@@ -152,7 +152,6 @@ class LineCondition(StrEnum):
     INVERTED = "inverted"
     TEXT = "text"
     FOREIGN = "foreign"
-    """None of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,11 +168,9 @@ class LineDiagnosis:
 
     condition: LineCondition
     size: int
-    """Number of received bytes."""
     share: float
     """Share of them in readable frames, 0 to 1."""
     directions: frozenset[Direction] = frozenset()
-    """Directions of the readable frames."""
     guesses: tuple[tuple[LineSetting, float], ...] = ()
     """Settings that explain the bytes, with probabilities (0 to 1), the most likely first."""
 

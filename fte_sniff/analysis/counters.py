@@ -20,7 +20,6 @@ import numpy.typing as npt
 from fte_sniff.row_batch import Ints
 
 PER_OCTAVE: Final = 1024
-"""Bins in an octave."""
 
 _Floats: TypeAlias = npt.NDArray[np.float64]
 
@@ -119,7 +118,6 @@ def _middles(bins: Ints) -> _Floats:
 
 
 SLOTS: Final = 512
-"""Most slots of a `CountsOverTime`."""
 
 SHORTEST_NS: Final = 1 << 24
 """Initial length of a slot, nanoseconds: about 17 ms."""
@@ -140,7 +138,6 @@ class CountsOverTime:
 
     def __init__(self, shortest_ns: int = SHORTEST_NS) -> None:
         self.slot_ns = shortest_ns
-        """Length of a slot, nanoseconds."""
         self._first = 0
         self._table: Ints = np.zeros((0, 0), np.int64)
 
@@ -205,7 +202,6 @@ class CountsOverTime:
 
 
 RECENT: Final = 256
-"""Default size of a `RecentValues`."""
 
 RATE_WINDOW_NS: Final = 2_000_000_000
 """Window of a rate, nanoseconds."""

@@ -190,7 +190,6 @@ _WIDE: Final[Mapping[ColumnType, pl.DataType]] = {
 SCHEMA: Final[Mapping[str, pl.DataType]] = {
     column.name: _WIDE.get(column.type, TABLE_SCHEMA[column.name]) for column in COLUMNS
 }
-"""The polars type of every column of the row contract, in its order."""
 
 
 def wide(table: pl.DataFrame) -> pl.DataFrame:

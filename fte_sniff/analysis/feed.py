@@ -25,7 +25,6 @@ class BaudChange:
 
     port: str
     baud: int
-    """Bits per second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +139,6 @@ def _rising_times(rows: Sequence[Row]) -> Ints:
 
 
 SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""Speeds of playback."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,11 +192,9 @@ class Feed(Protocol):
 
     def poll(self) -> FeedUpdate:
         """What came since the previous poll; never blocks; may be called after the end."""
-        ...
 
     def stop(self) -> None:
         """Ask the source to end; a later poll reports the end. Calling it again does nothing."""
-        ...
 
 
 @runtime_checkable
@@ -208,7 +204,6 @@ class LiveFeed(Protocol):
     @property
     def descriptor(self) -> int:
         """Readable when there is something to poll or the feed has ended; only for waiting."""
-        ...
 
 
 @runtime_checkable
@@ -217,4 +212,3 @@ class StaticFeed(Protocol):
 
     def rest(self) -> None:
         """Pause reading until the next poll; a read in progress is finished; returns at once."""
-        ...

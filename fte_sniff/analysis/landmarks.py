@@ -112,7 +112,6 @@ class Landmarks:
 _index: Final = attrgetter("index")
 
 NOTES: Final = tuple(note for note in RowNote if note)
-"""What the overview shows of rows."""
 
 _BUCKETS_PER_CELL: Final = 8
 

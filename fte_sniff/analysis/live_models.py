@@ -21,7 +21,6 @@ from fte_sniff.analysis.traces import Traces
 from fte_sniff.protocol import Gap, GapKind
 
 CHECKPOINT_ROWS: Final = 32_768
-"""Rows between two checkpoints."""
 
 MOST_TRACED_ROWS: Final = 300_000
 """Most rows that are traced again for a row of the past."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
@@ -45,7 +46,7 @@ class RowPosition(NamedTuple):
         return cls(int(rows.t_ns[at]), port, int(rows.offset[at]))
 
 
-class FirstRows:
+class _FirstRows:
     """The first rows by time, at most `most`."""
 
     def __init__(self, most: int) -> None:
@@ -68,7 +69,7 @@ class FirstRows:
         """Add rows by their positions."""
         self._rows = sorted([*self._rows, *positions])[: self._most]
 
-    def merge(self, other: FirstRows) -> None:
+    def merge(self, other: _FirstRows) -> None:
         """Add the rows of another object with the same `most`."""
         self.add(other._rows)
 
@@ -84,6 +85,11 @@ class Measure(ABC):
     def __init__(self, rule: Rule) -> None:
         self._too_large = rule.least_too_large
         self._too_small = rule.greatest_too_small
+        self._first = _FirstRows(self._least_violating())
+
+    def _least_violating(self) -> int:
+        """The number of rows that violates the rule, the last of which is shown; 0 to show none."""
+        return 0
 
     def _exceeds(self, values: Array) -> Bools:
         """Which values are larger than the rule allows."""
@@ -108,9 +114,9 @@ class Measure(ABC):
     def observe(self, rows: RowBatch, matches: Bools) -> None:
         """Add the next rows; `matches` is a mask of those that the rule's filter selects."""
 
-    @abstractmethod
     def merge(self, later: Self) -> None:
         """Add the rows that follow."""
+        self._first.merge(later._first)
 
     @abstractmethod
     def value(self, total: RowCount) -> float | None:
@@ -122,10 +128,10 @@ class Measure(ABC):
     @property
     def row(self) -> RowPosition | None:
         """The first row at which the rule was violated, if one row can show it."""
-        return None
+        return self._first.last
 
 
-class Duration(Measure):
+class _Duration(Measure):
     """`duration()`."""
 
     def __init__(self, rule: Rule) -> None:
@@ -133,11 +139,10 @@ class Duration(Measure):
         self._timed = 0
 
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         self._timed += int(np.count_nonzero(rows.timed))
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
+        super().merge(later)
         self._timed += later._timed
 
     def value(self, total: RowCount) -> float | None:
@@ -145,50 +150,42 @@ class Duration(Measure):
         return (total.duration_ns or 0) / _SECOND if self._timed > 1 else None
 
 
-class MatchCount(Measure):
+class _MatchCount(Measure):
     """`count(FILTER)`."""
 
     def __init__(self, rule: Rule) -> None:
         super().__init__(rule)
         self.count = 0
-        self._first = FirstRows(self._least_violating())
 
     def _least_violating(self) -> int:
         return self._least_count_too_large()
 
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         found = np.flatnonzero(matches)
         self.count += len(found)
         self._first.update(rows, found)
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
+        super().merge(later)
         self.count += later.count
-        self._first.merge(later._first)
 
     def value(self, total: RowCount) -> float | None:
         """The number of matching rows."""
         return self.count if total.rows else None
 
-    @property
-    def row(self) -> RowPosition | None:
-        """The first row beyond the allowed number."""
-        return self._first.last
 
-
-class MatchShare(MatchCount):
+class _MatchShare(_MatchCount):
     """`share(FILTER)`."""
 
     def _least_violating(self) -> int:
-        return 1 if self._too_large[0] < math.inf else MOST_KEPT + 1
+        return int(self._too_large[0] < math.inf)
 
     def value(self, total: RowCount) -> float | None:
         """The share of matching rows, 0 to 1."""
         return self.count / total.rows if total.rows else None
 
 
-class MatchRate(MatchShare):
+class _MatchRate(_MatchShare):
     """`rate(FILTER)`."""
 
     def value(self, total: RowCount) -> float | None:
@@ -198,7 +195,7 @@ class MatchRate(MatchShare):
         return self.count * _SECOND / total.duration_ns if total.duration_ns else None
 
 
-class FieldValues(Measure):
+class _FieldValues(Measure):
     """`min`, `max` and `mean` of a field."""
 
     def __init__(self, rule: Rule) -> None:
@@ -207,10 +204,11 @@ class FieldValues(Measure):
         self._count = self._sum = 0
         self._least: int | None = None
         self._greatest: int | None = None
-        self._first = FirstRows(1)
+
+    def _least_violating(self) -> int:
+        return 1
 
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         values, known = _numbers(rows, self._field)
         found = np.flatnonzero(matches & known)
         if not len(found):
@@ -229,23 +227,17 @@ class FieldValues(Measure):
         self._greatest = greatest if self._greatest is None else max(greatest, self._greatest)
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
+        super().merge(later)
         self._count += later._count
         self._sum += later._sum
         if later._least is not None and later._greatest is not None:
             self._extend(later._least, later._greatest)
-        self._first.merge(later._first)
 
     def value(self, total: RowCount) -> float | None:
         """The smallest or greatest value, or the mean."""
         if self._which == "mean":
             return self._sum / self._count if self._count else None
         return self._least if self._which == "min" else self._greatest
-
-    @property
-    def row(self) -> RowPosition | None:
-        """The first row with a value beyond the limit."""
-        return self._first.last
 
 
 def _numbers(rows: RowBatch, name: str) -> tuple[Ints, Bools]:
@@ -280,7 +272,7 @@ class _Run:
             yield self.last_match, self.end
 
 
-class MaxGap(Measure):
+class _MaxGap(Measure):
     """`max_gap(FILTER)`.
 
     Of the runs between gaps, the first and the last are kept: rows before the first, and after the
@@ -291,15 +283,16 @@ class MaxGap(Measure):
         super().__init__(rule)
         self._matches = 0
         self._longest_ns = 0
-        self._row: RowPosition | None = None
         self._runs: list[_Run] = []
         self._opens = True
         """Whether the first run would continue rows before it."""
         self._continues = False
         """Whether the next rows continue the last run."""
 
+    def _least_violating(self) -> int:
+        return 1
+
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         timed = np.flatnonzero(rows.timed)
         if not len(timed):
             return
@@ -311,18 +304,15 @@ class MaxGap(Measure):
             gaps_ns = np.diff(rows.t_ns[found])
             self._longest_ns = max(self._longest_ns, int(gaps_ns.max(initial=0)))
             for at in np.flatnonzero(self._exceeds(gaps_ns / _SECOND))[:1]:
-                self._include(RowPosition.of(rows, found[at]))
+                self._first.add([RowPosition.of(rows, found[at])])
         start, end = RowPosition.of(rows, timed[0]), RowPosition.of(rows, timed[-1])
         self._append(_Run(start, end, first, last), continues=self._continues)
-
-    def _include(self, row: RowPosition) -> None:
-        self._row = row if self._row is None else min(self._row, row)
 
     def _measure(self, start: RowPosition, end: RowPosition) -> None:
         gap_ns = end.t_ns - start.t_ns
         self._longest_ns = max(self._longest_ns, gap_ns)
         if self._exceeds(np.array([gap_ns / _SECOND]))[0]:
-            self._include(start)
+            self._first.add([start])
 
     def _append(self, run: _Run, *, continues: bool) -> None:
         self._continues = True
@@ -348,11 +338,9 @@ class MaxGap(Measure):
         self._opens = self._opens and bool(self._runs)
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
+        super().merge(later)
         self._matches += later._matches
         self._longest_ns = max(self._longest_ns, later._longest_ns)
-        if later._row is not None:
-            self._include(later._row)
         if not later._opens:
             self.interrupt()
         for number, run in enumerate(later._runs):
@@ -360,10 +348,10 @@ class MaxGap(Measure):
         if later._runs:
             self._continues = later._continues
 
-    def _whole(self) -> MaxGap:
+    def _whole(self) -> _MaxGap:
         """The same with the runs at both ends, if no rows precede and follow."""
-        whole = MaxGap.__new__(MaxGap)
-        whole.__dict__.update(self.__dict__)
+        whole = copy(self)
+        whole._first = copy(self._first)
         for run in self._runs:
             whole._measure_edges(run)
         return whole
@@ -375,10 +363,10 @@ class MaxGap(Measure):
     @property
     def row(self) -> RowPosition | None:
         """The row after which no matching row came for too long."""
-        return self._whole()._row
+        return self._whole()._first.last
 
 
-class CommandAnswers(Measure):
+class _CommandAnswers(Measure):
     """`unanswered([FILTER])`, and the base of `delay`: the filter selects commands."""
 
     def __init__(self, rule: Rule) -> None:
@@ -388,13 +376,11 @@ class CommandAnswers(Measure):
         """By motor, the position of the last command, and whether it matches."""
         self.unanswered = 0
         self.delays = Durations()
-        self._first = FirstRows(self._least_violating())
 
     def _least_violating(self) -> int:
         return self._least_count_too_large()
 
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         found = motor_rows(rows)
         for motor, pairing in self._pairings.items():
             commands, feedback = found.commands[motor], found.feedback[motor]
@@ -444,7 +430,7 @@ class CommandAnswers(Measure):
             pairing.interrupt()
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
+        super().merge(later)
         for motor, pairing in self._pairings.items():
             decided = pairing.merge(later._pairings[motor])
             if len(decided.indices) and self._open[motor][1]:
@@ -455,19 +441,13 @@ class CommandAnswers(Measure):
         self._open |= later._open
         self.unanswered += later.unanswered
         self.delays.merge(later.delays)
-        self._first.merge(later._first)
 
     def value(self, total: RowCount) -> float | None:
         """The number of commands without an answer before the next command."""
         return self.unanswered if total.rows else None
 
-    @property
-    def row(self) -> RowPosition | None:
-        """The first command beyond the allowed number, or with too long a delay."""
-        return self._first.last
 
-
-class AnswerDelay(CommandAnswers):
+class _AnswerDelay(_CommandAnswers):
     """`delay(PERCENTILE [, FILTER])`."""
 
     def __init__(self, rule: Rule) -> None:
@@ -490,7 +470,7 @@ class AnswerDelay(CommandAnswers):
         return None if delay_ns is None else delay_ns / _MILLISECOND
 
 
-class OnlineShare(Measure):
+class _OnlineShare(Measure):
     """`online(MOTOR)`: each ONLINE byte holds until the next feedback of any motor."""
 
     def __init__(self, rule: Rule) -> None:
@@ -499,22 +479,22 @@ class OnlineShare(Measure):
         self._own = self._frames = self._frames_on = 0
         self._known_ns = self._on_ns = 0
         self._interrupted = False
-        self._first: tuple[int, bool] | None = None
+        self._first_bit: tuple[int, bool] | None = None
         """Time and bit of the first feedback, if no gap is before it."""
-        self._last: tuple[int, bool] | None = None
+        self._last_bit: tuple[int, bool] | None = None
         """Time and bit of the last feedback, if no gap is after it."""
-        lower = self._too_small[0] > -math.inf
-        self._rows = FirstRows(1 if lower else 0)
+
+    def _least_violating(self) -> int:
+        return int(self._too_small[0] > -math.inf)
 
     def observe(self, rows: RowBatch, matches: Bools) -> None:
-        """Add the next rows."""
         found = motor_rows(rows)
         self._own += len(found.feedback[self._motor])
         feedback = found.any_feedback
         bits = (rows.values("online", feedback) >> (self._motor - MOTORS[0]) & 1).astype(np.bool_)
         self._frames += len(feedback)
         self._frames_on += int(np.count_nonzero(bits))
-        self._rows.update(rows, feedback[~bits])
+        self._first.update(rows, feedback[~bits])
         timed = rows.t_ns[feedback] != NO_TIME
         t_ns, bits = rows.t_ns[feedback][timed], bits[timed]
         if not len(t_ns):
@@ -524,35 +504,34 @@ class OnlineShare(Measure):
         held_ns = np.maximum(np.diff(t_ns), 0)
         self._known_ns += int(held_ns.sum())
         self._on_ns += int(held_ns[bits[:-1]].sum())
-        self._last = last
+        self._last_bit = last
 
     def _continue(self, first: tuple[int, bool] | None) -> None:
         """Feedback follows, without a gap before it."""
         if first is None:
             return
-        if self._last is not None:
-            held_ns = max(first[0] - self._last[0], 0)
+        if self._last_bit is not None:
+            held_ns = max(first[0] - self._last_bit[0], 0)
             self._known_ns += held_ns
-            self._on_ns += held_ns * self._last[1]
-        if self._first is None and not self._interrupted:
-            self._first = first
+            self._on_ns += held_ns * self._last_bit[1]
+        if self._first_bit is None and not self._interrupted:
+            self._first_bit = first
 
     def interrupt(self) -> None:
         """Rows are missing here: what the motor was until the next one is unknown."""
-        self._last, self._interrupted = None, True
+        self._last_bit, self._interrupted = None, True
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
-        self._continue(later._first)
+        super().merge(later)
+        self._continue(later._first_bit)
         if later._interrupted:
             self.interrupt()
-        self._last = later._last or self._last
+        self._last_bit = later._last_bit or self._last_bit
         self._own += later._own
         self._frames += later._frames
         self._frames_on += later._frames_on
         self._known_ns += later._known_ns
         self._on_ns += later._on_ns
-        self._rows.merge(later._rows)
 
     def value(self, total: RowCount) -> float | None:
         """The share of time, 0 to 1; of the frames if there is no time between them."""
@@ -560,24 +539,19 @@ class OnlineShare(Measure):
             return None
         return self._on_ns / self._known_ns if self._known_ns else self._frames_on / self._frames
 
-    @property
-    def row(self) -> RowPosition | None:
-        """The first feedback without the motor's bit."""
-        return self._rows.last
-
 
 _CLASSES: Final[Mapping[str, type[Measure]]] = {
-    "count": MatchCount,
-    "share": MatchShare,
-    "rate": MatchRate,
-    "max_gap": MaxGap,
-    "delay": AnswerDelay,
-    "unanswered": CommandAnswers,
-    "online": OnlineShare,
-    "min": FieldValues,
-    "max": FieldValues,
-    "mean": FieldValues,
-    "duration": Duration,
+    "count": _MatchCount,
+    "share": _MatchShare,
+    "rate": _MatchRate,
+    "max_gap": _MaxGap,
+    "delay": _AnswerDelay,
+    "unanswered": _CommandAnswers,
+    "online": _OnlineShare,
+    "min": _FieldValues,
+    "max": _FieldValues,
+    "mean": _FieldValues,
+    "duration": _Duration,
 }
 
 

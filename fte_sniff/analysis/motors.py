@@ -39,11 +39,8 @@ class MotorRows:
     """Indices, rising, of the rows of a batch that are to or from motors."""
 
     commands: dict[int, Ints]
-    """By motor."""
     feedback: dict[int, Ints]
-    """By motor."""
     any_feedback: Ints
-    """Of all motors, in order."""
 
 
 def motor_rows(rows: RowBatch) -> MotorRows:
@@ -256,7 +253,6 @@ def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bo
 
 
 FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.defined_bits is not None)
-"""Column names of the flag bytes."""
 
 BITS: Final = range(8)
 
@@ -345,7 +341,6 @@ class MotorState:
     online_changed_ns: int | None
     commands: int
     feedback: int
-    """Frames so far."""
     answered: int
     unanswered: int
     """Commands so far, see `Pairing`."""

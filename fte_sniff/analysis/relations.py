@@ -137,7 +137,6 @@ class CommandAnswer:
     motor: int
     state: AnswerState
     command: int
-    """Index of the command in the store."""
     answer: int | None = None
     """Index of the answer, if there is one."""
     delay_ns: int | None = None

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 Offsets: TypeAlias = npt.NDArray[np.int64]
-"""Offsets of rows in a block."""
 
 
 class RowNote(IntEnum):
@@ -61,7 +60,6 @@ class Block:
         """Whether the rows are not in memory; everything else stays."""
         self.count = 0
         self.faulty = False
-        """Whether any row has a fault."""
         self.raised = False
         """Whether any row has a raised flag byte."""
         self.filtered = 0
@@ -148,17 +146,14 @@ class BlockSource(Protocol):
 
         Raises FileError if they can no longer be read.
         """
-        ...
 
 
 BLOCK_ROWS: Final = 32_768
 """Default number of rows in a block; an offset fits 16 bits."""
 
 DEFAULT_BOUND: Final = 1_000_000
-"""Default number of rows in a store."""
 
 UNBOUNDED: Final = 2**62
-"""The bound of a store that never drops a row."""
 
 
 class RowStore:
@@ -283,7 +278,6 @@ class FilteredView:
     def __init__(self, store: RowStore) -> None:
         self._store = store
         self.filter: RowFilter | None = None
-        """The current filter; see `set_filter`."""
         self._pending: list[Block] = []
         self._sums: list[int] | None = None
 

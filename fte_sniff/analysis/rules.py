@@ -82,10 +82,8 @@ MEASURES: Final = {
     ),
     "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60", "two rows with times", True),
 }
-"""The measures by name."""
 
 PERCENTILES: Final = ("p50", "p95", "p99", "max")
-"""The first arguments of `delay`."""
 
 FIELDS: Final = tuple(column.name for column in COLUMNS if column.type is ColumnType.INT)
 """The fields that `min`, `max` and `mean` take."""
@@ -98,7 +96,6 @@ OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-"""The comparisons by sign."""
 
 _UNIT_AT_END: Final = re.compile(
     r"""[=<>](?P<number>(?>\s*[+-]?\s*)

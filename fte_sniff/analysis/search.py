@@ -33,7 +33,6 @@ class SearchStep:
     """Result of a search in one block."""
 
     found: int | None
-    """Index of a row that matches."""
     next_index: int | None
     """Index for the next step; None if a row was found, or there are no more."""
 
@@ -125,7 +124,6 @@ class Search:
     """A search for a text or bytes; made by `parse`."""
 
     typed: str
-    """As typed."""
     text: str
     """In lower case; empty for bytes only."""
     nibbles: str

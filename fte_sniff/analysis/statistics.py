@@ -124,9 +124,7 @@ class EventStats:
     first_ns: int
     """Time of the first one, nanoseconds since 1970 UTC."""
     last_ns: int = 0
-    """Time of the last one."""
     count: int = 0
-    """Number of events."""
     total: int = 0
     """Sum of what the events count: line errors, bytes of an overrun."""
 

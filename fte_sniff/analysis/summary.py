@@ -35,7 +35,6 @@ class StatisticsSummary(RowModel):
         """`setup` has the baud of ports for which no input has one."""
         self.sources: list[RowSource] = []
         self.statistics = Statistics(setup)
-        """By port, kind, motor and fault."""
         self.answers = Answers()
         """By motor; meaningful only if `in_order`."""
         self.flags = FlagCounts()

@@ -23,13 +23,11 @@ class RowCount:
     """Number of rows and bytes, and the range of their times."""
 
     rows: int = 0
-    """Frames and damage together."""
     bytes: int = 0
     """Bytes on the wire."""
     first_ns: int | None = None
     """Earliest time of a row, nanoseconds since 1970 UTC; None if no row has one."""
     last_ns: int | None = None
-    """Latest time of a row."""
 
     def count(self, rows: int, bytes_: int, times: tuple[int, int] | None) -> None:
         """Add rows; `times` are the earliest and the latest time of those that have one."""

@@ -18,7 +18,6 @@ FINEST_NS: Final = 1 << 22
 """Length of a bucket of the finest level, nanoseconds: about 4 ms."""
 
 STEP: Final = 8
-"""Buckets of a level in one bucket of the next."""
 
 LEVELS: Final = 6
 """Levels; the buckets of the last one are about two minutes long."""

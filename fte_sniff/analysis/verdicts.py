@@ -56,7 +56,6 @@ class RuleCheck(RowModel):
     def __init__(self, rules: Sequence[Rule]) -> None:
         self.rules = rules
         self.total = RowCount()
-        """All rows so far."""
         self.unseen = 0
         """Rows that a view was too slow to receive: what they would change is not known."""
         self._measures = [measure_of(rule) for rule in rules]

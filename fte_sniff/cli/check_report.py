@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.verdicts import RuleCheck, Verdict
 
 VERSION: Final = 1
-"""Version of the JSON object's layout."""
 
 FORMS: Final = ("text", "json", "junit")
 

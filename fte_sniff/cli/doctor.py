@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from fte_sniff.session.doctor import Finding
 
 EXIT_WRONG = 1
-"""Something is wrong."""
 
 
 @click.command(name="doctor", short_help="What is wrong with this set-up, and how to fix it.")

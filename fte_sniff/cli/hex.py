@@ -21,7 +21,6 @@ from fte_sniff.protocol import Row
 from fte_sniff.session.log_rows import rows_of_log
 
 PORT_NAME = "hex"
-"""The port of rows from the command line."""
 
 
 @click.command(name="hex", short_help="Decode pasted bytes, field by field.")

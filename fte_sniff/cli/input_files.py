@@ -192,7 +192,6 @@ class InputQuery:
     log_form: str | None = None
     """The form in which a log writes bytes."""
     pattern: str | None = None
-    """A regular expression for the lines of a log."""
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None

@@ -41,7 +41,6 @@ jobs_options = all_of(
         " same files.",
     ),
 )
-"""The options `--jobs` and `--cluster`."""
 
 
 @dataclass(slots=True)
@@ -51,7 +50,6 @@ class FilesMeasured:
     reading: InputReading
     files: int
     read: int = 0
-    """Files that were read."""
     interrupted: bool = False
 
     def finish(self, *, refused: bool = False) -> None:

@@ -60,7 +60,6 @@ span_options = all_of(
         help="Only rows before this time; as --from. A time of day is the first one after --from.",
     ),
 )
-"""The options `--from` and `--to`."""
 
 
 def time_range(
@@ -199,7 +198,6 @@ filter_option = click.option(
     shell_complete=complete_filter,
     help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
 )
-"""The `--filter` option."""
 
 
 alert_option = click.option(
@@ -264,7 +262,6 @@ list_format_option = click.option(
     show_default=True,
     help="A table for people, or one JSON object per line.",
 )
-"""The `--format` option of commands that list other things than rows."""
 
 
 class FileName(click.Path):

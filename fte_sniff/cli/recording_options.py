@@ -53,7 +53,6 @@ class Rotate(Enum):
     AUTO = "auto"
     """Begin the next file before the index of the current one gets too long."""
     NONE = "none"
-    """Write one file of any length."""
 
 
 _ROTATE_WORDS = {word.value: word for word in Rotate}

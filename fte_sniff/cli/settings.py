@@ -63,13 +63,11 @@ class Settings:
     by_port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By port, `baud`, `resolution` and `gear-ratio`, without those that the file lacks."""
     filters: Mapping[str, str] = field(default_factory=dict)
-    """Saved filters by name."""
     colors: Mapping[str, str] = field(default_factory=dict)
     """Styles of rows by the filter that they match, as rich writes styles."""
     faults: tuple[str, ...] = ()
     """Invalid entries of the file, one line each."""
     path: Path = Path()
-    """The file."""
     trouble: tuple[str, ...] = ()
     """Problems with the file that were reported, one line each."""
 
@@ -301,11 +299,9 @@ class _Check:
 
 
 CONFIG_VARIABLE: Final = "FTE_SNIFF_CONFIG"
-"""Environment variable that names another settings file."""
 
 _MOST_BYTES = 1_000_000
 _MOST_DOTS = 32
-"""Most dots in a line."""
 
 _FIX = "correct the file, or move it away"
 

@@ -166,7 +166,6 @@ def _filter_of(place: Place) -> RowFilter | None:
 
 
 MOST_RECENT: Final = 30
-"""Recordings in the list of recent ones."""
 
 
 def _picked(language: str) -> Path:

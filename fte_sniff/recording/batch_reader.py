@@ -89,7 +89,6 @@ class TimeRange:
 EVERYTHING = TimeRange()
 
 ByteRange = tuple[int, int]
-"""Start and end in a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +104,6 @@ class RowRange:
     skipped: int
     """Number of rows in the records before the first of these."""
     count: int
-    """Number of rows."""
     after_loss: bool = False
     """Whether something could not be read between the previous rows and these."""
 
@@ -161,9 +159,7 @@ class _Section:
     chunk: RawRecord | None
     indexes: list[bytes] = field(default_factory=list)
     loose: bytearray = field(default_factory=bytearray)
-    """The records outside of chunks."""
     ranges: list[ByteRange] = field(default_factory=list)
-    """The records in the file."""
     after_loss: bool = False
     """Whether the file could not be read directly before this section."""
 

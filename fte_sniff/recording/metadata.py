@@ -82,7 +82,6 @@ class Part(NamedTuple):
     """One file of a capture."""
 
     start: str
-    """When the capture began."""
     host: str
     number: int
     """From 1."""

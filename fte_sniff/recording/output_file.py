@@ -100,7 +100,6 @@ class OutputPath:
     """The file of one recording."""
 
     waits_for_reader = False
-    """Unused: only a pipe does."""
     path: Path
     """The file's name once `commit` was called."""
     descriptor: int
@@ -225,7 +224,6 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
 
 
 STDOUT = Path("-")
-"""The path that means standard output."""
 
 
 class StreamOutput:

@@ -66,7 +66,6 @@ class RecordingReader:
         topics.
         """
         self.path = path
-        """The path of the recording."""
         self._channels: dict[int, Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         """The metadata records before the first row, by name."""
@@ -423,7 +422,6 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
 
 
 SUFFIX = ".mcap"
-"""The suffix of recordings."""
 
 _PATTERN = frozenset("*?[")
 _LATEST = 2**64

@@ -126,7 +126,6 @@ class Recorder:
         """What could not be written; the last gap grows while `_failure` is set."""
         self._missed_events = 0
         self._failure: FileError | None = None
-        """Why no file is written at present."""
         self._changes: list[Change] = []
         self._backoff = Backoff()
         self._is_disk_full = False

@@ -32,7 +32,6 @@ class FileDamage:
     are those of the last message before them and of the first one after them."""
     lost_bytes: int = 0
     chunks: int = 0
-    """Intact chunks."""
     messages: int = 0
     """Rows and port events that could be read."""
     unreadable_messages: int = 0

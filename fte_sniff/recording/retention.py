@@ -59,7 +59,6 @@ class RecordingOptions:
     """Flush interval, rotation, limits and trigger window of a recording."""
 
     flush_every_s: float = DEFAULT_FLUSH_S
-    """Seconds between two flushes."""
     rotate_bytes: int | None = None
     """Size at which the next file begins; None for no limit."""
     rotate_s: float | None = None
@@ -123,7 +122,6 @@ class FileRetention:
         if is_sequence and existing is Existing.NUMBER:
             self._path = next(name for name in file_names(path) if not _numbered(name))
         self.first = self._name(1) if self._rotates else self._path
-        """The first file."""
         if is_sequence and existing is Existing.REFUSE:
             self._refuse_existing(path)
         self._min_free = self._free_limit()

@@ -49,7 +49,6 @@ class WriteProgress:
     is_slow: bool = False
     """Whether a write takes long."""
     is_end: bool = False
-    """Whether reading has ended."""
     bytes: int = 0
     """Size of all files."""
     fired: int | None = None
@@ -117,15 +116,12 @@ class CaptureState:
     stopped_recording: FteSniffError | None = None
     """Why the recording last stopped; at the end `error` says what was lost."""
     device: str | None = None
-    """The device that host programs open, for a bridge."""
     waits_for_reader: bool = False
     """Whether the recording began as a named pipe without a reader."""
     total_rows: int = 0
-    """All rows captured so far."""
     not_shown: int = 0
     """Rows recorded but not sent, because the view was too slow."""
     leftover: int = 0
-    """Bytes still to be written when reading ended, if many; else 0."""
     progress: WriteProgress = WriteProgress()
     lost: frozenset[str] = frozenset()
     """Ports that are currently lost and waited for."""

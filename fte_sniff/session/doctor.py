@@ -156,7 +156,6 @@ LOW_BYTES = 2**30
 """Less free space may not be enough for a long capture."""
 
 LEAST_BYTES = 50 * 2**20
-"""Less free space is not enough."""
 
 _OTHER_FOLDER = "cd ~, or name a recording with -o"
 

@@ -209,7 +209,6 @@ class FileMerger(Generic[Model]):
     def __init__(self, model: Model, reading: InputReading) -> None:
         self.model, self._reading = model, reading
         self.files = 0
-        """Files so far."""
         self._before: FileResult[Model] | None = None
 
     def add(self, job: FileJob[Model], result: FileResult[Model]) -> None:

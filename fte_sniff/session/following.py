@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fte_sniff.recording.growing_reader import GrowingReader
 
 POLL_S: Final = 0.1
-"""Interval of polling."""
 
 _RELEASE_S: Final = 5.0
 """How long the lock of a file that names its next file is waited for, or the next file."""
@@ -45,7 +44,6 @@ class Following:
         self.is_up_to_date = False
         """Whether the file was read up to its end once."""
         self.stopped = False
-        """Whether `stop` was called."""
         self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
 

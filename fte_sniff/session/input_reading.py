@@ -30,7 +30,6 @@ class _Succession:
 
     detector: GapDetector = field(default_factory=GapDetector)
     before: Input | None = None
-    """The last one."""
 
 
 @dataclass(slots=True)
@@ -40,7 +39,6 @@ class ReadingCounts:
     tally: Tally
     """Counts of all rows, also those that do not match the filter."""
     written: int
-    """Rows that match."""
     notes: Sequence[str]
     gaps: Sequence[Gap]
     """The gaps that the inputs report."""
@@ -77,7 +75,6 @@ class InputReading:
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self.tally = Tally()
-        """Counts of all rows that were read."""
         self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
         self.written = 0
@@ -85,7 +82,6 @@ class InputReading:
         self.reported_gaps = [gap for one in inputs for gap in one.gaps(span)]
         """The gaps in the span that the inputs report."""
         self.progress = progress or Progress()
-        """How far reading has come."""
         self.progress.step = ""
         if not self.progress.files:
             self.progress.expect([one.size for one in inputs])

@@ -50,7 +50,6 @@ class Progress:
     position: int = 0
     """Bytes of them that were read."""
     rows: int = 0
-    """Rows that were read."""
 
     def expect(self, sizes: Sequence[int | None]) -> None:
         """Set the files by their bytes; None if unknown."""

@@ -162,7 +162,6 @@ class _Stream:
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
         self.frames = Counter[int]()
-        """By header."""
         self.last_key_ns = -1
         """The latest time of its rows so far."""
         self.cut_frame: str | None = None

@@ -198,7 +198,6 @@ class RowOrigins:
         """Know no rows yet; `captures` are the numbers of the captures of the inputs."""
         self._captures = captures
         self.captures = max(1, len(set(captures)))
-        """Number of captures."""
         self._several = self.captures > 1
         self._starts: list[int] = []
         self._found: list[int | Ints] = []

@@ -207,7 +207,6 @@ class Playback:
         self.speed = speed
         self.paused = False
         self.tally = Tally()
-        """Counts of the rows that are shown."""
         self._rate = Rate()
         for rows in store.batches(store.first, index):
             self.tally.update(rows)

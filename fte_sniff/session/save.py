@@ -51,7 +51,6 @@ class ExportSource:
 
 
 UNKNOWN = ExportSource()
-"""Nothing is known about the rows."""
 
 
 class Sink(Protocol):
@@ -59,15 +58,12 @@ class Sink(Protocol):
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
         """Write rows; a recording also holds the port events between them."""
-        ...
 
     def close(self) -> None:
         """Write what the format requires at its end, and close the file."""
-        ...
 
     def abandon(self) -> None:
         """Close the file as it is."""
-        ...
 
 
 def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Sink:
@@ -163,7 +159,6 @@ PICTURE_SUFFIXES: Final = (".svg", ".html")
 """Formats of a picture of the screen."""
 
 DEFAULT_NAME: Final = "rows.csv"
-"""File name for rows if the user gives none."""
 
 
 def free_path(name: str) -> Path:
@@ -356,7 +351,6 @@ class SaveJob:
         target.check()
         self._target, self.path = target, target.path
         self.rows = 0
-        """Rows written so far."""
         temporary = temporary_path(target.path)
         if os.path.lexists(temporary):
             raise FileError(

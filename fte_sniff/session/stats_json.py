@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 VERSION = 1
-"""Version of the object's layout."""
 
 COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
 """Port events whose count means errors or bytes."""

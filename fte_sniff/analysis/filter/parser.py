@@ -31,7 +31,6 @@ from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME
 
 MAX_LENGTH: Final = 8_000
-"""Most characters in a filter."""
 
 MAX_TOKENS: Final = 600
 """Most tokens in a filter. Polars evaluates conditions by recursion: this bounds its stack."""
@@ -44,7 +43,6 @@ COMPARISONS: Final = dict(zip(["==", "<>", *_SQL_SIGNS], ["=", "!=", *_SQL_SIGNS
 """The comparison operators, each with its SQL form."""
 
 PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
-"""The operators that take a pattern."""
 
 OPERATOR_WORDS: Final = frozenset(
     ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", *PATTERN_WORDS]

@@ -38,7 +38,6 @@ class RowFilter:
     """A compiled filter; made by `parse`."""
 
     text: str
-    """As typed."""
     sql: str
     """SQL for polars, over the columns of `row_frame`."""
     names: frozenset[str]
@@ -90,9 +89,7 @@ class Alert:
         self._filter = row_filter
         self._due_s = -inf
         self.count = 0
-        """Matching rows so far."""
         self.last: Row | None = None
-        """The latest of them."""
 
     def observe(self, rows: Sequence[Row], now_s: float) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""

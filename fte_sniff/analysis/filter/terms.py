@@ -49,20 +49,17 @@ class Term:
     start: int
     """Index of its first character in the filter."""
     label: str
-    """Its name in messages."""
     depth: int = 0
     """Brackets inside brackets in `sql`."""
     column: Column | None = None
     """The column, if the term is just a field."""
     names: frozenset[str] = frozenset()
-    """The columns it reads."""
 
 
 UNTYPED: Final = (TermType.LITERAL, TermType.NAME)
 """Types of terms whose type comes from what they are compared with."""
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
-"""The column that each word of the contract belongs to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +271,6 @@ class CellFilter:
     """The filters of one cell."""
 
     column: str
-    """Name of its column."""
     only: str
     """Keeps the rows with the same value."""
     without: str

@@ -76,7 +76,6 @@ class RawRecord(NamedTuple):
     """One record; a tuple, because there are very many."""
 
     position: int
-    """Offset of the record in the file."""
     opcode: int
     body: bytes
 
@@ -108,7 +107,6 @@ class Summary:
     heads: dict[int, bytes] = field(default_factory=dict)
     """By offset in the file, the first bytes of each chunk and of the data end."""
     guarded: bool = False
-    """Whether the summary has a checksum."""
 
     def update(self, opcode: int, body: bytes) -> None:
         """Apply a record; raises RecordError if it is damaged."""

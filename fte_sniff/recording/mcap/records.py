@@ -37,7 +37,6 @@ _MOST_RATIO = 16
 """A chunk that unpacks to more may have this compression ratio; rows have about 10."""
 
 HEAD = struct.Struct("<BQ")
-"""Head of each record: opcode and length."""
 
 
 class RecordError(ValueError):

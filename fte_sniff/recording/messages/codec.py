@@ -117,7 +117,6 @@ class MessageReader:
             )
         is_event = topic == EVENTS.name
         self.layouts = None if is_event else _layouts_of(schema, data)
-        """The fixed layouts of the messages; None for port events."""
         self._names = _names_by_number(fields["kind" if is_event else "faults"])
         self.entry: Callable[[bytes, int], Row | PortEvent] = self.event if is_event else self.row
         """Reads one message with its log time: `event` on the topic of port events, else `row`."""

@@ -53,7 +53,6 @@ class MessageIndex:
     """The messages of an unpacked chunk, or of several concatenated ones."""
 
     records: bytes
-    """The unpacked chunks."""
     starts: Array
     """Where each message record begins, rising."""
     lengths: Array
@@ -361,7 +360,6 @@ class DecodedColumns:
     in_place: bool
     """Whether the columns are those given to `decode_columns`, without long rows and events."""
     losses: Losses
-    """What could not be read."""
 
 
 def decode_columns(

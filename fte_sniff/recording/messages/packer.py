@@ -96,7 +96,6 @@ class RowModel:
         head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + len(message), 0, 0, 0, 0)
         self._template = np.void(head + message)
         self.length = self._template.itemsize
-        """Bytes of each message record."""
         self._values = kind.fields
         lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
         fields = dict(_HEAD_FIELDS)
@@ -158,7 +157,6 @@ class ColumnPacker:
         self._channel_id = channel_id
         self._sequences: dict[int, int] = {}
         self._first_time: int | None = None
-        """Log time of the first message."""
         self.early_ns: int | None = None
         """Time of a row before the first message; None without such a row."""
 

@@ -93,7 +93,6 @@ TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
 
 
 PACKAGE = "fte"
-"""The protobuf package of every message."""
 
 _TYPE = FieldDescriptorProto
 _ENUMS: dict[str, tuple[str, ...]] = {

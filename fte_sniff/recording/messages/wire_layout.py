@@ -50,7 +50,6 @@ class WireField:
     offset: int
     """Of the value, in bytes from the start of the message."""
     size: int
-    """Bytes of the value."""
     code: str
     """The `struct` and numpy code of the little-endian value; `s` for bytes."""
     zeros: int
@@ -143,11 +142,9 @@ class WireLayout:
     """The bits that all messages of the layout have in common: tags, lengths, the signs of offset
     and time, `framed`, header and tail of a frame."""
     expected: bytes
-    """The values of those bits."""
     offset: int
     raw: int
     raw_length: int
-    """Bytes of the row."""
     faults: int
     fault_count: int
     """Number of faults; 0 without the field."""
