@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -97,6 +97,30 @@ def _frames(cmds_and_times: Sequence[tuple[int, int]]) -> MotorFrames:
     return MotorFrames(np.arange(len(columns)), columns[:, 0], columns[:, 1])
 
 
+class _Copyable:
+    """A model that can be copied; what never changes in place is shared by the copies."""
+
+    def copy(self) -> Self:
+        """An independent copy."""
+        other = copy(self)
+        for name, value in vars(self).items():
+            setattr(other, name, _copied(value))
+        return other
+
+
+def _copied(value: object) -> object:
+    match value:
+        case _Copyable():
+            return value.copy()
+        case RecentValues():
+            return copy(value)
+        case dict():
+            return {key: _copied(one) for key, one in value.items()}
+        case list():
+            return [_copied(one) for one in value]
+    return value
+
+
 _COMMAND: Final = "command"
 _GAP: Final = "gap"
 
@@ -123,7 +147,7 @@ class DecidedCommands:
 _NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE)
 
 
-class Pairing:
+class Pairing(_Copyable):
     """Matches the commands to one motor with its feedback.
 
     The answer of a command is the first feedback with the same CMD before the next command.
@@ -175,12 +199,6 @@ class Pairing:
                 self._early.setdefault(cmd, int(feedback.t_ns[same[0]]))
         if len(commands.indices):
             self._begins_with = _COMMAND
-
-    def copy(self) -> Pairing:
-        """An independent copy."""
-        other = copy(self)
-        other.delays, other._early = copy(self.delays), self._early.copy()
-        return other
 
     @property
     def waiting(self) -> bool:
@@ -297,7 +315,7 @@ class AnsweredCommands:
     """Median of the latest answer times."""
 
 
-class _Answers:
+class _Answers(_Copyable):
     def __init__(self) -> None:
         self._answered = self._unanswered = 0
         self._delays = RecentValues()
@@ -306,11 +324,6 @@ class _Answers:
         self._answered += int(answered.sum())
         self._unanswered += len(answered) - int(answered.sum())
         self._delays.update(delays_ns[answered & (delays_ns != NO_TIME)])
-
-    def copy(self) -> _Answers:
-        other = copy(self)
-        other._delays = copy(self._delays)
-        return other
 
     @property
     def counts(self) -> AnsweredCommands | None:
@@ -355,7 +368,7 @@ class MotorState:
     """By CMD of the commands, without those that never came."""
 
 
-class _FlagByte:
+class _FlagByte(_Copyable):
     def __init__(self) -> None:
         self.byte: int | None = None
         self._changed: list[int | None] = [None for _ in BITS]
@@ -371,11 +384,6 @@ class _FlagByte:
                 self._changed[bit] = _time(t_ns[changed[-1]])
         self.byte = int(bytes_[-1])
 
-    def copy(self) -> _FlagByte:
-        other = copy(self)
-        other._changed = self._changed.copy()
-        return other
-
     @property
     def flags(self) -> Flags | None:
         return None if self.byte is None else Flags(self.byte, tuple(self._changed))
@@ -388,7 +396,7 @@ _SUBJECTS: Final = [
 ]
 
 
-class _Motor:
+class _Motor(_Copyable):
     def __init__(self, number: int) -> None:
         self.number = number
         self.commands = self.feedback = 0
@@ -451,16 +459,6 @@ class _Motor:
             since = before.since_ns
         self._target = MotorTarget(kind, MappingProxyType(values), _time(rows.t_ns[last]), since)
 
-    def copy(self) -> _Motor:
-        other = copy(self)
-        other.pairing = self.pairing.copy()
-        other._answers = {cmd: answers.copy() for cmd, answers in self._answers.items()}
-        other._present = self._present.copy()
-        other._flags = {name: byte.copy() for name, byte in self._flags.items()}
-        other._command_times = copy(self._command_times)
-        other._feedback_times = copy(self._feedback_times)
-        return other
-
     def state(self, online: Flags | None, now_ns: int | None) -> MotorState:
         delays, bit = self.pairing.delays, self.number - MOTORS[0]
         flags = {name: byte.flags for name, byte in self._flags.items()}
@@ -484,7 +482,7 @@ class _Motor:
         )
 
 
-class Motors:
+class Motors(_Copyable):
     """Models of all motors."""
 
     def __init__(self) -> None:
@@ -503,13 +501,6 @@ class Motors:
         """Rows are missing here: no answer and no rate spans the gap."""
         for motor in self._motors:
             motor.interrupt()
-
-    def copy(self) -> Motors:
-        """An independent copy."""
-        other = Motors()
-        other._motors = [motor.copy() for motor in self._motors]
-        other._online = self._online.copy()
-        return other
 
     def states(self, now_ns: int | None) -> list[MotorState]:
         """The state of every motor, with rates at `now_ns`, which is not before the last row."""

@@ -98,16 +98,8 @@ def change_ages(raw: Codes, before: Ints) -> Codes:
     return ages
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerPairs:
-    """Commands of a batch and their answers, by position in the batch."""
-
-    commands: Ints
-    answers: Ints
-
-
-def answer_pairs(rows: RowBatch) -> AnswerPairs:
-    """The commands whose answer is in the batch; a command to all motors has one from each."""
+def answer_pairs(rows: RowBatch) -> tuple[Ints, Ints]:
+    """The positions of commands and of their answers in the batch, for each motor's answer."""
     found, commands, answers = motor_rows(rows), list[Ints](), list[Ints]()
     for motor in MOTORS:
         asking = MotorFrames.of(rows, found.commands[motor])
@@ -115,7 +107,7 @@ def answer_pairs(rows: RowBatch) -> AnswerPairs:
         at, answered = find_answers(asking, feedback)
         commands.append(asking.indices[answered])
         answers.append(feedback.indices[at[answered]])
-    return AnswerPairs(np.concatenate(commands), np.concatenate(answers))
+    return np.concatenate(commands), np.concatenate(answers)
 
 
 class AnswerState(Enum):
@@ -199,8 +191,8 @@ class RowRelations:
     def _pasts_in(self, rows: RowBatch, start: int, indices: Sequence[int]) -> dict[int, RowPast]:
         keys = stream_keys(rows)
         before = frames_before(keys)
-        ages, pairs = change_ages(rows.raw, before), answer_pairs(rows)
-        commands = dict(zip(pairs.answers.tolist(), pairs.commands.tolist(), strict=True))
+        ages, (asking, answers) = change_ages(rows.raw, before), answer_pairs(rows)
+        commands = dict(zip(answers.tolist(), asking.tolist(), strict=True))
         found = {}
         for at in (index - start for index in indices):
             own, frame_ns = ages[at].tobytes(), None

@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Self
 
-import numpy as np
-
-from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
@@ -61,8 +58,7 @@ class StatisticsSummary(RowModel):
         self.flags.merge(later.flags)
 
     def _observe(self, rows: RowBatch) -> None:
-        length = int(rows.length.sum(dtype=np.int64))
-        self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.timed]))
+        self.sources[-1].count.count_batch(rows)
         self.statistics.observe(rows)
         found = motor_rows(rows)
         self.answers.observe(rows, found)

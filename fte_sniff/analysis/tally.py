@@ -38,6 +38,14 @@ class RowCount:
             self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
             self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
 
+    def count_batch(self, rows: RowBatch) -> None:
+        """Add the rows of a batch."""
+        import numpy as np
+
+        t_ns = rows.t_ns if rows.timed.all() else rows.t_ns[rows.timed]
+        times = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
+        self.count(len(rows), int(rows.length.sum(dtype=np.int64)), times)
+
     def include(self, other: RowCount) -> None:
         """Add the rows of another count."""
         self.count(other.rows, other.bytes, other.times)
@@ -139,10 +147,8 @@ class Tally(RowCount):
     def _update_batch(self, rows: RowBatch) -> None:
         import numpy as np
 
-        codebook, timed = rows.codebook, rows.timed
-        times = rows.t_ns if timed.all() else rows.t_ns[timed]
-        first_last = (int(times.min()), int(times.max())) if len(times) else None
-        self.count(len(rows), int(rows.length.sum(dtype=np.int64)), first_last)
+        self.count_batch(rows)
+        codebook = rows.codebook
         self.frames += int(np.count_nonzero(rows.framed))
         for port, count in enumerate(np.bincount(rows.port).tolist()):
             if count:

@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -75,8 +74,7 @@ class RuleCheck(RowModel):
                 measure.interrupt()
 
     def _observe(self, rows: RowBatch) -> None:
-        length = int(rows.length.sum(dtype=np.int64))
-        self.total.count(len(rows), length, extent(rows.t_ns[rows.timed]))
+        self.total.count_batch(rows)
         masks = self._masks(rows)
         for rule, measure in zip(self.rules, self._measures, strict=True):
             measure.observe(rows, masks[rule.filter_text])

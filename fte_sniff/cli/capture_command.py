@@ -30,7 +30,6 @@ from fte_sniff.cli.options import (
     keep_rows_option,
     line_setup,
     row_filter,
-    selection,
     units_options,
 )
 from fte_sniff.cli.output import summary
@@ -249,10 +248,11 @@ def _ended_by_signals(
 def _print_lines(
     plan: CapturePlan, filter_text: str | None, alert: Alert | None, observe: Observer | None
 ) -> None:
-    select = selection(filter_text)
+    wanted = row_filter(filter_text)
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan, observe)
+    select = list if wanted is None else wanted.select
     lines = PlainLines(select, ports=len(plan.wiring.names) > 1, alert=alert)
     with _ended_by_signals(session, plan):
         session.begin()

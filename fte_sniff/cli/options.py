@@ -24,7 +24,7 @@ import click
 from fte_sniff.analysis.time_text import SECOND_NS, ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
-from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
+from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
@@ -227,12 +227,6 @@ def alert_of(text: str | None) -> Alert | None:
     from fte_sniff.analysis.filter.row_filter import Alert
 
     return Alert(wanted)
-
-
-def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:
-    """A function that returns the matching rows, all without a filter; raises FilterError."""
-    wanted = row_filter(text)
-    return list if wanted is None else wanted.select
 
 
 DROPPED_ROWS = "Rows that the screen keeps; older rows leave the screen, never the file."

@@ -157,36 +157,34 @@ class Settings:
 _Convert: TypeAlias = Callable[[Any], Any]
 
 
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value:
-        raise ValueError("a text")
-    return value
+def _one(
+    kinds: tuple[type, ...], wanted: str, holds: Callable[[Any], bool] = lambda _value: True
+) -> _Convert:
+    """Check a value of one of these types; the error names what is `wanted`."""
+
+    def convert(value: Any) -> Any:
+        if type(value) in kinds and holds(value):
+            return value
+        raise ValueError(wanted)
+
+    return convert
 
 
-def _whole(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-        raise ValueError("a whole number from 1")
-    return value
+_text = _one((str,), "a text", bool)
+_whole = _one((int,), "a whole number from 1", lambda number: 1 <= number < 2**31)
+_yes_or_no = _one((bool,), "true or false")
+_ratio = _one((int, float), "a number above 0", lambda number: 0 < number < 1e9)
 
 
-def _yes_or_no(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError("true or false")
-    return value
+def _word(words: Collection[str]) -> _Convert:
+    return _one((str,), f"one of {', '.join(words)}", lambda word: word in words)
 
 
 def _share(value: Any) -> int:
     from fte_sniff.tui.options import SHARES
 
-    if isinstance(value, bool) or value not in SHARES:
-        raise ValueError(f"a whole number from {SHARES.start} to {SHARES.stop - 1}, in percent")
-    return int(value)
-
-
-def _ratio(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e9:
-        raise ValueError("a number above 0")
-    return float(value)
+    wanted = f"a whole number from {SHARES.start} to {SHARES.stop - 1}, in percent"
+    return int(_one((int, float), wanted, lambda percent: percent in SHARES)(value))
 
 
 def _ports(value: Any) -> tuple[str, ...]:
@@ -210,15 +208,6 @@ def _widths(value: Any) -> Mapping[str, int]:
             if all(MIN_WIDTH <= width <= MAX_WIDTH for width in cells.values()):
                 return cells
     raise ValueError(f"a table of columns with {MIN_WIDTH} to {MAX_WIDTH} cells each")
-
-
-def _word(words: Collection[str]) -> _Convert:
-    def convert(value: Any) -> str:
-        if value not in list(words):
-            raise ValueError(f"one of {', '.join(words)}")
-        return str(value)
-
-    return convert
 
 
 SCREEN_FIELDS: Final[Mapping[str, _Convert]] = {

@@ -57,7 +57,9 @@ class Outbox:
         self._rows: deque[Row] = deque(maxlen=MOST_WAITING)
         self._events: deque[PortEvent] = deque(maxlen=MOST_EVENTS)
         self._recording: list[Change] = []
-        self._total = self._dropped = self._leftover = 0
+        self._total = self._dropped = 0
+        self.leftover = 0
+        """Bytes that still waited when reading ended; sent with the next batch."""
         self._end: Ended | None = None
         self._turns = 0
         self.progress: Callable[[], WriteProgress] = WriteProgress
@@ -66,30 +68,20 @@ class Outbox:
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._thread.start()
 
-    def put_rows(self, rows: Sequence[Row]) -> None:
-        """Queue rows; a full queue drops its oldest rows."""
+    def put(
+        self,
+        rows: Sequence[Row] = (),
+        events: Sequence[PortEvent] = (),
+        changes: Sequence[Change] = (),
+    ) -> None:
+        """Queue rows, port events, and changes of the recording; a full queue drops old rows."""
         with self._changed:
             self._total += len(rows)
             self._dropped += max(0, len(self._rows) + len(rows) - MOST_WAITING)
             self._rows.extend(rows)
-            self._changed.notify()
-
-    def put_event(self, event: PortEvent) -> None:
-        """Queue a port event."""
-        with self._changed:
-            self._events.append(event)
-            self._changed.notify()
-
-    def put_recording(self, changes: Sequence[Change]) -> None:
-        """Queue changes of the recording's path or state."""
-        with self._changed:
+            self._events.extend(events)
             self._recording += changes
             self._changed.notify()
-
-    def put_leftover(self, count: int) -> None:
-        """Set how many bytes still waited when reading ended; sent with the next batch."""
-        with self._changed:
-            self._leftover = count
 
     def close(self, end: Ended) -> None:
         """Send everything queued, then `end`; return when it is sent or the view is gone."""
@@ -140,7 +132,7 @@ class Outbox:
             self._total,
             self._dropped,
             tuple(self._recording),
-            self._leftover,
+            self.leftover,
             self.progress(),
         )
 
@@ -254,7 +246,7 @@ class CaptureLoop:
         if not self._leftover_reported and self._source.end is not None:
             self._leftover_reported = True
             if (waiting := self._source.waiting) >= REPORTED_LEFTOVER:
-                self._outbox.put_leftover(waiting)
+                self._outbox.leftover = waiting
 
     def _process_event(self, event: PortEvent) -> None:
         if event.kind in _BREAKS:
@@ -286,11 +278,11 @@ class CaptureLoop:
             self._remaining -= len(rows)
         if rows:
             self._record(lambda recorder: recorder.write(rows))
-            self._outbox.put_rows(rows)
+            self._outbox.put(rows)
 
     def _emit_event(self, event: PortEvent) -> None:
         self._record(lambda recorder: recorder.write_event(event))
-        self._outbox.put_event(event)
+        self._outbox.put(events=[event])
 
     def _record(self, do: Callable[[Recorder], None]) -> None:
         if self._recorder is None:
@@ -301,7 +293,7 @@ class CaptureLoop:
         finally:
             self._writing_since_s = None
         if changes := self._recorder.changes():
-            self._outbox.put_recording(changes)
+            self._outbox.put(changes=changes)
 
     def _progress(self) -> WriteProgress:
         since_s, recorder = self._writing_since_s, self._recorder

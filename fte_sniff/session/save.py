@@ -80,14 +80,14 @@ def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Si
         case OutputFormat.PARQUET if path is not None:
             return ParquetSink(path)
         case OutputFormat.MCAP if path is not None:
-            return RecordingSink(path, source)
+            return _RecordingSink(path, source)
         case OutputFormat.RAW if path is not None:
             return RawSink(path)
         case _:
-            return TextSink(form, path, ports=len(source.ports) > 1)
+            return _TextSink(form, path, ports=len(source.ports) > 1)
 
 
-class TextSink:
+class _TextSink:
     """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
 
     def __init__(self, form: OutputFormat, path: Path | None, *, ports: bool) -> None:
@@ -99,17 +99,14 @@ class TextSink:
         self._writer = row_writer(form, self._stream, ports=ports)
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        """See `Sink`."""
         write_rows(self._writer, rows)
         self._stream.flush()
 
     def close(self) -> None:
-        """See `Sink`."""
         self._writer.close()
         self.abandon()
 
     def abandon(self) -> None:
-        """See `Sink`."""
         if self._stream is not sys.stdout:
             self._stream.close()
 
@@ -501,7 +498,7 @@ class ParquetSink:
             raise _AbandonedError
 
 
-class RecordingSink:
+class _RecordingSink:
     """Writes a recording; each row must have a time."""
 
     def __init__(self, path: Path, source: ExportSource) -> None:
@@ -514,13 +511,11 @@ class RecordingSink:
         self._writer = BulkWriter(path, ports, facts)
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        """See `Sink`."""
         from fte_sniff.row_batch import RowBatch
 
         self._writer.write(RowBatch.from_rows(rows, events=events))
 
     def close(self) -> None:
-        """See `Sink`."""
         from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata
 
         gaps = [(LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in self._source.gaps]
@@ -528,5 +523,4 @@ class RecordingSink:
         self._writer.close([*gaps, *selections])
 
     def abandon(self) -> None:
-        """See `Sink`."""
         self._writer.abandon()

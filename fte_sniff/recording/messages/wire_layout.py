@@ -190,11 +190,6 @@ class WireLayouts:
         usable = _is_usable(descriptor)
         self._forms = list(product(range(_MOST_FAULTS + 1), lacking)) if usable else []
 
-    def of_length(self, length: int) -> Iterator[WireLayout]:
-        """The layouts of messages of this length."""
-        for form in self._forms:
-            yield from self._of_form(form, length)
-
     def like(self, message: bytes) -> Iterator[WireLayout]:
         """The layouts of the message's length; its own layout is the first.
 

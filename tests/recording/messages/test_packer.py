@@ -167,7 +167,7 @@ def test_every_row_that_the_framer_makes_has_one_fixed_layout(
         assert layouts is not None
         fitting = [
             layout
-            for layout in layouts.of_length(len(data))
+            for layout in layouts.like(data)
             if all(
                 byte & mask == wanted
                 for byte, mask, wanted in zip(data, layout.mask, layout.expected, strict=True)
