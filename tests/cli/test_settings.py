@@ -299,10 +299,9 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
         screen.type("FQ")
         assert screen.ended() == 0
     kept = read_settings(settings_file).screen
-    assert kept.theme == "textual-light"
-    assert kept.columns is not None
-    assert "time" not in kept.columns
-    assert kept.language == "en"
+    assert kept["theme"] == "textual-light"
+    assert "time" not in kept["columns"]
+    assert kept["language"] == "en"
     assert "# mine" in settings_file.read_text()
     with terminal(environment, tmp_path, "view", CLEAN) as screen:
         screen.until("reset")

@@ -18,13 +18,14 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.analysis.filter.compiler import Compiler
+from fte_sniff.analysis.filter import compiler
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
     FUNCTIONS,
+    MistakeError,
     Term,
     TermType,
-    error_at,
+    mistakes_in,
     quoted,
 )
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
@@ -173,9 +174,10 @@ def tokens(text: str) -> list[Token]:
         )
     found: list[Token] = []
     at = _skip_space(text, 0)
-    while at < len(text):
-        found.append(_token_at(text, at))
-        at = _skip_space(text, found[-1].end)
+    with mistakes_in(text):
+        while at < len(text):
+            found.append(_token_at(text, at))
+            at = _skip_space(text, found[-1].end)
     if len(found) > MAX_TOKENS:
         raise FilterError(
             "filter: {count} words and signs are too many; the limit is {most}; split it, or "
@@ -195,7 +197,7 @@ def _token_at(text: str, at: int) -> Token:
     match = _TOKEN.match(text, at)
     if match is None:
         what = TranslatableText("'{char}' has no meaning in a filter", char=printable(text[at]))
-        raise error_at(text, at, what, _BAD_CHARACTERS.get(text[at], ""))
+        raise MistakeError(at, what, _BAD_CHARACTERS.get(text[at], ""))
     token_type, content = TokenType[str(match.lastgroup)], match.group()
     if token_type is TokenType.NUMBER:
         _check_number(text, match)
@@ -209,12 +211,12 @@ def _check_number(text: str, match: re.Match[str]) -> None:
     number, start = match.group(), match.start()
     if len(number) > _MAX_DIGITS:
         what = TranslatableText("this number is too long")
-        raise error_at(text, start, what, TranslatableText("no field is as large"))
+        raise MistakeError(start, what, TranslatableText("no field is as large"))
     rest = _REST_OF_NUMBER.match(text, match.end())
     if rest:
         what = TranslatableText("'{number}{rest}' is no number", number=number, rest=rest.group())
         fix = TranslatableText("write plain digits or hex as 0x0F, without a unit")
-        raise error_at(text, start, what, fix)
+        raise MistakeError(start, what, fix)
 
 
 def _check_unicode(text: str, match: re.Match[str]) -> None:
@@ -223,7 +225,7 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
     except UnicodeEncodeError as error:
         what = TranslatableText("this text is not valid Unicode")
         fix = TranslatableText("type it again")
-        raise error_at(text, match.start() + error.start, what, fix) from None
+        raise MistakeError(match.start() + error.start, what, fix) from None
 
 
 def parse(text: str, start: int = 0, end: int | None = None) -> Term:
@@ -233,7 +235,8 @@ def parse(text: str, start: int = 0, end: int | None = None) -> Term:
     """
     end = len(text) if end is None else end
     inside = [token for token in tokens(text) if start <= token.start < end]
-    return _Parser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
+    with mistakes_in(text):
+        return _Parser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
 
 
 class _Parser:
@@ -242,7 +245,6 @@ class _Parser:
         self._tokens = found
         self._index = 0
         self._nesting = 0
-        self._compiler = Compiler(text)
 
     def parse(self) -> Term:
         if self._peek().type is TokenType.END:
@@ -250,7 +252,7 @@ class _Parser:
         term = self._or()
         if self._peek().type is not TokenType.END:
             raise self._unexpected(TranslatableText("join conditions with AND or OR"))
-        return self._compiler.condition(term)
+        return compiler.condition(term)
 
     # Tokens
 
@@ -274,13 +276,13 @@ class _Parser:
         if self._accept(choice) is None:
             raise self._unexpected(fix)
 
-    def _unexpected(self, fix: str) -> FilterError:
+    def _unexpected(self, fix: str) -> MistakeError:
         token = self._peek()
         if token.type is TokenType.END:
             what = TranslatableText("the filter ends too soon")
-            return error_at(self._text, token.start, what, fix)
+            return MistakeError(token.start, what, fix)
         what = TranslatableText("{token} is out of place", token=self._typed(token))
-        return error_at(self._text, token.start, what, _UNSUPPORTED.get(token.word, fix))
+        return MistakeError(token.start, what, _UNSUPPORTED.get(token.word, fix))
 
     def _typed(self, token: Token) -> str:
         return f"'{self._text[token.start : token.end][:40]}'"
@@ -290,7 +292,7 @@ class _Parser:
         if self._nesting > _MAX_NESTING:
             what = TranslatableText("nested too deeply")
             fix = TranslatableText("take it apart")
-            raise error_at(self._text, self._peek().start, what, fix)
+            raise MistakeError(self._peek().start, what, fix)
         term = read()
         self._nesting -= 1
         return term
@@ -301,17 +303,17 @@ class _Parser:
         terms = [self._and()]
         while self._accept("OR", "||"):
             terms.append(self._and())
-        return terms[0] if len(terms) == 1 else self._compiler.chain(terms, "OR")
+        return terms[0] if len(terms) == 1 else compiler.chain(terms, "OR")
 
     def _and(self) -> Term:
         terms = [self._not()]
         while self._accept("AND", "&&"):
             terms.append(self._not())
-        return terms[0] if len(terms) == 1 else self._compiler.chain(terms, "AND")
+        return terms[0] if len(terms) == 1 else compiler.chain(terms, "AND")
 
     def _not(self) -> Term:
         if self._accept("NOT", "!"):
-            return self._compiler.negate(self._nested(self._not))
+            return compiler.negate(self._nested(self._not))
         return self._predicate()
 
     def _predicate(self) -> Term:
@@ -325,19 +327,19 @@ class _Parser:
         start = self._index
         negated = self._accept("NOT", "!~")
         if negated == "!~":
-            return self._compiler.negate(self._compiler.regexp(left, self._value()))
+            return compiler.negate(compiler.regexp(left, self._value()))
         found = self._word_operator(left)
         if found is None:
             self._index = start
             return left
-        return self._compiler.negate(found) if negated else found
+        return compiler.negate(found) if negated else found
 
     def _comparison(self, left: Term, sign: str, token: Token) -> Term:
         if sign not in COMPARISONS:
             what = TranslatableText("'{sign}' is no sign", sign=sign)
             fix = TranslatableText("write {second}{first}", second=sign[1], first=sign[0])
-            raise error_at(self._text, token.start, what, fix)
-        found = self._compiler.compare(left, COMPARISONS[sign], self._value())
+            raise MistakeError(token.start, what, fix)
+        found = compiler.compare(left, COMPARISONS[sign], self._value())
         if self._at(*COMPARISONS):
             raise self._unexpected(
                 TranslatableText("join comparisons with AND; a single & joins bits")
@@ -355,17 +357,14 @@ class _Parser:
         if self._accept("DISTINCT"):
             self._expect("FROM", TranslatableText("write IS DISTINCT FROM"))
             operator = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
-            return self._compiler.distinct(left, self._value(), operator)
+            return compiler.distinct(left, self._value(), operator)
         word = self._accept("NULL", "TRUE", "FALSE")
         if word is None:
             raise self._unexpected(
                 TranslatableText("write NULL, TRUE or FALSE after IS; compare a value with =")
             )
-        if word == "NULL":
-            found = self._compiler.is_null(left)
-        else:
-            found = self._compiler.is_truth(left, word)
-        return self._compiler.negate(found) if negated else found
+        found = compiler.is_null(left) if word == "NULL" else compiler.is_truth(left, word)
+        return compiler.negate(found) if negated else found
 
     def _word_operator(self, left: Term) -> Term | None:
         word = self._accept("IN", "BETWEEN", "~", *PATTERN_WORDS)
@@ -376,22 +375,22 @@ class _Parser:
         if word == "BETWEEN":
             low = self._value()
             self._expect("AND", TranslatableText("write BETWEEN low AND high"))
-            return self._compiler.between(left, low, self._value())
+            return compiler.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
-            return self._compiler.like(left, word, pattern)
-        return self._compiler.regexp(left, pattern)
+            return compiler.like(left, word, pattern)
+        return compiler.regexp(left, pattern)
 
     def _in(self, left: Term) -> Term:
         if not self._at("("):
             what = TranslatableText("IN needs a list")
             fix = TranslatableText("write it in brackets: IN (1, 2)")
-            raise error_at(self._text, self._peek().start, what, fix)
+            raise MistakeError(self._peek().start, what, fix)
         items = self._arguments()
         if not items:
             what = TranslatableText("the list after IN is empty")
-            raise error_at(self._text, left.start, what, TranslatableText("write IN (1, 2)"))
-        return self._compiler.any_of(left, items)
+            raise MistakeError(left.start, what, TranslatableText("write IN (1, 2)"))
+        return compiler.any_of(left, items)
 
     def _arguments(self) -> list[Term]:
         self._expect("(", _NO_BRACKET)
@@ -412,7 +411,7 @@ class _Parser:
         while sign := self._accept(*_ARITHMETIC[level]):
             signs.append(sign)
             terms.append(self._value(level + 1))
-        return self._compiler.arithmetic(terms, signs) if signs else terms[0]
+        return compiler.arithmetic(terms, signs) if signs else terms[0]
 
     def _unary(self) -> Term:
         token = self._peek()
@@ -421,9 +420,9 @@ class _Parser:
             return self._primary()
         if self._peek().type is TokenType.NUMBER and sign == "-":
             number = self._advance()
-            return self._compiler.number(-number.number, token.start, f"-{number.text}")
+            return compiler.number(-number.number, token.start, f"-{number.text}")
         term = self._nested(self._unary)
-        return self._compiler.minus(term, token.start) if sign == "-" else term
+        return compiler.minus(term, token.start) if sign == "-" else term
 
     def _primary(self) -> Term:
         token = self._peek()
@@ -433,7 +432,7 @@ class _Parser:
             raise self._unexpected(_NO_VALUE)
         self._advance()
         if token.type is TokenType.NUMBER:
-            return self._compiler.number(token.number, token.start, token.text)
+            return compiler.number(token.number, token.start, token.text)
         if token.type is TokenType.TEXT:
             return _literal(token)
         return self._name(token)
@@ -444,7 +443,7 @@ class _Parser:
             return self._call(token)
         column = COLUMN_BY_NAME.get(token.text.lower())
         if column:
-            return self._compiler.column(column, token.start)
+            return compiler.column(column, token.start)
         if token.type is TokenType.QUOTED:
             return _literal(token)
         if word in ("TRUE", "FALSE"):
@@ -459,7 +458,7 @@ class _Parser:
     def _call(self, token: Token) -> Term:
         name = token.text.lower()
         if name in FUNCTIONS:
-            return self._compiler.call(name, self._arguments(), token.start)
+            return compiler.call(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
             fix = TranslatableText("a sign is missing between them: = or IN")
         elif token.word in _AGGREGATES:
@@ -468,7 +467,7 @@ class _Parser:
             names = TranslatableText("there are {names}", names=listed(FUNCTIONS))
             fix = _UNSUPPORTED.get(token.word, names)
         what = TranslatableText("{token} is no function of a filter", token=self._typed(token))
-        raise error_at(self._text, token.start, what, fix)
+        raise MistakeError(token.start, what, fix)
 
 
 def _literal(token: Token) -> Term:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from textwrap import wrap
@@ -91,17 +92,33 @@ _EXCERPT: Final = 24
 _LONGEST: Final = 160
 
 
-def error_at(text: str, at: int, what: str, fix: str = "") -> FilterError:
-    """An error at an index of a filter: what is wrong, and what to write instead."""
-    where = TranslatableText(
-        'filter: {what} at character {number} of "{excerpt}"',
-        what=_short(what),
-        number=at + 1,
-        excerpt=excerpt(text, at),
-    )
-    if not fix:
-        return FilterError(where)
-    return FilterError("{where}; {fix}", where=where, fix=_short(fix))
+class MistakeError(Exception):
+    """What is wrong at an index of a filter, and what to write instead; both can be translated."""
+
+    def __init__(self, at: int, what: str, fix: str = "") -> None:
+        super().__init__(at, what, fix)
+        self.at, self.what, self.fix = at, what, fix
+
+    def error(self, text: str) -> FilterError:
+        """The error for the user, who typed this text."""
+        where = TranslatableText(
+            'filter: {what} at character {number} of "{excerpt}"',
+            what=_short(self.what),
+            number=self.at + 1,
+            excerpt=excerpt(text, self.at),
+        )
+        if not self.fix:
+            return FilterError(where)
+        return FilterError("{where}; {fix}", where=where, fix=_short(self.fix))
+
+
+@contextmanager
+def mistakes_in(text: str) -> Iterator[None]:
+    """Context that raises a mistake in a filter as FilterError."""
+    try:
+        yield
+    except MistakeError as mistake:
+        raise mistake.error(text) from None
 
 
 def excerpt(text: str, at: int) -> str:
@@ -120,57 +137,49 @@ def _short(text: str) -> str:
     return text if line == text else line
 
 
-@dataclass(frozen=True, slots=True)
-class FilterErrors:
-    """Error messages about the terms of one filter."""
+def unknown(term: Term) -> MistakeError:
+    """The name is neither a field nor a word."""
+    what = TranslatableText("unknown name '{term}'", term=term.label)
+    fields = TranslatableText("the fields are {names}", names=listed(COLUMN_BY_NAME))
+    return MistakeError(
+        term.start, what, nearest(term.label, [*COLUMN_BY_NAME, *COLUMN_OF_WORD]) or fields
+    )
 
-    text: str
 
-    def about(self, term: Term, what: str, fix: str = "") -> FilterError:
-        """An error at the position of a term."""
-        return error_at(self.text, term.start, what, fix)
+def wrong_type(term: Term, why: str) -> MistakeError:
+    """The term has the wrong type; `why` names the type that is needed, and where."""
+    what = TranslatableText(
+        "{why}, and {term} is {type}",
+        why=why,
+        term=term.label,
+        type=TranslatableText(term.type.value),
+    )
+    return MistakeError(term.start, what, how_to_compare(term))
 
-    def unknown(self, term: Term) -> FilterError:
-        """The name is neither a field nor a word."""
-        what = TranslatableText("unknown name '{term}'", term=term.label)
-        fields = TranslatableText("the fields are {names}", names=listed(COLUMN_BY_NAME))
-        return self.about(
-            term, what, nearest(term.label, [*COLUMN_BY_NAME, *COLUMN_OF_WORD]) or fields
-        )
 
-    def wrong_type(self, term: Term, why: str) -> FilterError:
-        """The term has the wrong type; `why` names the type that is needed, and where."""
-        what = TranslatableText(
-            "{why}, and {term} is {type}",
-            why=why,
-            term=term.label,
-            type=TranslatableText(term.type.value),
-        )
-        return self.about(term, what, how_to_compare(term))
-
-    def mismatch(self, left: Term, right: Term) -> FilterError:
-        """The types of two terms cannot be compared."""
-        if left.type in UNTYPED and right.type in UNTYPED:
-            what = TranslatableText("two texts are compared")
-            fix: str = TranslatableText("write a field's name without single quotes")
-            return self.about(left, what, fix)
-        if left.column is None and right.type is TermType.LITERAL:
-            near = nearest(right.label, COLUMN_BY_NAME) or TranslatableText("name a field")
-            what = TranslatableText("'{right}' is a text, no field", right=right.label)
-            return self.about(right, what, TranslatableText("{near} (no quotes)", near=near))
-        what = TranslatableText(
-            "{left} is {left_is}, {right} is {right_is}",
-            left=left.label,
-            left_is=TranslatableText(left.type.value),
-            right=right.label,
-            right_is=TranslatableText(right.type.value),
-        )
-        fix = how_to_compare(left)
-        if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
-            fix = TranslatableText("write a number, without quotes")
-        elif left.type is TermType.HEX and right.type is TermType.NUMBER:
-            fix = TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
-        return self.about(right, what, fix)
+def mismatch(left: Term, right: Term) -> MistakeError:
+    """The types of two terms cannot be compared."""
+    if left.type in UNTYPED and right.type in UNTYPED:
+        what = TranslatableText("two texts are compared")
+        fix: str = TranslatableText("write a field's name without single quotes")
+        return MistakeError(left.start, what, fix)
+    if left.column is None and right.type is TermType.LITERAL:
+        near = nearest(right.label, COLUMN_BY_NAME) or TranslatableText("name a field")
+        what = TranslatableText("'{right}' is a text, no field", right=right.label)
+        return MistakeError(right.start, what, TranslatableText("{near} (no quotes)", near=near))
+    what = TranslatableText(
+        "{left} is {left_is}, {right} is {right_is}",
+        left=left.label,
+        left_is=TranslatableText(left.type.value),
+        right=right.label,
+        right_is=TranslatableText(right.type.value),
+    )
+    fix = how_to_compare(left)
+    if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
+        fix = TranslatableText("write a number, without quotes")
+    elif left.type is TermType.HEX and right.type is TermType.NUMBER:
+        fix = TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
+    return MistakeError(right.start, what, fix)
 
 
 def nearest(word: str, choices: Iterable[str]) -> str:

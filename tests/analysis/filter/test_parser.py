@@ -9,9 +9,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.filter.compiler import MAX_DEPTH, MAX_SQL, Compiler
+from fte_sniff.analysis.filter.compiler import MAX_DEPTH, MAX_SQL, chain, combine
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.filter.terms import Term, TermType
+from fte_sniff.analysis.filter.terms import MistakeError, Term, TermType
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row
 from tests.examples import examples
@@ -261,16 +261,13 @@ def test_any_arithmetic_computes_or_is_explained(left: str, sign: str, right: st
     _parses_or_explains(f"{left} {sign} {right}")
 
 
-COMPILER = Compiler("")
-
-
 def conditions(count: int) -> list[Term]:
     return [Term(TermType.TRUTH, f"c{n}", n, f"c{n}") for n in range(count)]
 
 
 @given(count=st.integers(1, 2000), operator=st.sampled_from(["AND", "OR"]))
 def test_a_chain_keeps_its_order_and_stays_shallow(count: int, operator: str) -> None:
-    joined = COMPILER.chain(conditions(count), operator)
+    joined = chain(conditions(count), operator)
     assert re.findall(r"c\d+", joined.sql) == [f"c{n}" for n in range(count)]
     assert len(re.findall(rf" {operator} ", joined.sql)) == count - 1
     assert 8**joined.depth < 8 * max(count, 2)
@@ -281,7 +278,7 @@ def test_a_combined_term_has_the_columns_of_all_and_the_position_of_the_first() 
         Term(TermType.NUMBER, "a", 7, "a", depth=2, names=frozenset(["rpm"])),
         Term(TermType.NUMBER, "b", 3, "b", names=frozenset(["pulses"])),
     ]
-    made = COMPILER.combine("(a + b)", parts, frozenset(["motor"]), TermType.NUMBER)
+    made = combine("(a + b)", parts, frozenset(["motor"]), TermType.NUMBER)
     assert (made.start, made.depth, made.type) == (3, 3, TermType.NUMBER)
     assert made.names == {"rpm", "pulses", "motor"}
 
@@ -290,5 +287,5 @@ def test_a_combined_term_has_the_columns_of_all_and_the_position_of_the_first() 
     ("sql", "depth"), [("(deep)", MAX_DEPTH), ("(" + "x" * MAX_SQL + ")", 0)], ids=["deep", "large"]
 )
 def test_sql_that_polars_cannot_parse_is_refused(sql: str, depth: int) -> None:
-    with pytest.raises(FilterError, match=r"too deep or too large.*take it apart"):
-        COMPILER.combine(sql, [Term(TermType.TRUTH, "c", 0, "c", depth=depth)])
+    with pytest.raises(MistakeError, match=r"too deep or too large.*take it apart"):
+        combine(sql, [Term(TermType.TRUTH, "c", 0, "c", depth=depth)])
