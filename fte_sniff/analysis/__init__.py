@@ -2,22 +2,17 @@
 
 Modules:
 
-    baud_guess    Diagnosis of a line: sound, silent, inverted, or at another
-                  baud rate.
-    counters      Counters over rows: durations, counts over time, tallies,
-                  rates.
+    baud_guess    Diagnosis of a line: sound, silent, inverted, or at another baud rate.
+    counters      Counters over rows: durations, counts over time, tallies, rates.
     dataframe     RowBatch to polars DataFrame, and a search for text in it.
     feed          Follow a growing store; gaps and baud changes.
-    filter        The filter language: SQL boolean expressions over the row
-                  columns.
+    filter        The filter language: SQL boolean expressions over the row columns.
     landmarks     Port events and gaps between rows; where faults and flags are.
-    live_models   Models that follow a growing store, with checkpoints of the
-                  motors' state.
+    live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, which rules compare with numbers.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
-    relations     Frames of one kind and motor, and what changed between them; commands and
-                  their answers.
+    relations     Streams of frames, and what changed between them; commands and their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
     rules         Rules of a check: a measure of the rows, compared with a number.
     search        Search in a store: the next matching row, and a counter.

@@ -79,7 +79,7 @@ def received(
         low: the level that is received as low: 0, or 1 with inverted polarity.
         pace: bits of the sender in one bit of the receiver.
         resync: behaviour after a framing error.
-        most: number of bytes at most.
+        most: the largest number of bytes.
     """
     out = bytearray()
     middles = [(bit + 0.5) * pace for bit in range(_STOP + 1)]

@@ -166,13 +166,10 @@ class RowStore:
         source: BlockSource | None = None,
         most_blocks: int = MOST_BLOCKS,
     ) -> None:
-        """An empty store without a filter; raises ValueError if a number is out of its range.
+        """An empty store without a filter, of at most `bound` rows; older ones are dropped.
 
-        Args:
-            bound: most rows, at least 1; older ones are dropped.
-            block_rows: rows in a block, 1 to 65536.
-            source: loads rows again, so that not all need to be in memory.
-            most_blocks: with a source, most full blocks in memory, at least 1.
+        A block has 1 to 65536 rows. With a source, which loads rows again, at most `most_blocks`
+        full blocks are in memory. Raises ValueError if a number is out of its range.
         """
         if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")

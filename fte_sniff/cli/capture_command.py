@@ -140,13 +140,9 @@ def run_capture(
 ) -> None:
     """Capture, record and show or print, until the end.
 
-    Args:
-        wiring_with: builds the wiring from the settings of its ports.
-        ports: the ports' names as the user wrote them.
-        settings: defaults for options that are not given.
-        planned: the options of `capture_plan`; the other arguments are options too.
-
-    Raises FteSniffError if the capture failed; raised after everything is closed.
+    `wiring_with` builds the wiring from the settings of its ports, whose names are as the user
+    wrote them; the settings have defaults for options that are not given. `planned` are the options
+    of `capture_plan`. Raises FteSniffError after everything is closed, if the capture failed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 

@@ -251,9 +251,7 @@ def capture_plan(
 ) -> CapturePlan:
     """The plan of a capture.
 
-    Args:
-        wiring: the ports to capture; all others are options, `recording` those of
-            `recording_options`.
+    All arguments but the wiring are options, `recording` those of `recording_options`.
 
     Raises:
         UsageError: options contradict each other, or `output` has the suffix of another format.

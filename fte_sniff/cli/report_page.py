@@ -94,13 +94,7 @@ class ReportFacts:
 
 
 def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
-    """The HTML of the report.
-
-    Args:
-        timeline: what the plots show.
-        numbers: the statistics, as `stats --format json` prints them.
-        facts: everything else.
-    """
+    """The HTML of the report; `numbers` are those that `stats --format json` prints."""
     gaps = [
         [gap.start_ns / 1e6, gap.end_ns / 1e6]
         for gap in facts.gaps

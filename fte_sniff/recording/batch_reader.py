@@ -306,14 +306,10 @@ class BatchReader:
         count_sequences: bool = False,
         share: int = 1,
     ) -> None:
-        """Begin a pass.
+        """Begin a pass over the rows in a span.
 
-        Args:
-            channels: the definitions so far; this object adds those that it reads.
-            codebook: that of the batches.
-            span: only rows in it.
-            count_sequences: whether to count sequence numbers.
-            share: divides the size of batches, and what is decoded ahead.
+        The definitions that are read are added to `channels`. `share` divides the size of batches,
+        and what is decoded ahead.
         """
         keep_freed_memory()
         self._channels, self._codebook, self._span = channels, codebook, span

@@ -44,9 +44,7 @@ _BYTE_ARRAYS = ("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "se
 def topic_chunks(path: Path, topic: str) -> Iterator[Chunk]:
     """The bytes of a topic, a chunk for each message with its log time, in file order.
 
-    Args:
-        path: the MCAP file.
-        topic: the topic, which is also the name of the port.
+    The topic is also the name of the port.
 
     Raises FileError if the file cannot be read, lacks the topic, or a message holds no bytes.
     """

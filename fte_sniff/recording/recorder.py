@@ -112,7 +112,7 @@ class Recorder:
             ports: the ports whose rows will come.
             facts: further items for each file's metadata.
             existing: what to do if the file exists.
-            options: limits, rotation and the trigger window.
+            options: by default those of a recording without options.
             select: selects the rows that trigger.
 
         Raises FileError if the file cannot be made, or the disk has too little space for it.

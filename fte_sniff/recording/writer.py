@@ -277,14 +277,10 @@ class BulkWriter:
     def __init__(
         self, path: Path | int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
-        """Create the file.
+        """Create the file; or take the descriptor of an empty one, which is not closed.
 
-        Args:
-            path: the file, or the descriptor of an empty one, which is not closed.
-            ports: the known ports; rows of other ports are accepted too.
-            facts: further content of the file's first metadata record.
-
-        Raises OSError if the file cannot be created or written.
+        Rows of other ports are accepted too. `facts` are further items of the file's first metadata
+        record. Raises OSError if the file cannot be created or written.
         """
         keep_freed_memory()
         self._last_time = 0

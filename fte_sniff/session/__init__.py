@@ -3,16 +3,13 @@
 Modules:
 
     capture_process  Child process: capture, record, send batches.
-    capture_state    Messages of the capture process and the state folded from
-                     them.
+    capture_state    Messages of the capture process and the state folded from them.
     doctor           The checks of `doctor`: machine, ports, line.
     file_jobs        Measure many files, one job a file: public check() and stats().
     following        Follow a recording that another program writes, across its files.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
-    input_reading    InputReading: rows of inputs through a filter, merged by
-                     time, with the gaps found.
-    inputs           Recordings, logs, raw bytes and standard input; Progress of
-                     reading them.
+    input_reading    InputReading: rows of inputs through a filter, merged by time.
+    inputs           Recordings, logs, raw bytes and standard input; Progress of reading them.
     live_session     LiveSession: start, poll, stop.
     log_rows         The rows of raw bytes and logs: streams are framed and merged.
     notes            Notes on rows beside the recording, and the place of a view.

@@ -132,15 +132,10 @@ def count_file(
     progress: Progress | None = None,
     bauds: Mapping[str, int] | None = None,
 ) -> FileResult[Model]:
-    """Do one job.
+    """Do one job; raises FteSniffError as `Input.batches`.
 
-    Args:
-        job: what to do.
-        interrupts: delays Ctrl-C, which then ends the job with the rows so far.
-        progress: shows how far it has come.
-        bauds: by port, the baud at its start where it differs from what the file names.
-
-    Raises FteSniffError as `Input.batches`.
+    With `interrupts`, Ctrl-C ends the job with the rows so far. `bauds` are those at its start, by
+    port, where they differ from what the file names.
     """
     one = job.open()
     wanted = _compiled(job.filter_text)
@@ -253,7 +248,7 @@ def finished_jobs(
         executor: does the jobs; None for this process.
         most_waiting: most jobs that are submitted and not yielded yet.
         interrupts: delays Ctrl-C for jobs of this process.
-        progress: shows how far they have come.
+        progress: of all jobs.
         helps: whether this process does jobs that the executor has not begun.
 
     Raises FteSniffError if a file cannot be read with these options, or the executor failed.

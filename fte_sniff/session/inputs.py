@@ -342,14 +342,10 @@ class LogInput(Input):
         first_ns: Callable[[], int | None] = lambda: None,
         baud: int | None = None,
     ) -> None:
-        """Read nothing yet.
+        """Read nothing yet of a log, or of the chunks of one port.
 
-        Args:
-            source: the log, or the chunks of one port.
-            name: for display.
-            drained: whether the next chunk has to be waited for.
-            first_ns: the time of the first chunk; may read it separately.
-            baud: bits per second of the chunks; None for the default.
+        Of chunks, `drained` is whether the next one has to be waited for, `first_ns` the time of
+        the first one, which it may read separately, `baud` bits per second; None for the default.
         """
         super().__init__(name)
         from fte_sniff.formats.log_reader import LogReader

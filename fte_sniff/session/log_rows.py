@@ -53,16 +53,9 @@ def decided_spans(
 ) -> Iterator[DecidedSpan]:
     """Frame all chunks, about `SPAN_BYTES` at a time.
 
-    Args:
-        chunks: of one port; their times may fall.
-        name: the port.
-        note: called with a message if the input ends within a frame.
-        drained: whether the next chunk has to be waited for, so that rows are not held back.
-        baud: bits per second.
-
-    Raises:
-        FileError: there is no chunk.
-        FteSniffError: raised by the chunks, after the rows before it.
+    The chunks are of one port, and their times may fall. `note` is called if the input ends within
+    a frame. If the next chunk has to be waited for (`drained`), rows are not held back. Raises
+    FileError if there is no chunk, and what the chunks raise, after the rows before it.
     """
     framer = Framer(name, baud)
     size, empty = 0, True

@@ -55,9 +55,9 @@ class ReplaySession:
             title: the name to show.
             total: approximate number of rows; None if unknown.
             files: paths of the files.
-            pages: gets the batches, which all can be read again.
-            following: how the file is followed; None for a file that does not grow.
-            origins: gets the inputs of the rows.
+            pages: receives the batches, which all can be read again.
+            following: None for a file that does not grow.
+            origins: receives the inputs of the rows.
         """
         self._following, self._origins = following, origins
         self._is_live = False
@@ -197,11 +197,8 @@ class Playback:
     def __init__(self, store: RowStore, index: int, speed: float, now_ns: int) -> None:
         """Hide the rows from an index on; their times give the pace.
 
-        Args:
-            store: its limit is set.
-            index: of the first row to be played; it or a later one has a time.
-            speed: one of `SPEEDS`.
-            now_ns: the present time of a monotonic clock.
+        It sets the store's limit. The row at the index or a later one must have a time; `speed` is
+        one of `SPEEDS`, `now_ns` the present time of a monotonic clock.
         """
         self._store, self._now_ns = store, now_ns
         self.speed = speed

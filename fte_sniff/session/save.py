@@ -67,14 +67,10 @@ class Sink(Protocol):
 
 
 def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Sink:
-    """Create the file, or replace it.
+    """Create the file, or replace it; None is standard output, for text formats.
 
-    Args:
-        form: the format.
-        path: the file; None for standard output, for text formats.
-        source: what is known about the rows; its gaps and selections are read on closing.
-
-    Raises OSError if the file cannot be created.
+    Gaps and selections of the source are read on closing. Raises OSError if the file cannot be
+    created.
     """
     match form:
         case OutputFormat.PARQUET if path is not None:

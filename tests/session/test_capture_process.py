@@ -205,11 +205,11 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
     event = PortEvent(1, "p", PortEventKind.OPENED, "")
-    outbox.put_event(event)
+    outbox.put(events=[event])
     for start in range(0, 1000, 100):
-        outbox.put_rows(rows(start, 100))
-    outbox.put_recording([Change(None, FileError("full"))])
-    outbox.put_recording([Change(Path("x_00002.mcap"))])
+        outbox.put(rows(start, 100))
+    outbox.put(changes=[Change(None, FileError("full"))])
+    outbox.put(changes=[Change(Path("x_00002.mcap"))])
     outbox.close(Ended("over"))
     *batches, end = received(theirs)
     assert [row for batch in batches for row in batch.rows] == rows(0, 1000)
@@ -230,7 +230,7 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
     # The first batch takes what waits then, at most all; it stays in the pipe.
     total = MOST_WAITING * 3
     for start in range(0, total, 1024):
-        outbox.put_rows(rows(start, 1024))
+        outbox.put(rows(start, 1024))
     closing = threading.Thread(target=outbox.close, args=(Ended(),))
     closing.start()
     batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
@@ -247,6 +247,6 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     gone = threading.Event()
     outbox = Outbox(ours, gone.set)
     theirs.close()
-    outbox.put_rows(rows(0, 1))
+    outbox.put(rows(0, 1))
     assert gone.wait(60)
     outbox.close(Ended())

@@ -111,9 +111,7 @@ def indexed_starts(indexes: Sequence[bytes], size: int) -> Array | None:
 
     index record:  channel u16 | bytes u32 | (log time u64, start u64) for each message
 
-    Args:
-        indexes: the bodies of the records.
-        size: bytes of the unpacked chunk.
+    `indexes` are the bodies of the records, `size` the bytes of the unpacked chunk.
     """
     entry = 2 * _ENTRY.itemsize
     if any(len(body) < _INDEX_HEAD or (len(body) - _INDEX_HEAD) % entry for body in indexes):
@@ -130,10 +128,8 @@ def indexed_starts(indexes: Sequence[bytes], size: int) -> Array | None:
 def index_messages(records: bytes, starts: Array | None, most: int) -> MessageIndex:
     """The messages of an unpacked chunk, or of several concatenated ones.
 
-    Args:
-        records: the chunks.
-        starts: where a message index says that messages begin, rising; ignored if that is wrong.
-        most: the largest number of records.
+    `starts` are those of a message index, rising; they are ignored if they are wrong. `most` is the
+    largest number of records.
 
     Raises RecordError if the records exceed the chunk, are none, or are too many.
     """

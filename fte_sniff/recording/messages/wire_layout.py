@@ -62,13 +62,10 @@ def wire_fields(
     raw_length: int = FRAME_LENGTH,
     faults: int = 0,
 ) -> tuple[WireField, ...]:
-    """The fields of a message, in wire order.
+    """The fields of a message, in wire order, without those whose names are `lacking`.
 
-    Args:
-        fields: the fields of its descriptor, each of known size.
-        lacking: the names of absent fields.
-        raw_length: bytes of the row.
-        faults: number of faults; with none, their field is absent.
+    `fields` are those of its descriptor, each of known size. The row has `raw_length` bytes; with
+    no `faults`, their field is absent.
     """
     found: list[WireField] = []
     end = 0
