@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,7 +10,6 @@ from datetime import UTC, tzinfo
 from functools import partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -379,21 +377,30 @@ def _expanded(named: Path) -> list[Path]:
 def _opened(path: Path, query: InputQuery) -> Input:
     if query.topic is not None:
         return _topic(path, query.topic)
-    if path == STDIN:
-        return _stream(BufferedReader(FileIO(sys.stdin.fileno(), closefd=False)), STDIN_NAME, query)
-    if path.is_fifo():
-        return _stream(path.open("rb"), str(path), query)
-    chosen = query.kind or kind_of_file(path)
-    if chosen is InputKind.MCAP:
+    stream, name = _stream_of(path), STDIN_NAME if path == STDIN else str(path)
+    kind = query.kind or (kind_of_file(path) if stream is None else _kind_of(stream, name))
+    if kind is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
-        return RecordingInput(RecordingReader(path))
-    if chosen is InputKind.RAW:
-        chunks = clocked(raw_chunks(path), query.start_ns(), query.baud)
-        return LogInput(chunks, str(path), first_ns=query.start_ns, baud=query.baud)
+        return RecordingInput(RecordingReader(Path(name), stream))
+    if kind is InputKind.RAW:
+        chunks = raw_chunks(path) if stream is None else raw_stream_chunks(stream, name)
+        timed = clocked(chunks, query.start_ns(), query.baud)
+        return LogInput(timed, name, lambda: stream is not None, query.start_ns, query.baud)
     from fte_sniff.formats.log_reader import LogReader
 
-    return LogInput(LogReader(str(path), query.log_options()), str(path))
+    return LogInput(LogReader(name, query.log_options(), stream), name)
+
+
+def _stream_of(path: Path) -> BufferedReader | None:
+    """Standard input or a pipe, which can be read once; None for a file."""
+    if path == STDIN:
+        return BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
+    return path.open("rb") if path.is_fifo() else None
+
+
+def _kind_of(stream: BufferedReader, name: str) -> InputKind:
+    return KIND_OF_SUFFIX.get(Path(name).suffix.lower()) or kind_of_content(stream.peek(1))
 
 
 def _topic(path: Path, topic: str) -> Input:
@@ -405,25 +412,3 @@ def _topic(path: Path, topic: str) -> Input:
         return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
 
     return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
-
-
-def _stream(stream: BufferedReader, name: str, query: InputQuery) -> Input:
-    """A pipe, which can be read once."""
-    named = KIND_OF_SUFFIX.get(Path(name).suffix.lower())
-    chosen = query.kind or named or kind_of_content(stream.peek(1))
-    if chosen is InputKind.MCAP:
-        from fte_sniff.recording.reader import RecordingReader
-
-        file = NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap")  # noqa: SIM115
-        shutil.copyfileobj(stream, file)
-        file.flush()
-        try:
-            return RecordingInput(RecordingReader(Path(file.name)), file, name)
-        except FileError as error:
-            raise FileError(str(error).replace(file.name, name)) from error
-    if chosen is InputKind.RAW:
-        chunks = clocked(raw_stream_chunks(stream, name), query.start_ns(), query.baud)
-        return LogInput(chunks, name, lambda: True, query.start_ns, query.baud)
-    from fte_sniff.formats.log_reader import LogReader
-
-    return LogInput(LogReader(name, query.log_options(), stream), name)

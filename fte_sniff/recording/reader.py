@@ -59,8 +59,8 @@ class RecordingReader:
     `ending` and `losses` are those of all iterations so far.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Read the start of the file and its summary.
+    def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
+        """Read the start of the file and its summary; of a stream, which `path` names, a copy.
 
         Raises FileError if the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
         topics.
@@ -89,7 +89,7 @@ class RecordingReader:
         self.chunks = 0
         """Chunks that the last pass read."""
         self._copy: IO[bytes] | None = None
-        self._copy = self._copy_of_pipe()
+        self._copy = self._copy_of_pipe() if stream is None else self._copy_of(stream)
         with self._open() as stream:
             self._identity = _identity(stream)
             self.size = os.fstat(stream.fileno()).st_size
@@ -342,15 +342,16 @@ class RecordingReader:
             raise unreadable(self.path, error) from error
 
     def _copy_of_pipe(self) -> IO[bytes] | None:
-        """A temporary copy of a pipe, because a pipe can be read only once."""
         with self._open() as stream:
-            if stream.seekable():
-                return None
-            copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=".mcap")  # noqa: SIM115
-            copyfileobj(stream, copy)
-            copy.flush()
-            finalize(self, copy.close)
-            return copy
+            return None if stream.seekable() else self._copy_of(stream)
+
+    def _copy_of(self, stream: BinaryIO) -> IO[bytes]:
+        """A temporary copy of what can be read only once."""
+        copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=".mcap")  # noqa: SIM115
+        finalize(self, copy.close)
+        copyfileobj(stream, copy)
+        copy.flush()
+        return copy
 
     def _read_start(self, stream: BinaryIO) -> None:
         magic = stream.read(len(MAGIC))

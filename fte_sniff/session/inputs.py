@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.tally import Tally
@@ -223,19 +223,15 @@ class Input(ABC):
 class RecordingInput(Input):
     """A recording."""
 
-    def __init__(
-        self, reader: RecordingReader, copy: IO[bytes] | None = None, name: str | None = None
-    ) -> None:
-        """Read nothing yet; `copy` is the temporary file that holds a pipe of this name."""
+    def __init__(self, reader: RecordingReader) -> None:
         from fte_sniff.recording.metadata import PROGRAM, part_of
 
-        super().__init__(name or str(reader.path))
+        super().__init__(str(reader.path))
         self.reader = reader
         self.size, self.count = reader.size, reader.count
         facts = reader.metadata.get(PROGRAM, {})
         self.part = part_of(facts)
         self.facts = {k: v for k, v in facts.items() if not k.startswith(("library", "port."))}
-        self._copy = copy
         self.ends: dict[str, int] = {}
         """By port, the offset after the last row that was read."""
 
