@@ -103,7 +103,7 @@ class GapDetector:
         happened = [(event.t_ns, what) for event in events if (what := self._effect(event))]
         if not happened and not self._edges:
             return found
-        times = _rising_times(rows)
+        times = rising_times(rows)
         found += [StreamChange(int(times.searchsorted(t)), what) for t, what in happened]
         while self._edges:
             t_ns, gap = self._edges[0]
@@ -129,13 +129,14 @@ def _edges(gap: Gap) -> Iterator[int]:
         yield gap.end_ns + 1
 
 
-def _rising_times(rows: Sequence[Row]) -> Ints:
-    """For each row, the latest time up to it."""
+def rising_times(rows: Sequence[Row], floor_ns: int = -(2**63)) -> Ints:
+    """For each row, the latest time up to it, at least `floor_ns`; int64."""
     import numpy as np
 
     from fte_sniff.row_batch import RowBatch
 
-    return np.asarray(np.maximum.accumulate(RowBatch.from_rows(rows).t_ns))
+    t_ns = RowBatch.from_rows(rows).t_ns
+    return np.asarray(np.maximum.accumulate(np.maximum(t_ns, floor_ns)))
 
 
 SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)

@@ -236,10 +236,7 @@ class InputQuery:
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
-        if self.zone is None:
-            return None
-
-        return zone_of(self.zone)
+        return None if self.zone is None else zone_of(self.zone)
 
     def row_filter(self) -> RowFilter | None:
         """The compiled filter; raises FilterError."""

@@ -23,7 +23,7 @@ from itertools import takewhile
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.feed import StreamChange, rising_times
 from fte_sniff.protocol import PortEvent
 from fte_sniff.session.inputs import InputBatch
 
@@ -149,16 +149,6 @@ class _Passage:
             len(self.batch.events),
             len(self.batch.changes),
         )
-
-
-def rising_times(rows: Rows, floor_ns: int) -> Ints:
-    """For each row, the latest time up to it, at least `floor_ns`; int64."""
-    import numpy as np
-
-    from fte_sniff.row_batch import RowBatch
-
-    t_ns = RowBatch.from_rows(rows).t_ns
-    return np.asarray(np.maximum.accumulate(np.maximum(t_ns, floor_ns)))
 
 
 def _joined(passages: Sequence[_Passage]) -> InputBatch:

@@ -95,10 +95,7 @@ class MessageReader:
                 why=reason_in(error),
             ) from error
         fields = self._message.DESCRIPTOR.fields_by_name
-        self._has_framed = "framed" in fields
-        self._has_time = "time_ns" in fields
-        self._has_order = "order_uncertain" in fields
-        self._has_count = "count" in fields
+        self._fields = frozenset(fields)
         needed = _EVENT_NEEDS if topic == EVENTS.name else _ROW_NEEDS
         lacking = sorted(
             name
@@ -126,7 +123,7 @@ class MessageReader:
         message = self._parse(data)
         faults = message.faults
         delay = message.read_delay_ns if message.HasField("read_delay_ns") else None
-        made: type[Row] = Damage if self._has_framed and not message.framed else Frame
+        made: type[Row] = Damage if "framed" in self._fields and not message.framed else Frame
         raw = message.raw
         if not (_is_framed(raw) if made is Frame else raw):
             what = TranslatableText("no frame") if made is Frame else TranslatableText("no damage")
@@ -142,7 +139,7 @@ class MessageReader:
             self._time(message, log_time),
             tuple(map(self.fault, faults)) if faults else (),
             delay,
-            self._has_order and message.order_uncertain,
+            "order_uncertain" in self._fields and message.order_uncertain,
         )
 
     def fault(self, number: int) -> Fault:
@@ -153,7 +150,7 @@ class MessageReader:
         """The port event of one message; raises ValueError if it is none."""
         message = self._parse(data)
         kind = PortEventKind(self._name(message.kind))
-        count = message.count if self._has_count else 0
+        count = message.count if "count" in self._fields else 0
         return PortEvent(self._time(message, log_time), self.port, kind, message.detail, count)
 
     def _parse(self, data: bytes) -> Any:
@@ -165,7 +162,7 @@ class MessageReader:
             raise RecordError("a message that does not fit its schema") from error
 
     def _time(self, message: Any, log_time: int) -> int:
-        own = self._has_time and message.HasField("time_ns")
+        own = "time_ns" in self._fields and message.HasField("time_ns")
         time = int(message.time_ns) if own else log_time
         if time > _GREATEST:
             raise RecordError("time {time} ns is past the year 2262", time=time)
