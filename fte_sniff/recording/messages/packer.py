@@ -84,7 +84,7 @@ _NAMES_MOTOR[: len(_FORMS)] = [kind.names_motor for kind, *_ in _FORMS]
 _RAW = np.dtype(f"V{FRAME_LENGTH}")
 
 
-class RowModel:
+class RecordTemplate:
     """Template of the message records of one form."""
 
     def __init__(self, code: int) -> None:
@@ -140,13 +140,13 @@ def _topic(code: int, motor: int) -> Topic:
     return topic_of(_frame_of(code, motor))
 
 
-_model = cache(RowModel)
+_template_of = cache(RecordTemplate)
 
 
 @cache
 def _record_lengths() -> Array:
     lengths = np.zeros(_NO_FORM + 1, np.int64)
-    lengths[: len(_FORMS)] = [_model(code).length for code in range(len(_FORMS))]
+    lengths[: len(_FORMS)] = [_template_of(code).length for code in range(len(_FORMS))]
     return lengths
 
 
@@ -273,7 +273,7 @@ def _records_by_form(
         first += count
         if count:
             taken = {name: values.take(own) for name, values in fields.items()}
-            yield own, _model(code).records(taken)
+            yield own, _template_of(code).records(taken)
 
 
 def _write_at(data: Array, starts: Array, records: Array) -> None:
