@@ -90,7 +90,6 @@ _HEX_PAIRS: Final = np.frombuffer(
 
 
 def _series(rows: RowBatch, name: str) -> pl.Series:
-    """One column of the row contract."""
     if name in _FIELD_NAMES:
         return _with_nulls(name, *rows.field(name))
     return _MAKERS[name](rows).rename(name)

@@ -92,7 +92,6 @@ class Measure(ABC):
         return 0
 
     def _exceeds(self, values: Array) -> Bools:
-        """Which values are larger than the rule allows."""
         number, inclusive = self._too_large
         found: Bools = values >= number if inclusive else values > number
         return found
@@ -105,7 +104,6 @@ class Measure(ABC):
         return max(1, math.ceil(number) if inclusive else math.floor(number) + 1)
 
     def _falls_below(self, values: Array) -> Bools:
-        """Which values are smaller than the rule allows."""
         number, inclusive = self._too_small
         found: Bools = values <= number if inclusive else values < number
         return found

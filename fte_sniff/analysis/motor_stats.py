@@ -93,7 +93,6 @@ class FlagCounts:
 
 
 def _count(flag: RowCount, t_ns: Ints) -> None:
-    """Count the frames of these times that have a flag."""
     flag.count(len(t_ns), len(t_ns) * FRAME_LENGTH, extent(t_ns[t_ns != NO_TIME]))
 
 

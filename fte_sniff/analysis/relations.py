@@ -212,7 +212,6 @@ class RowRelations:
         return found
 
     def _has_gap(self, start: int, end: int) -> bool:
-        """Whether rows are missing between two rows."""
         return bisect_right(self._gaps, start) != bisect_right(self._gaps, end)
 
     def _frame_before(self, index: int, key: int) -> _FrameBefore:

@@ -524,7 +524,6 @@ class Statistics:
         return self._ports[name]
 
     def _number_of(self, name: str) -> int:
-        """The position of a port in order of first occurrence."""
         return list(self._ports).index(name)
 
     def _observe_ports(self, rows: RowBatch) -> None:

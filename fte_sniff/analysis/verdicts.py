@@ -80,7 +80,6 @@ class RuleCheck(RowModel):
             measure.observe(rows, masks[rule.filter_text])
 
     def _masks(self, rows: RowBatch) -> dict[str | None, Bools]:
-        """Masks of the rows that each filter selects."""
         if not self._filters:
             texts = {rule.filter_text for rule in self.rules if rule.filter_text is not None}
             self._filters = {text: RowFilter.parse(text) for text in texts}

@@ -99,7 +99,6 @@ def _check_suffix(output: Path) -> None:
 
 
 def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:
-    """Read the inputs, one after the other; returns their statistics, and fills the timeline."""
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.row_batch import RowBatch

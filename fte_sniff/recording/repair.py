@@ -155,7 +155,6 @@ class Repair:
 
 
 def _times(rows: RowBatch) -> tuple[int, int]:
-    """First and last time of rows and events."""
     times = [event.t_ns for event in rows.events]
     if len(rows):
         times += [int(rows.t_ns.min()), int(rows.t_ns.max())]

@@ -181,7 +181,6 @@ class InputReading:
                 one = successor
 
     def _report(self, gaps: Sequence[Gap]) -> None:
-        """Add gaps that an input reports while it is read."""
         self.reported_gaps += gaps
         self._gaps += gaps
 
@@ -227,7 +226,6 @@ def _ports_of(one: Input) -> list[str]:
 
 
 def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:
-    """Bits per second by port, as the inputs report them."""
     return {port.name: port.baud for one in inputs for port in one.ports if port.baud}
 
 

@@ -152,7 +152,6 @@ class _Passage:
 
 
 def _joined(passages: Sequence[_Passage]) -> InputBatch:
-    """The passages merged by time."""
     passages = [one for one in passages if one]
     if len(passages) == 1 and passages[0].is_whole:
         return passages[0].batch
