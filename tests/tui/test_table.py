@@ -64,6 +64,10 @@ def short_values(row: Row, width: int | None = None) -> str:
     return " ".join(text for text, _field in value_parts(row, width))
 
 
+def cell_of(row: Row) -> RowCell:
+    return RowCell(row, time_ns=row.t_ns)
+
+
 def look_of(ports: int) -> TableView:
     return TableView(tuple(f"/dev/ttyUSB{number}" for number in range(ports)))
 
@@ -123,7 +127,7 @@ def test_every_line_fills_the_window_and_has_styles(
     row: Row, width: int, ports: int, hidden: int, palette: Palette
 ) -> None:
     painter = Painter(layout_for(width, look_of(ports)), palette, width, hidden)
-    for strip in (painter.row(RowCell(row), Style.null()), painter.head(Style.null())):
+    for strip in (painter.row(cell_of(row), Style.null()), painter.head(Style.null())):
         assert strip.cell_length == width
         assert all(isinstance(segment.style, Style) for segment in strip)
         assert strip.text.isprintable()
@@ -132,7 +136,7 @@ def test_every_line_fills_the_window_and_has_styles(
 def painted(row: Row, width: int, hidden: int = 0) -> str:
     return (
         Painter(layout_for(width, TableView()), DARK, width, hidden)
-        .row(RowCell(row), Style.null())
+        .row(cell_of(row), Style.null())
         .text
     )
 
@@ -243,7 +247,7 @@ def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str,
     row = Frame("p", 0, bytes.fromhex(raw), 1)
     assert painted(row, 80)[0] == sign
     assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
-    strip = Painter(layout_for(80, TableView()), DARK, 80).row(RowCell(row), Style.null())
+    strip = Painter(layout_for(80, TableView()), DARK, 80).row(cell_of(row), Style.null())
     colours = {
         segment.style.color.name for segment in strip if segment.style and segment.style.color
     }

@@ -45,7 +45,6 @@ from fte_sniff.tui.table.columns import (
     VALUES,
     TableColumn,
     TableLayout,
-    TimeStyle,
 )
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.table.viewport import RowMarks
@@ -90,8 +89,8 @@ class RowCell:
 
     row: Row
     sign: Sign = Sign.NONE
-    since_ns: int | None = None
-    """The time from which the row's time is counted, if any."""
+    time_ns: int | None = None
+    """The time that is shown: since 1970 UTC, or since another time."""
     delta_ns: int | None = None
     ages: bytes | None = None
     """By byte, the frames since it changed; None where changes are not shown."""
@@ -112,7 +111,6 @@ class Painter:
     width: int
     hidden: int = 0
     """Columns after the first that are scrolled out at the left."""
-    times: TimeStyle = TimeStyle.CLOCK
     search: Search | None = None
 
     def row(self, cell: RowCell, line: Style) -> Strip:
@@ -219,7 +217,7 @@ class Painter:
             case "values":
                 return self._short_values(column, cell)
             case "time":
-                return [(column.cell(self._time(cell)), self.palette.muted)]
+                return [(column.cell(cell.time_ns), self.palette.muted)]
             case "delta":
                 return [(column.cell(cell.delta_ns), self.palette.muted)]
             case "kind":
@@ -231,12 +229,6 @@ class Painter:
                 text = column.cell(values[name])
                 space = len(text) - len(text.lstrip())
                 return [(text[:space], _NULL), (text[space:], self._style(name, cell))]
-
-    def _time(self, cell: RowCell) -> int | None:
-        t_ns = cell.row.t_ns
-        if t_ns is None or not self.times.is_elapsed:
-            return t_ns
-        return None if cell.since_ns is None else t_ns - cell.since_ns
 
     def _style(self, name: str, cell: RowCell) -> Style:
         field = _FIELDS.get(name)

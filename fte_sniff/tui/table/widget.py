@@ -313,7 +313,7 @@ class RowTable(ScrollView, can_focus=True):
 
     def _row_cells(self, rows: Sequence[tuple[int, Row]]) -> Iterator[tuple[int, RowCell]]:
         """Index and cell of rows in the window, from top to bottom."""
-        selected, since_ns, pair, view = self.selected, self._since_ns, self._paired, self.view
+        selected, zero_ns, pair, view = self.selected, self._zero_ns, self._paired, self.view
         needs_past = view.changes or (view.delta is not Delta.ROW and self._shows_delta)
         pasts = self.relations.pasts([index for index, _row in rows]) if needs_past else {}
         above_ns = self._above_ns if self._shows_delta else None
@@ -338,7 +338,7 @@ class RowTable(ScrollView, can_focus=True):
                 RowCell(
                     row,
                     sign,
-                    since_ns,
+                    None if row.t_ns is None or zero_ns is None else row.t_ns - zero_ns,
                     (row.t_ns or 0) - (before_ns or 0) if known else None,
                     past.ages if past and view.changes and isinstance(row, Frame) else None,
                     field,
@@ -370,15 +370,15 @@ class RowTable(ScrollView, can_focus=True):
         return frozenset(self.relations.related(self.last_index))
 
     @property
-    def _since_ns(self) -> int | None:
-        """The time from which that of the window's first row is counted."""
+    def _zero_ns(self) -> int | None:
+        """The time from which times are counted, 0 for times of day; None if it is unknown."""
         store, latest = self._store, self.marks.latest
         match self.view.times:
             case TimeStyle.START:
                 return self.start_ns
-            case TimeStyle.MARK if latest is not None and latest >= store.first:
-                return store.row(latest).t_ns
-        return None
+            case TimeStyle.MARK:
+                return None if latest is None or latest < store.first else store.row(latest).t_ns
+        return 0
 
     @property
     def _painter(self) -> Painter:
@@ -386,7 +386,7 @@ class RowTable(ScrollView, can_focus=True):
         layout = layout_for(width, self.view)
         self._hidden = min(max(0, self._hidden), layout.max_hidden(width))
         palette = self.palette
-        painter = Painter(layout, palette, width, self._hidden, self.view.times, self.search)
+        painter = Painter(layout, palette, width, self._hidden, self.search)
         if painter != self._latest_painter:
             self._latest_painter = painter
         return self._latest_painter
