@@ -8,6 +8,8 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
 
 from fte_sniff.capture.source import Item
 from fte_sniff.errors import TranslatableText
@@ -18,6 +20,9 @@ CAPACITY = 32 * 2**20
 
 _ITEM_COST = 256
 """Approximate memory of one waiting item besides its bytes."""
+
+_HELD_UP_NS = 250_000_000
+"""Time between two reads that shows that the reader did not run: it waits much shorter."""
 
 
 class ChunkQueue:
@@ -33,6 +38,8 @@ class ChunkQueue:
         self._taken_cost = self._taken_bytes = 0
         self._dropped = self._dropped_at_ns = 0
         self._full = self._unwanted = False
+        self._read_ns: float = inf
+        self._unseen = False
 
     @property
     def waiting(self) -> int:
@@ -49,8 +56,17 @@ class ChunkQueue:
         self._queue.put(None)
 
     def put(self, chunk: Chunk) -> None:
-        """Append a chunk. An empty one is ignored while others wait: it adds no information."""
+        """Append a chunk. An empty one is ignored while others wait: it adds no information.
+
+        After a pause of the reader it is ignored too: bytes may have arrived since it was read.
+        """
         with self._lock:
+            held_up = self._was_held_up(chunk.t_ns or 0)
+            if chunk.data and (held_up or self._unseen):
+                chunk = replace(chunk, is_late=True)
+            self._unseen = held_up and not (chunk.data or chunk.line_errors)
+            if self._unseen:
+                return
             waiting = self._put_cost - self._taken_cost
             if waiting and not (chunk.data or chunk.line_errors):
                 return
@@ -62,6 +78,11 @@ class ChunkQueue:
                 self._dropped += len(chunk.data)
                 return
             self._append(chunk)
+
+    def _was_held_up(self, t_ns: int) -> bool:
+        """Whether the reader did not run before this time, so that bytes may have waited for it."""
+        before_ns, self._read_ns = self._read_ns, t_ns
+        return t_ns - before_ns > _HELD_UP_NS
 
     def put_event(self, event: PortEvent) -> None:
         """Append an event; events are never dropped."""

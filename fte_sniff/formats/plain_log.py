@@ -91,9 +91,8 @@ class PlainLog(LogForm):
         data = b""
         comments = [found[0] for line in lines if (found := re.search(rb"(?:#|//).*", line))]
         timed = sum(masked(text) != text for text in comments)
-        if len({label_of("direction", text) for text in comments} - {None}) > 1 or 2 * timed > len(
-            lines
-        ):
+        directions = {label_of("direction", text) for text in comments} - {None}
+        if len(directions) > 1 or 2 * timed > len(lines):
             return None  # they say more of the bytes than plain hex does
         for line in lines:
             if re.match(_PREFIX, line):

@@ -43,6 +43,8 @@ class Chunk:
     line_errors: tuple[tuple[int, int], ...] = ()
     """Where the UART reported errors: half-open ranges of offsets in `data`. The last range may end
     one past the data: errors are counted before their bytes are read."""
+    is_late: bool = False
+    """Whether the reader was held up before it read, so that no silence before it is known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,13 +31,14 @@ from fte_sniff.recording.mcap.append_file import (
 
 STOPPED: Final[Mapping[type[OSError], str]] = {
     BrokenPipeError: "{path}: its reader is gone; the recording ended after {rows:,} rows",
-    NoReaderError: "no program has opened {path} for reading, so its {rows} rows are lost; "
+    NoReaderError: "no program has opened {path} for reading, so its {rows:,} rows are lost; "
     "start the reader, or record to a file",
     CutOffError: "recording stopped: another program cut off {path} while it was being written; "
-    "of its {rows} rows, those after the cut are lost; do not change the file while it is written",
-    NotRestoredError: "recording stopped: {reason}; {path} has the {rows} rows up to there, but "
+    "of its {rows:,} rows, those after the cut are lost; do not change the file while it is "
+    "written",
+    NotRestoredError: "recording stopped: {reason}; {path} has the {rows:,} rows up to there, but "
     "also bytes of the failed write; copy it with `fte-sniff decode {path} -o NAME.mcap`",
-    OSError: "recording stopped: {reason}; {path} is complete up to there ({rows} rows); free "
+    OSError: "recording stopped: {reason}; {path} is complete up to there ({rows:,} rows); free "
     "space, or record elsewhere with -o",
 }
 """Forms of the errors of a recording that the system does not let go on."""
@@ -55,14 +56,14 @@ def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:
     """The error for a recording whose file was deleted, moved or replaced."""
     if deleted:
         return FileError(
-            "recording stopped: {path} was deleted while it was being written; its {rows} rows "
+            "recording stopped: {path} was deleted while it was being written; its {rows:,} rows "
             "are lost; start again, and do not delete the file",
             path=path,
             rows=rows,
         )
     return FileError(
         "recording stopped: {path} was moved or replaced while it was being written; it had "
-        "{rows} rows; start again, and do not move the file",
+        "{rows:,} rows; start again, and do not move the file",
         path=path,
         rows=rows,
     )
@@ -72,14 +73,14 @@ def stopped_by_limit(path: object, limit: str, rows: int, *, deletes_oldest: boo
     """The error for a recording that reached a limit, and that had no older file to delete."""
     if deletes_oldest:
         return FileError(
-            "recording stopped: {limit}; {path} is complete up to there ({rows} rows), and no older"
-            " file of this capture is left to delete; free space, or change the limit",
+            "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows), and no "
+            "older file of this capture is left to delete; free space, or change the limit",
             limit=limit,
             path=path,
             rows=rows,
         )
     return FileError(
-        "recording stopped: {limit}; {path} is complete up to there ({rows} rows); free space, "
+        "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows); free space, "
         "change the limit, or delete the oldest files with --on-full rotate-oldest",
         limit=limit,
         path=path,

@@ -150,7 +150,7 @@ class Recorder:
         entries = self._missed_rows + self._missed_events
         return FileError(
             "{what} were not recorded: {reason}",
-            what=f"{entries} rows and port events from {iso_time(gaps[0].start_ns)} on",
+            what=f"{entries:,} rows and port events from {iso_time(gaps[0].start_ns)} on",
             reason="; then ".join(dict.fromkeys(gap.reason for gap in gaps)),
         )
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import islice
+from collections.abc import Sequence
+from itertools import islice, takewhile
+from typing import cast
 
 import pytest
 
 from fte_sniff.capture.chunk_queue import ChunkQueue
 from fte_sniff.capture.source import Item
-from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind, Row
 
 FRAME = bytes.fromhex("55010100000000000FEE")
 OPENED = PortEvent(0, "a", PortEventKind.OPENED, "")
@@ -98,3 +100,21 @@ def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
     assert all(len(row.raw) < len(FRAME) for row in damages)
     assert {fault for row in damages for fault in row.faults} <= {"truncated", "noise"}
     assert Counter(type(row).__name__ for row in rows)["Frame"] > 1000
+
+
+@pytest.mark.parametrize(
+    ("idle_ms", "is_known"),
+    [(range(10, 1000, 10), True), ((), False), ((995,), False), ((985, 995), True)],
+)
+def test_silence_counts_only_where_the_reader_ran(idle_ms: Sequence[int], is_known: bool) -> None:
+    """A reader that runs reports silence every 10 ms; it may sleep just after a read."""
+    queue, framer, rows = ChunkQueue("a"), Framer("a"), list[Row]()
+    parts = {0: FRAME * 3 + FRAME[:4], **dict.fromkeys(idle_ms, b""), 1000: FRAME[4:] + FRAME}
+    for t_ms, data in parts.items():
+        queue.put(Chunk("a", t_ms * 1_000_000, data))
+        queue.put_event(OPENED)
+        for chunk in takewhile(lambda item: item is not OPENED, queue):
+            rows += framer.feed(cast("Chunk", chunk))
+    rows += framer.flush()
+    damaged = [bool(row.faults) for row in rows]
+    assert damaged == ([*3 * [False], True, True, False] if is_known else 5 * [False])

@@ -19,7 +19,7 @@ from time import monotonic
 
 import pytest
 
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol import FRAME_LENGTH, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
 from tests.cli.processes import (
     BOUND_S,
@@ -509,10 +509,10 @@ def test_a_flood_at_three_million_baud_loses_nothing(run, environment, tmp_path:
 
 
 def flood(process: Process, far: int, data: bytes) -> None:
-    """Send all of it, no faster than 3,000,000 baud would, reading what is printed meanwhile."""
+    """Send all its frames, no faster than 3,000,000 baud, reading what is printed meanwhile."""
     start, sent = monotonic(), 0
     while sent < len(data):
-        due = min(len(data), int((monotonic() - start) * 300_000) + 1)
+        due = min(len(data), int((monotonic() - start) * 30_000 + 1) * FRAME_LENGTH)
         if due > sent:
             sent += os.write(far, data[sent:due])
         drained(process)

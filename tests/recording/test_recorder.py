@@ -391,7 +391,7 @@ def test_the_limit_of_all_files_stops_the_recording_and_is_reported(
     kept = _rows(file)
     assert kept == [row for batch in batches for row in batch][: len(kept)]
     assert file.stat().st_size < 90_000
-    assert f"{8 * 300 - len(kept)} rows" in str(recorder.failure)
+    assert f"{8 * 300 - len(kept):,} rows" in str(recorder.failure)
 
 
 def test_a_disk_without_space_is_reported_before_a_file_is_made(tmp_path: Path) -> None:

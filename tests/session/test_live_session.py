@@ -190,8 +190,8 @@ def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
 
 
 def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
-    sessions = [LiveSession(plan(port="/dev/ttyNOPE")), LiveSession(plan(tmp_path / "x.mcap"))]
     (tmp_path / "x.mcap").touch()
+    sessions = [LiveSession(plan(port="/dev/ttyNOPE")), LiveSession(plan(tmp_path / "x.mcap"))]
     for session, refusal, words in zip(
         sessions, (PortError, FileError), ("no such port", "exists already"), strict=True
     ):

@@ -106,7 +106,7 @@ class ArrivalTimeline:
         if chunk.t_ns is None:
             return 0
         self._silent_since = self._floor = max(self._floor, chunk.t_ns)
-        if before is None:
+        if before is None or chunk.is_late:
             return 0
         return max(0, chunk.t_ns - len(chunk.data) * self._byte_ns - before)
 
