@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -183,17 +184,22 @@ class OwnLog(LogForm):
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         _, row, port_of = _OWN[self._what]
-        for number, line in enumerate(block.lines, block.first):
-            found = re.match(row, line.decode("utf-8", "replace"))
-            if found and not found["raw"]:
-                raise InputTextError(
-                    f"line {number}: this row of fte-sniff's {self._what} is cut or damaged; pass"
-                    " the recording itself, or its rows with --format csv or jsonl"
-                )
-            if found:
-                data, t_ns = bytes.fromhex(found["raw"]), _begin_ns(found["time"])
-                port = port_of(found["port"]) or name
-                yield StreamBytes(port, data, [len(data)], [number], [t_ns], first=True)
+        streams = defaultdict[str, list[tuple[bytes, int, int]]](list)
+        try:
+            for number, line in enumerate(block.lines, block.first):
+                found = re.match(row, line.decode("utf-8", "replace"))
+                if found and not found["raw"]:
+                    raise InputTextError(
+                        f"line {number}: this row of fte-sniff's {self._what} is cut or damaged;"
+                        " pass the recording itself, or its rows with --format csv or jsonl"
+                    )
+                if found:
+                    own = bytes.fromhex(found["raw"]), number, _begin_ns(found["time"])
+                    streams[port_of(found["port"]) or name].append(own)
+        finally:
+            for port, rows in streams.items():
+                data, order, times = zip(*rows, strict=True)
+                yield StreamBytes(port, b"".join(data), [*map(len, data)], order, times, first=True)
 
     def explain(self) -> list[str]:
         """What it is."""

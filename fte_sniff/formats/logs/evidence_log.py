@@ -133,9 +133,8 @@ class EvidenceLog(LogForm):
             ]
             tables.append(np.array(rows, np.int64).reshape(-1, 5).T)
             data += [one.data for _, one in found]
-            yield from self._streams(
-                np.hstack(tables), np.frombuffer(b"".join(data), np.uint8), name
-            )
+            text = np.frombuffer(b"".join(data), np.uint8)
+            yield from self._streams(np.hstack(tables), text, name)
 
     def _read_shapes(self, block: TextBlock, tables: list[Any], data: list[bytes]) -> Sequence[int]:
         """Read the lines that have the shape of others; the indices of the other lines."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,6 +21,9 @@ _MOST_SHAPES: Final = 24
 """Of one length; the lines of others are parsed one by one."""
 _LONGEST_SHAPE: Final = 4096
 _ZERO: Final = np.uint8(ord("0"))
+_HEX_DIGITS: Final = np.full(256, 0xFF, np.uint8)
+"""By character, the value of a hexadecimal digit; 255 of others."""
+_HEX_DIGITS[list(b"0123456789ABCDEFabcdef")] = [*range(16), *range(10, 16)]
 _NEXT_DIGIT: Final = bytes.maketrans(b"0123456789", b"1234567890")
 
 
@@ -113,7 +116,7 @@ def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Any]:
     fixed[[*shape.digits, *shape.pairs, *(at + 1 for at in shape.pairs)]] = False
     same = (table[fixed] == table[fixed, :1]).all(0)
     same &= (table[shape.digits] - _ZERO < 10).all(0)
-    high, low = (_hex_digits().take(table[[at + n for at in shape.pairs]]) for n in (0, 1))
+    high, low = (_HEX_DIGITS.take(table[[at + n for at in shape.pairs]]) for n in (0, 1))
     same &= ((high | low) < 16).all(0)
     if not same.all():
         table, high, low = (own[:, same] for own in (table, high, low))
@@ -121,15 +124,6 @@ def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Any]:
     read = partial(_number, table)
     stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
     return same, data, stamp
-
-
-@cache
-def _hex_digits() -> Any:
-    """By character, the value of a hexadecimal digit; 255 of others."""
-    values = np.full(256, 0xFF, np.uint8)
-    for digit in "0123456789ABCDEFabcdef":
-        values[ord(digit)] = int(digit, 16)
-    return values
 
 
 def _number(table: Any, start: int, stop: int) -> Any:
