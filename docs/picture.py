@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass
 from functools import cache
 from html import escape, unescape
@@ -41,6 +41,7 @@ POLL_NS = 50_000_000
 MORE_POLLS = 5
 """Polls after the last row, until the panes show it."""
 MOST_ROUNDS = 200
+IDLE_WITHIN_S = 60.0
 
 _TEXT = re.compile(
     r'<text(?P<before> [^>]*?)x="(?P<x>[\d.]+)"(?P<between>[^>]*?)textLength="(?P<length>[\d.]+)"'
@@ -140,13 +141,28 @@ def rows(frames: int) -> Sequence[Row]:
     return found
 
 
+async def idle(app: SniffApp) -> None:
+    """Let the screen work and draw until it waits for a key, a timer or a thread.
+
+    `Pilot.pause` sends each widget a message, and then waits until the processor seems idle.
+    """
+    ready: Sized = asyncio.get_running_loop()._ready  # type: ignore[attr-defined]
+    async with asyncio.timeout(IDLE_WITHIN_S):
+        while True:
+            await asyncio.sleep(0)
+            if not ready and app.screen_stack:
+                app.screen._on_timer_update()
+            if not ready:
+                return
+
+
 async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
     app = PictureApp(capture, picture.language)
     async with app.run_test(size=picture.size) as pilot:
         for poll in range(POLLS + MORE_POLLS):
             capture.advance()
             app.tick()
-            await pilot.pause()
+            await idle(app)
             if poll == POLLS // 2:
                 for keys in picture.keys:
                     await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))

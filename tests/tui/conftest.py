@@ -15,6 +15,7 @@ import pytest
 from textual import events
 from textual.pilot import Pilot
 
+from docs.picture import idle
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange
 from fte_sniff.protocol import (
     KIND_BY_NAME,
@@ -150,9 +151,6 @@ CHARACTERS = {
 }
 """Keys whose names are not what they type."""
 
-ROUNDS = 4
-"""A key goes from the app to a widget, from there to an action, from there to a message."""
-
 Rows = Callable[..., list[Row]]
 Scenario = Callable[[SniffApp, Pilot[None]], Awaitable[None]]
 
@@ -182,15 +180,14 @@ def play(
 async def settle(app: SniffApp, pilot: Pilot[None]) -> None:
     """Let the screen take in what there is, and draw it."""
     app.tick()
-    await pilot.pause()
+    await idle(app)
 
 
 async def press(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
     """Press keys as fast as the screen takes them; `Pilot.press` sleeps after each."""
     for key in keys:
         app.post_message(events.Key(key, CHARACTERS.get(key, key if len(key) == 1 else None)))
-        for _ in range(ROUNDS):
-            await pilot.pause(0)
+        await idle(app)
 
 
 async def type_line(app: SniffApp, pilot: Pilot[None], line: str) -> None:
@@ -242,8 +239,7 @@ async def rush(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
     """Keys that all wait before the first is looked at, as over a slow line or out of a paste."""
     for key in keys:
         app.post_message(events.Key(key, CHARACTERS.get(key, key if len(key) == 1 else None)))
-    for _ in range(10 * ROUNDS):
-        await pilot.pause(0)
+    await idle(app)
 
 
 async def until(app: SniffApp, pilot: Pilot[None], holds: Callable[[], bool]) -> None:

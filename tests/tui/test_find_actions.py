@@ -336,6 +336,7 @@ def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
         await rush(app, pilot, "enter", "escape")
         assert not app._searching
         assert "esc ends it" not in page(app)
+        assert "no row has" not in page(app)
         assert table(app).viewport.cursor == 0
 
     play(feed, scenario)

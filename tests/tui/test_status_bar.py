@@ -48,13 +48,13 @@ from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.text import event_text
 from fte_sniff.tui.view_model import ViewModel
 from tests.tui.conftest import (
-    ROUNDS,
     enter_line,
     lines,
     page,
     play,
     press,
     settle,
+    until,
 )
 
 
@@ -64,12 +64,8 @@ def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, wid
         return lines(app)[-1].replace(" ", "")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        # Textual sets the footer's keys a few rounds after the screen stands.
-        for _ in range(ROUNDS * 100):
-            if "?HelpqQuit" in footer(app):
-                break
-            await pilot.pause()
-        assert "?HelpqQuit" in footer(app)
+        # Textual sets the footer's keys a few rounds after the screen opens.
+        await until(app, pilot, lambda: "?HelpqQuit" in footer(app))
 
     play(feed, scenario, (width, 12))
 
