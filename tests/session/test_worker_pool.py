@@ -65,7 +65,7 @@ def test_a_process_that_ends_fails_its_own_job_alone(code: int, message: str) ->
 def test_what_cannot_be_sent_fails_alone() -> None:
     with WorkerPool(1) as pool:
         lost, after = pool.submit(lambda: 1), pool.submit(square, 3)
-        with pytest.raises(Exception, match="pickle|local object"):
+        with pytest.raises(Exception, match=r"pickle|local object"):
             lost.result(BOUND_S)
         assert after.result(BOUND_S) == 9
 
