@@ -38,18 +38,16 @@ class RowPosition(NamedTuple):
     """Text from outside."""
     offset: int
     """Of its first byte in the port's stream."""
-
-    @classmethod
-    def of(cls, rows: RowBatch, at: int) -> Self:
-        """The position of a row of a batch."""
-        port = rows.codebook.ports[rows.port[at]]
-        return cls(int(rows.t_ns[at]), port, int(rows.offset[at]))
+    file: str = ""
+    """The input's name, text from outside; empty during a capture."""
 
 
 class _FirstRows:
     """The first rows by time, at most `most`."""
 
     def __init__(self, most: int) -> None:
+        self.file = ""
+        """The name of the input that the next rows come from."""
         self._most = most if most <= MOST_KEPT else 0
         self._rows: list[RowPosition] = []
 
@@ -63,7 +61,12 @@ class _FirstRows:
         if len(found) > self._most:
             earliest = np.partition(t_ns, self._most - 1)[self._most - 1]
             found = found[t_ns <= earliest]
-        self.add([RowPosition.of(rows, at) for at in found.tolist()])
+        self.add([self.position(rows, at) for at in found.tolist()])
+
+    def position(self, rows: RowBatch, at: int) -> RowPosition:
+        """The position of a row of a batch."""
+        port = rows.codebook.ports[rows.port[at]]
+        return RowPosition(int(rows.t_ns[at]), port, int(rows.offset[at]), self.file)
 
     def add(self, positions: Sequence[RowPosition]) -> None:
         """Add rows by their positions."""
@@ -107,6 +110,10 @@ class Measure(ABC):
         number, inclusive = self._too_small
         found: Bools = values <= number if inclusive else values < number
         return found
+
+    def begin(self, name: str) -> None:
+        """Start the next input."""
+        self._first.file = name
 
     @abstractmethod
     def observe(self, rows: RowBatch, matches: Bools) -> None:
@@ -298,12 +305,15 @@ class _MaxGap(Measure):
         self._matches += len(found)
         first = last = None
         if len(found):
-            first, last = RowPosition.of(rows, found[0]), RowPosition.of(rows, found[-1])
+            first, last = (
+                self._first.position(rows, found[0]),
+                self._first.position(rows, found[-1]),
+            )
             gaps_ns = np.diff(rows.t_ns[found])
             self._longest_ns = max(self._longest_ns, int(gaps_ns.max(initial=0)))
             for at in np.flatnonzero(self._exceeds(gaps_ns / _SECOND))[:1]:
-                self._first.add([RowPosition.of(rows, found[at])])
-        start, end = RowPosition.of(rows, timed[0]), RowPosition.of(rows, timed[-1])
+                self._first.add([self._first.position(rows, found[at])])
+        start, end = (self._first.position(rows, timed[at]) for at in (0, -1))
         self._append(_Run(start, end, first, last), continues=self._continues)
 
     def _measure(self, start: RowPosition, end: RowPosition) -> None:
@@ -402,7 +412,7 @@ class _CommandAnswers(Measure):
                 self._open.pop(motor, None)
             elif len(commands):
                 at = int(commands[-1])
-                self._open[motor] = RowPosition.of(rows, at), bool(matches[at])
+                self._open[motor] = self._first.position(rows, at), bool(matches[at])
 
     def _decide(
         self, positions: Sequence[RowPosition], answered: Bools, delays_ns: Ints, ends_ns: Ints

@@ -65,6 +65,11 @@ class RuleCheck(RowModel):
         """Everything but the compiled filters."""
         return {**self.__dict__, "_filters": {}, "_names": frozenset()}
 
+    def begin(self, name: str) -> None:
+        """Start the next input."""
+        for measure in self._measures:
+            measure.begin(name)
+
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
         if isinstance(change, Gap):

@@ -54,5 +54,5 @@ def command(
     from fte_sniff.analysis.verdicts import RuleCheck
 
     check, measured = measure(query, partial(RuleCheck, wanted), jobs, cluster)
-    print_verdicts(check, form, [str(error) for error in measured.reading.unreadable])
+    print_verdicts(check, form, measured.reading, measured.files)
     measured.finish(refused=any(one.refuses for one in check.verdicts()))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.measures import RowPosition
     from fte_sniff.analysis.rules import Rule
     from fte_sniff.analysis.verdicts import RuleCheck, Verdict
+    from fte_sniff.session.input_reading import InputReading
 
 VERSION: Final = 1
 
@@ -45,28 +46,30 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
     found: list[Rule] = []
     if path is not None:
         try:
-            content = read_toml(path, "name a rules file (docs/check.md)")
+            text = read_toml(path, "name a rules file (docs/check.md)")
         except OSError as error:
             raise unreadable(path, error) from error
-        found += rules_of_toml(content.decode(errors="replace"), str(path))
+        found += rules_of_toml(text, str(path))
     found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
     return found
 
 
-def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> None:
-    """Print the verdicts on standard output; `errors` are those of files that cannot be read."""
+def print_verdicts(check: RuleCheck, form: str, reading: InputReading, files: int) -> None:
+    """Print the verdicts about files on standard output."""
     verdicts = check.verdicts()
     if form == "json":
-        print_json(_object(check, verdicts, errors))
+        print_json(_object(check, verdicts, reading))
     elif form == "junit":
-        click.echo(junit_xml(verdicts, errors))
+        click.echo(junit_xml(verdicts, reading, names_files=files > 1))
     else:
         from fte_sniff.cli.stats_report import print_lines
 
-        print_lines(partial(verdict_lines, verdicts))
+        print_lines(partial(verdict_lines, verdicts, names_files=files > 1))
 
 
-def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:
+def verdict_lines(
+    verdicts: Sequence[Verdict], width: int | None, *, names_files: bool = False
+) -> Iterator[Text]:
     """A line for each rule; below it the first row that violates it, or what the rule needs."""
     from rich.text import Text
 
@@ -82,7 +85,7 @@ def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Te
     for one, line in zip(verdicts, lines, strict=True):
         yield line
         if one.row is not None:
-            yield Text(f"    first at {_row_text(one.row)}")
+            yield Text(f"    first {_row_text(one.row, names_file=names_files)}")
         if one.needs:
             yield Text(f"    needs {one.needs}")
 
@@ -99,10 +102,11 @@ def measured_text(verdict: Verdict) -> str:
     return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
 
 
-def _row_text(row: RowPosition) -> str:
+def _row_text(row: RowPosition, *, names_file: bool) -> str:
     place = f"offset {row.offset} of {printable(row.port)}"
     time = _time(row)
-    return place if time is None else f"{time}, {place}"
+    found = f"at {place}" if time is None else f"at {time}, {place}"
+    return f"in {printable(row.file)} {found}" if names_file else found
 
 
 def _time(row: RowPosition) -> str | None:
@@ -111,15 +115,16 @@ def _time(row: RowPosition) -> str | None:
     return None if row.t_ns == NO_TIME else iso_time(row.t_ns)
 
 
-def _object(check: RuleCheck, verdicts: Sequence[Verdict], errors: Sequence[str]) -> dict[str, Any]:
-    total = check.total
+def _object(check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading) -> dict[str, Any]:
+    total, errors = check.total, [str(error) for error in reading.unreadable]
     return {
         "version": VERSION,
         "passed": not errors and not any(one.refuses for one in verdicts),
         "rows": total.rows,
         "first_time": None if total.first_ns is None else iso_time(total.first_ns),
         "last_time": None if total.last_ns is None else iso_time(total.last_ns),
-        "errors": list(errors),
+        "errors": errors,
+        "notes": reading.notes,
         "rules": [_rule(one) for one in verdicts],
     }
 
@@ -136,12 +141,22 @@ def _rule(verdict: Verdict) -> dict[str, Any]:
         "operator": rule.operator,
         "number": rule.number,
         "needs": verdict.needs or None,
-        "row": row and {"time": _time(row), "port": row.port, "offset": row.offset},
+        "row": row and _row(row),
     }
 
 
-def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
+def _row(row: RowPosition) -> dict[str, Any]:
+    return {
+        "time": _time(row),
+        "file": row.file or None,
+        "port": row.port,
+        "offset": row.offset,
+    }
+
+
+def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, *, names_files: bool) -> str:
     """The verdicts as a JUnit test suite; a file that cannot be read is an error."""
+    errors = [str(error) for error in reading.unreadable]
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name="fte-sniff check")
     for one in verdicts:
@@ -151,7 +166,7 @@ def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
         if one.refuses:
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
-                details += f"; first at {_row_text(one.row)}"
+                details += f"; first {_row_text(one.row, names_file=names_files)}"
             details += _needs(one)
             ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
         elif one.result == "not covered":
@@ -159,6 +174,8 @@ def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
     for error in errors:
         case = ET.SubElement(suite, "testcase", classname="fte-sniff", name=_xml(error))
         ET.SubElement(case, "error", type="file", message=_xml(error))
+    if reading.notes:
+        ET.SubElement(suite, "system-err").text = "\n".join(map(_xml, reading.notes))
     suite.set("tests", str(len(verdicts) + len(errors)))
     suite.set("failures", str(sum(one.refuses for one in verdicts)))
     suite.set("errors", str(len(errors)))

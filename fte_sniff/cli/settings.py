@@ -305,8 +305,8 @@ def settings_path() -> Path:
     return user_config_path("fte-sniff", appauthor=False) / "config.toml"
 
 
-def read_toml(path: Path, fix: str) -> bytes:
-    """The content of a TOML file, which is small enough to be parsed.
+def read_toml(path: Path, fix: str) -> str:
+    """The text of a TOML file, which is small enough to be parsed; without a byte order mark.
 
     Raises FileError with the fix if it is not, and OSError.
     """
@@ -318,7 +318,11 @@ def read_toml(path: Path, fix: str) -> bytes:
     lines = (line for line in content.splitlines() if not line.lstrip().startswith(b"#"))
     if any(line.count(b".") > _MOST_DOTS for line in lines):
         raise FileError(f"{path} is nested too deeply; {fix}")
-    return content
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileError(f"{path}:{line} is not UTF-8; save the file as UTF-8") from None
 
 
 def read_settings(path: Path) -> Settings:
@@ -329,14 +333,14 @@ def read_settings(path: Path) -> Settings:
     try:
         if not (path.is_dir() or path.is_file()) and path.exists():
             raise FileError(f"{path} is not a regular file; {_FIX}")
-        content = read_toml(path, _FIX)
+        text = read_toml(path, _FIX)
     except (FileNotFoundError, NotADirectoryError):
         return Settings()
     except OSError as error:
         raise unreadable(path, error) from error
     try:
-        tables = tomllib.loads(content.decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
     except RecursionError as error:
         raise FileError(f"{path} is nested too deeply; {_FIX}") from error
@@ -355,7 +359,7 @@ def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, s
     from fte_sniff.session.save import replace_text
 
     try:
-        document = tomlkit.parse(path.read_text("utf-8")) if path.exists() else tomlkit.document()
+        document = tomlkit.parse(read_toml(path, _FIX) if path.exists() else "")
         screen = document.setdefault("screen", tomlkit.table())
         for name in SCREEN_FIELDS:
             value = settings.get(name)
@@ -366,7 +370,7 @@ def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, s
         if filters:
             document.setdefault("filters", tomlkit.table()).update(filters)
         replace_text(path, tomlkit.dumps(document))
-    except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
+    except (TOMLKitError, TypeError) as error:
         raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
     except OSError as error:
         raise FileError(f"{path} cannot be written: {reason_of(error)}") from error

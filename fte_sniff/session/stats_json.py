@@ -35,6 +35,7 @@ def statistics_json(summary: StatisticsSummary, reading: InputReading) -> Json:
         "version": VERSION,
         "filter": reading.row_filter and reading.row_filter.text,
         "rows_read": reading.tally.rows,
+        "notes": reading.notes,
         "left_out": [
             {
                 "rows": gap.rows,

@@ -293,6 +293,20 @@ def test_a_row_without_a_time_is_named_by_its_offset() -> None:
     assert found.row == RowPosition(NO_TIME, "p", 0)
 
 
+@pytest.mark.parametrize("text", ["count(ok) == 0", "max_gap(ok) < 1e-9", "unanswered() == 0"])
+def test_the_first_row_keeps_its_file_when_files_merge(text: str) -> None:
+    commands = [frame("speed", at * MS, motor=1, rpm=5) for at in range(4)]
+    early, late = (RuleCheck([Rule.parse(text)]) for _ in "12")
+    early.begin("early")
+    early.observe(commands[:1])  # its verdict comes with the next row
+    late.begin("late")
+    late.observe(commands[1:])
+    early.merge(pickle.loads(pickle.dumps(late)))
+    (found,) = early.verdicts()
+    assert found.row == RowPosition(0, "p", 0, "early")
+    assert [one.row and one.row.file for one in late.verdicts()] == ["late"]
+
+
 def test_a_delay_and_an_offline_motor_name_their_rows() -> None:
     rows = [
         frame("speed", MS, motor=1, rpm=5),

@@ -8,6 +8,7 @@ import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from junitparser import JUnitXml
@@ -82,6 +83,40 @@ def test_every_key_is_described(run, samples: Path) -> None:
     assert set(told) | set(rule) | set(rule["row"]) <= described
 
 
+def test_the_first_row_names_its_file(run, samples: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    good, bad = (folder / f"{name}.mcap" for name in ("good", "bad"))
+    good.write_bytes((samples / "clean.mcap").read_bytes())
+    bad.write_bytes((samples / "damaged.mcap").read_bytes())
+    for jobs in ("1", "2"):
+        arguments = ["check", folder, "--expect", BAD, "--jobs", jobs, "--format"]
+        text, told, suites = (run(*arguments, form).stdout for form in ("text", "json", "junit"))
+        first = f"first in {bad} at 2026-01-31T12:00:00.066938325Z, offset 20 of sim://"
+        assert text.splitlines()[2].startswith(f"    {first}")
+        assert json.loads(told)["rules"][0]["row"]["file"] == str(bad)
+        ((case,),) = JUnitXml.fromstring(suites.encode())
+        assert first in case.result[0].message
+    told = run("check", bad, "--expect", BAD, "--format", "json").stdout
+    assert json.loads(told)["rules"][0]["row"]["file"] == str(bad)
+
+
+def test_damage_of_a_file_is_in_every_form(run, samples: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((samples / "clean.mcap").read_bytes()[:3000])
+    arguments = ["check", cut, "--expect", "count(malformed) == 0", "--format"]
+    told, suites = (run(*arguments, form) for form in ("json", "junit"))
+    assert (told.returncode, suites.returncode) == (0, 0)
+    (note,) = json.loads(told.stdout)["notes"]
+    assert told.stderr == suites.stderr == f"fte-sniff: {note}\n"
+    assert note.startswith(f"{cut}: it is cut off")
+    (suite,) = ElementTree.fromstring(suites.stdout)
+    assert suite.findtext("system-err") == note
+    assert (suite.get("errors"), suite.get("failures")) == ("0", "0")
+    stats = json.loads(run("stats", cut, "--format", "json").stdout)
+    assert stats["notes"] == [note]
+
+
 def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text(
@@ -116,6 +151,21 @@ def test_an_invalid_rule_is_one_line_and_nothing_is_read(
     assert (done.returncode, done.stdout) == (2, "")
     assert len(done.stderr.splitlines()) == 1
     assert f"{rules}: rule 1 'x': {message}" in done.stderr
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "gbk"])
+def test_rules_are_utf_8_with_or_without_a_byte_order_mark(
+    run, samples: Path, tmp_path: Path, encoding: str
+) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text(f"[[rule]]\nname = '没有损坏'\nexpect = '{BAD}'\n", encoding)
+    done = run("check", samples / "clean.mcap", "--rules", rules)
+    if encoding == "gbk":
+        assert (done.returncode, done.stdout) == (4, "")
+        assert done.stderr == f"fte-sniff: {rules}:2 is not UTF-8; save the file as UTF-8\n"
+    else:
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "没有损坏" in done.stdout
 
 
 def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: Path) -> None:

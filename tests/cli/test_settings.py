@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -170,10 +171,22 @@ def test_what_is_no_toml_is_one_line(file: Path, text: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_bytes_that_are_no_text_are_one_line(file: Path) -> None:
-    written(file, "").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(FileError, match="is not TOML"):
-        read_settings(file)
+@pytest.mark.parametrize(
+    ("content", "line"), [(b"\xff\xfe\x00", 1), ("[screen]\n# 电机".encode("gbk"), 2)]
+)
+def test_bytes_that_are_no_utf_8_are_one_line(file: Path, content: bytes, line: int) -> None:
+    written(file, "").write_bytes(content)
+    for use in (read_settings, partial(save_screen, settings={"theme": "nord"}, filters={})):
+        with pytest.raises(FileError, match=f":{line} is not UTF-8; save the file as UTF-8"):
+            use(file)
+    assert file.read_bytes() == content
+
+
+def test_a_byte_order_mark_is_read_and_settings_are_kept(file: Path) -> None:
+    written(file, "").write_bytes("\ufeff[screen]\r\ntheme = 'nord'\r\n".encode())
+    assert read_settings(file).screen["theme"] == "nord"
+    save_screen(file, {"theme": "textual-light"}, {})
+    assert read_settings(file).screen["theme"] == "textual-light"
 
 
 def test_a_folder_in_its_place_is_one_line(file: Path) -> None:

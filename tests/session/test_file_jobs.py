@@ -10,6 +10,7 @@ import threading
 import tracemalloc
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -74,7 +75,8 @@ def write_parts(folder: Path, parts: Sequence[Sequence[Row | PortEvent]]) -> lis
 
 def numbers(model: StatisticsSummary | RuleCheck) -> object:
     if isinstance(model, RuleCheck):
-        return model.verdicts()
+        found = model.verdicts()
+        return [replace(one, row=one.row and one.row._replace(file="")) for one in found]
     parts = model.total, model.statistics, model.answers, model.flags
     return [state_of(part) for part in parts]
 
@@ -88,13 +90,21 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
     rows = [one for one in steps if isinstance(one, Row) and one.t_ns is not None]
     rows.sort(key=lambda row: row.t_ns or 0)
     whole = write_parts(folder / "whole", [rows])
-    split = write_parts(folder / "split", list(pieces_of(rows, cuts)))
+    parts = list(pieces_of(rows, cuts))
+    split = write_parts(folder / "split", parts)
+    held = {
+        (row.t_ns, row.port, row.offset, str(path))
+        for path, part in zip(split, parts, strict=True)
+        for row in part
+    }
     rules = [Rule.parse(text) for text in EXPECTED]
     with ThreadPoolExecutor(2) as executor:
         for model in (None, rules):
             expected = numbers(measured(whole, model))
             assert numbers(measured(split, model)) == expected
-            assert numbers(measured(split, model, executor)) == expected
+            found = measured(split, model, executor)
+            assert numbers(found) == expected
+    assert {one.row for one in found.verdicts() if one.row} <= held
 
 
 @pytest.mark.parametrize("rules", [None, ["delay(p95) < 20", "max_gap(motor = 1) < 1"]])
