@@ -339,10 +339,10 @@ def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:
     return one.times
 
 
-def _pattern_of(text: str) -> re.Pattern[bytes]:
+def _pattern_of(text: str) -> re.Pattern[str]:
     """The expression of `--input-regex`; raises InputTextError if it has no group `data`."""
     try:
-        pattern = re.compile(text.encode())
+        pattern = re.compile(text)
     except re.error as error:
         raise InputTextError(f"--input-regex: {quoted(text)}: {error}") from None
     if "data" not in pattern.groupindex:

@@ -37,7 +37,7 @@ class LogOptions:
     """When the seconds of the log, or its bytes, began."""
     form: str | None = None
     """The extractor."""
-    pattern: re.Pattern[bytes] | None = None
+    pattern: re.Pattern[str] | None = None
     """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
     whole: bool = True
     """Whether the text is a log; else a paste, of which a part may be bytes."""

@@ -35,6 +35,8 @@ _TOKEN: Final = (
 """What is between bytes, or the digits of bytes."""
 _SHORT: Final = rb"(?:0[xX]|\\x)?.{0,3}"
 """A byte, perhaps with a typing error."""
+_MISTAKE: Final = rb"[0-9A-Fa-f].?|.[0-9A-Fa-f]"
+"""A byte with one, beside pairs of digits."""
 _PREFIX: Final = (
     rb"\s*(?:[0-9A-Fa-f]{4,16}(?::|\s{2,})\s*%b\b"
     rb"|\[?[\dT -]*\d:\d\d:\d\d\]?\s+(?:AA|aa|55)\b"
@@ -79,17 +81,17 @@ class PlainLog(LogForm):
 
     single = True
 
-    def __init__(self, data: bytes = b"") -> None:
+    def __init__(self, data: bytes = b"", *, is_certain: bool = False) -> None:
         """A log whose sample has these bytes."""
         self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [(0, data)])])
         self.rank = self.found.rank
-        self.is_certain = self.rank[1]
+        self.is_certain = is_certain or self.rank[1]
         self.is_chance = self.found.size >= _FEW_BYTES and self.found.share < _CHANCE
 
     @classmethod
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
         """The log, if all lines of a sample are plain, but for typing errors in short words."""
-        data = b""
+        data, is_certain = b"", False
         comments = [found[0] for line in lines if (found := re.search(rb"(?:#|//).*", line))]
         timed = sum(masked(text) != text for text in comments)
         directions = {label_of("direction", text) for text in comments} - {None}
@@ -101,11 +103,14 @@ class PlainLog(LogForm):
             try:
                 data += bytes_of_line(line)
             except InputTextError:
-                short = all(re.fullmatch(_SHORT, word) for word in re.split(_GAP, line))
+                words = [word for word in re.split(_GAP, line) if word]
+                odd = [word for word in words if not re.fullmatch(_PAIR, word)]
+                short, near = (all(re.fullmatch(x, own) for own in odd) for x in (_SHORT, _MISTAKE))
+                is_certain |= near and 2 * len(odd) < len(words) and odd[:1] != words[:1]
                 if label_of("direction", line) or masked(line) != line or not short:
                     return None
-        text = b"".join(lines).strip()
-        return None if text and not re.search(rb"[0-9A-Fa-f]", text) else cls(data)
+        has_digits = re.search(rb"[0-9A-Fa-f]|\A\Z", b"".join(lines).strip())
+        return cls(data, is_certain=is_certain) if has_digits else None
 
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""

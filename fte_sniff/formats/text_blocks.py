@@ -140,8 +140,7 @@ def _decoded(data: bytes, encoding: str) -> bytes | None:
 
 def _clean(data: bytes) -> bytes:
     """Lines as UTF-8, without colours and NUL, with plain commas, colons and line ends."""
-    if b"\r" in data:
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\x1b" in data or b"\0" in data:
         data = re.sub(_INVISIBLE, b"", data)
     if data.isascii():

@@ -102,6 +102,10 @@ def test_no_bytes_at_all() -> None:
         ("AA 00 00 00 00 00 00 00 00 EE\n" * 40 + "zz\n", "line 41, column 1", "'z'"),
         ("AA 01 01 00 64 00 00 00 OO EE", "line 1, column 25", "'O'"),
         ("AA OI 01 00 64 00 00 00 00 EE", "line 1, column 4", "'O'"),
+        ("55 01 01 03 E 00 00 00 0F EE", "line 1, column 13", "'E'"),
+        ("55 01 01 03 E8 00 00 00 0F EE 5", "line 1, column 31", "'5'"),
+        ("55 01 01 03 E8 00 00 00 0F EE 5 6", "line 1, column 31", "'5'"),
+        ("55 01 01 03 E8 00 00 00 0F EE 55 01 02 03 E8 00 00 00 0F E", "line 1, column 58", "'E'"),
     ],
 )
 def test_a_typing_error_is_pointed_at(text: str, place: str, character: str, whole: bool) -> None:

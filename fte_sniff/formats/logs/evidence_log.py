@@ -28,9 +28,9 @@ _CERTAIN: Final = 20
 """Frames from which on a sample is large enough."""
 _COLUMNAR: Final = 256
 """Lines of a block from which on numpy reads them."""
-_MARK: Final = b"\x01"
+_MARK: Final = "\x01"
 """Around the data of a line that a regular expression matches."""
-_LIKE_TIME: Final = rb"\d\d:[0-5]\d:[0-5]\d[\d.,]*|\b\d{8}T\d{6}[\d.,]*"
+_LIKE_TIME: Final = rb"(?:[-/\d]+ +\d?\d|\d\d:[0-5]\d):[0-5]\d[\d.:,]*|\b\d{8}T\d{6}[\d.,]*"
 _REGEX: Final = "--input-regex can say where"
 _LIKE: Final = "hold what looks like bytes but is not read"
 
@@ -58,9 +58,10 @@ class EvidenceLog(LogForm):
             self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
         self._start_ns, self._byte_ns = options.start_ns, byte_time_ns(options.baud)
         """When the next bytes of a log without times begin, by `--start`."""
-        self._labels: list[str | None] = [None]
+        self._labels: dict[str | None, int] = {None: 0}
+        """Their numbers, 0 for none."""
         self._label = 0
-        """Of the labels so far, that of the last line."""
+        """The number of that of the last line."""
         self._read = 0
         """Runs so far."""
         self._seen: dict[str, tuple[int, int, str]] = {}
@@ -81,8 +82,10 @@ class EvidenceLog(LogForm):
             InputTextError: two hypotheses are as good, or there is no such form.
         """
         if options.pattern is not None:
-            matching = filter(options.pattern.search, lines)
-            lines = [_rearranged(line, options.pattern) for line in matching]
+            matching = [one for line in lines if (one := _rearranged(line, options.pattern))]
+            if not matching:
+                raise InputTextError(f"--input-regex matches none of {len(lines):,} lines")
+            lines = matching
         found = _hypotheses(lines, options)
         if not found:
             return None
@@ -127,8 +130,9 @@ class EvidenceLog(LogForm):
         elif found or tables:
             import numpy as np
 
+            numbers = self._labels
             rows = [
-                (at, len(own.data), self._number(own.label), own.stamp, own.gap)
+                (at, len(own.data), numbers.setdefault(own.label, len(numbers)), own.stamp, own.gap)
                 for at, own in found
             ]
             tables.append(np.array(rows, np.int64).reshape(-1, 5).T)
@@ -145,17 +149,12 @@ class EvidenceLog(LogForm):
         left = np.ones(block.count, np.bool_)
         for rows, own, label, stamp in alike_lines(block.text, self.layout):
             size = len(own) // len(rows)
-            columns = block.first + rows, size, self._number(label), stamp, 0
+            number = self._labels.setdefault(label, len(self._labels))
+            columns = block.first + rows, size, number, stamp, 0
             tables.append(np.stack(np.broadcast_arrays(*columns)))
             data.append(own)
             left[rows] = False
         return np.flatnonzero(left).tolist()
-
-    def _number(self, label: str | None) -> int:
-        """The number of a label, 0 for none."""
-        if label not in self._labels:
-            self._labels.append(label)
-        return self._labels.index(label)
 
     def _streams(self, table: Array, text: Any, name: str) -> Iterator[StreamBytes]:
         """The bytes of lines in their order, by the labels of their streams.
@@ -192,18 +191,15 @@ class EvidenceLog(LogForm):
                 data = text[np.repeat(begins[mine] - stops + own, own) + np.arange(own.sum())]
             at = None if times is None else times[mine]
             left_out, first = stops[gaps[mine] > 0].tolist(), self.layout.times.first_byte
-            port, word = self._port(name, self._labels[label]), self._labels[label]
+            word, streams = [*self._labels][label], self.layout.streams
+            several = len(streams) > 1 or (streams and word not in streams)
+            port = f"{name}:{word}" if several and word else name
             yield StreamBytes(port, data.tobytes(), own, order[mine], at, left_out, first, word)
-
-    def _port(self, name: str, label: str | None) -> str:
-        known = self.layout.streams
-        several = len(known) > 1 or (known and label not in known)
-        return f"{name}:{label}" if several and label else name
 
     def _found(self, block: TextBlock, at: int) -> list[Found]:
         """The bytes of a line, or what a heading says; what is not read is counted."""
         line, number = block.lines[at], block.first + at
-        line = line if self._pattern is None else _rearranged(line, self._pattern)
+        line = line if self._pattern is None else _rearranged(line, self._pattern) or line
         found, other = self.layout.read(line)
         if found and self._paste and (words := _unread_words(line, found, single=self.single)):
             self._count("hold words that are not read as bytes", number, words)
@@ -230,7 +226,7 @@ class EvidenceLog(LogForm):
         """How the log was read, one line each."""
         notes = list(self._notes)
         for what, (count, number, text) in self._seen.items():
-            shown = " ".join(text.replace(_MARK.decode(), " ").split())
+            shown = " ".join(text.replace(_MARK, " ").split())
             shown = shown and f": {shown if len(shown) <= 60 else shown[:59] + '…'!r}"
             one = f"line {number} {what.replace(' ', 's ', 1)}{shown}"
             many = f"{count:,} lines {what}, for example line {number}{shown}"
@@ -264,14 +260,13 @@ def _is_padded(data: bytes, line: bytes, below: bytes = b"") -> bool:
     return False
 
 
-def _rearranged(line: bytes, pattern: re.Pattern[bytes]) -> bytes:
-    """The time, data and direction that a regular expression finds in a line; else the line."""
-    found = pattern.search(line)
+def _rearranged(line: bytes, pattern: re.Pattern[str]) -> bytes:
+    """The time, data and direction that a regular expression finds in a line; else nothing."""
+    found = pattern.search(line.decode("utf-8", "replace"))
     if found is None:
-        return line
-    groups = found.groupdict()
-    time, way = groups.get("time") or b"", groups.get("dir") or b""
-    return b" ".join([time, _MARK, found["data"], _MARK, way])
+        return b""
+    time, way = (found.groupdict().get(name) or "" for name in ("time", "dir"))
+    return f"{time} {_MARK} {found['data']} {_MARK} {way}".encode()
 
 
 def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]:
@@ -288,7 +283,7 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
         is_as_good = other.score >= _AS_GOOD * good[0].score
         if is_as_good and not are_known(other.frames, good[0].frames):
             raise InputTextError(
-                f"two readings are as good: {_first(good[0])} and {_first(other)};"
+                f"two readings are as good: {_shown(good[0], other)} and {_shown(other, good[0])};"
                 f' choose one with --form "{good[0].extractor.name}"'
             )
     if good or not (options.form or options.pattern or not options.whole):
@@ -298,5 +293,6 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
     return ranked or [one for one in sorted(like, key=lambda one: -one.size) if one.size > 1][:1]
 
 
-def _first(one: Hypothesis) -> str:
-    return f'"{one.extractor.name}" (first frame {one.frames[0].hex(" ").upper()})'
+def _shown(one: Hypothesis, other: Hypothesis) -> str:
+    first = next((frame for frame in one.frames if frame not in other.frames), one.frames[0])
+    return f'"{one.extractor.name}" (for example {first.hex(" ").upper()})'

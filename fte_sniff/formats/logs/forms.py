@@ -112,6 +112,7 @@ _BYTE: Final = (
     r"(?!\w|[.:]\d|\"\s*:)"
 )
 """Of -128 to 255: a counter beside the bytes is one of them only up to there."""
+_UNPADDED: Final = "(?!0[0-9A-Fa-f])@"
 _ANY: Final = r"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
 _STRING: Final = r"[bu]?(?:\"(?P<t>(?:[^\"\\\n]|\\.)*+)\"|'(?P<t1>(?:[^'\\\n]|\\.)*+)')"
 _OD_CELL: Final = r" (?P<o>[0-3][0-7]{2})|  \\(?P<e>[0abtnvfr])|   (?P<c>[ -~])"
@@ -128,9 +129,9 @@ _FORMS: Final = (
      "spreadsheets, LabVIEW, HTerm, PulseView, tables in Markdown, HTML and XML"),
     ("hex pairs, points", "@@", "[._/]", "Cisco consoles, Verilog test benches, PLC consoles"),
     ("hex digits", r"(?:0[xX]|\\x)?@@", _TOGETHER, "Tasmota, logcat, candump, MQTT, SQL"),
-    ("unpadded hex, spaces", "@", " {1,2}", "HTerm, AccessPort, Arduino"),
-    ("unpadded hex, commas", "@", " ?, ?", "JavaScript toString(16)"),
-    ("unpadded hex, dashes", "@", " ?- ?", "Java toHexString"),
+    ("unpadded hex, spaces", _UNPADDED, " {1,2}", "HTerm, AccessPort, Arduino"),
+    ("unpadded hex, commas", _UNPADDED, " ?, ?", "JavaScript toString(16)"),
+    ("unpadded hex, dashes", _UNPADDED, " ?- ?", "Java toHexString"),
     ("0x before each byte", r"0[xX]@[}'\"#]?+", _ANY,
      "C, Rust, Saleae Logic, Wireshark C arrays, CoolTerm"),
     (r"\x before each byte", r"(?:\\+(?:x\{?|u00)|U\+00)@@\}?+(?![0-9A-Fa-f])", _ANY,

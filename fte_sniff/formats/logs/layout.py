@@ -18,7 +18,11 @@ from fte_sniff.formats.logs.evidence import (
 )
 from fte_sniff.formats.logs.times import Fields, TimeRule, masked, time_rule
 
-_GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
+_GAP: Final = (
+    rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
+    rb"|(?i:([ ,:-])(?:[\da-f][g-z]|[g-z][\da-f]|[\da-f](?=\1[\da-f]{2}\1))(?=\1[\da-f]{2}\b))"
+)
+"""After bytes, where others are left out, or one of them has a mistake."""
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
 _ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"

@@ -27,18 +27,6 @@ _HEX_DIGITS[list(b"0123456789ABCDEFabcdef")] = [*range(16), *range(10, 16)]
 _NEXT_DIGIT: Final = bytes.maketrans(b"0123456789", b"1234567890")
 
 
-class AlikeLines(NamedTuple):
-    """Lines of one shape."""
-
-    rows: Any
-    """Their indices in the text, int64."""
-    data: bytes
-    """Their bytes; of each line the same number."""
-    label: str | None
-    stamp: Any
-    """Their times: an int64 column, or one for all."""
-
-
 class _Shape(NamedTuple):
     """A line, and where others of its shape may differ from it."""
 
@@ -54,8 +42,12 @@ class _Shape(NamedTuple):
     """Of the data."""
 
 
-def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
-    """The lines of a text that have the shape of another line, shape by shape."""
+def alike_lines(text: bytes, layout: Layout) -> Iterator[tuple[Any, bytes, str | None, Any]]:
+    """The lines of a text that have the shape of another line, shape by shape.
+
+    Yields their indices in the text, int64; their bytes, of each line the same number; their label;
+    and their times, an int64 column or one for all.
+    """
     ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
     starts = np.append(0, ends[:-1] + 1)
     lengths = ends - starts
@@ -71,7 +63,7 @@ def alike_lines(text: bytes, layout: Layout) -> Iterator[AlikeLines]:
                 table = lines[starts[rows]].view(np.uint8).reshape(len(rows), -1)
                 same, data, stamp = _read(shape, np.ascontiguousarray(table.T), layout.times)
                 if stamp is not None:
-                    yield AlikeLines(rows[same], data, shape.label, stamp)
+                    yield rows[same], data, shape.label, stamp
             rows = rows[~same]
 
 

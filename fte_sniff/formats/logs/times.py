@@ -67,8 +67,8 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
         ("epoch", 10 ** (18 - digits), _NUMBER.replace(r"\d+", rf"[12]\d{{{digits}}}"))
         for digits in (9, 12, 15, 18)
     ),
-    ("since", 1000, _NUMBER.replace(r"\d+", r"[1-4]\d{9}")),  # usbmon: 32 bits of the uptime
     ("since", 0, _NUMBER),  # the heading of the column has the unit: DSView, Saleae
+    ("since", 1000, _NUMBER.replace(r"\d+", r"[1-4]\d{9}")),  # usbmon: 32 bits of the uptime
     *(
         ("since", scale, rf"(?<![\w.-])(?<!\d:)(?P<n>\d+)(?:{_FRACTION})?(?= ?{unit}\b)")
         for unit, scale in _UNITS.items()
@@ -153,8 +153,8 @@ class TimeRule:
         number |= {name: int(own) for name, own in part.items() if own.isdigit()}
         if read is not None:
             number |= {name: read(*fields[name]) for name in number.keys() & OF_CLOCK}
-        latest = LATEST_NS // 2 // self.scale  # in 2116, or counted from a start before then
-        for name, most in {"h": 24, "mi": 59, "s": 60, "n": latest}.items():
+        # The latest is in 2116, or counted from a start before then.
+        for name, most in {"h": 24, "mi": 59, "s": 60, "n": LATEST_NS // 2 // self.scale}.items():
             own = number[name]
             if (own if isinstance(own, int) else own.max()) > most:
                 return None

@@ -185,6 +185,26 @@ def test_lines_that_differ_in_the_number_of_a_port_are_of_different_streams(form
     assert len({(row.port, row.raw[0]) for row in rows}) == len({row.port for row in rows}) == 2
 
 
+@pytest.mark.parametrize("wrong", ["O0", "0O", "0"])
+def test_a_mistake_in_a_byte_is_a_gap_and_makes_no_frame_of_two_lines(wrong: str) -> None:
+    one = "55 01 04 03 E8 00 00 00 0F EE"
+    lines = [f"RX: {one}"] * 9
+    lines[4:6] = [f"RX: 55 01 04 03 E8 00 00 {wrong} 0F EE", "RX: 00 0F EE"]
+    rows, notes = rows_of("\n".join(lines).encode())
+    assert [row.raw.hex(" ").upper() for row in rows if isinstance(row, Frame)] == [one] * 7
+    assert f"log.txt: line 5 leaves out bytes: '{wrong} 0F EE'" in notes
+
+
+def test_two_readings_are_shown_by_what_differs() -> None:
+    one = "55 01 01 03 E8 00 00 00 0F EE"
+    lines = [*[one] * 6, "55 01 04 03 E8 00 00 O0 0F EE", "5501 02 03 E8 0000 00 0F EE", one]
+    text = "".join(f"[{number}] RX: {line}\n" for number, line in enumerate(lines))
+    with pytest.raises(FteSniffError, match="two readings are as good") as refused:
+        rows_of(text.encode())
+    examples = re.findall(r"\(for example (.*?)\)", str(refused.value))
+    assert len(set(examples)) == 2
+
+
 @pytest.mark.parametrize("wrong", [":1", "#1", "G1", "1"])
 def test_a_line_with_a_wrong_character_is_read_up_to_there(wrong: str) -> None:
     one = frame_of(KINDS[1], random.Random(1)).hex(" ").upper()
@@ -331,11 +351,18 @@ def test_an_empty_and_a_binary_file_are_refused() -> None:
 def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
     a = frame_of(KINDS[1], random.Random(1))
     text = f"12:00:01.5|host|{a.hex(' ')}|99\n" * 3
-    pattern = re.compile(rb"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")
+    pattern = re.compile(r"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")
     rows, _ = rows_of(text.encode(), LogOptions(pattern=pattern))
     assert [row.raw for row in rows] == [a] * 3
     assert all(row.t_ns for row in rows)
-    rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=re.compile(b"x: (?P<data>.*)")))
+    pattern = re.compile(r"(?P<dir>\w+). (?P<data>.*)")
+    rows, _ = rows_of(
+        f"[1] 收： {a.hex(' ')}\n[2] 收： {a.hex()}\n".encode(), LogOptions(pattern=pattern)
+    )
+    assert [row.raw for row in rows] == [a] * 2
+    with pytest.raises(FteSniffError, match="--input-regex matches none of 3 lines"):
+        rows_of(text.encode(), LogOptions(pattern=re.compile("no (?P<data>.*)")))
+    rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=re.compile("x: (?P<data>.*)")))
     assert sum(len(row.raw) for row in rows) == 36
     with pytest.raises(FteSniffError, match="there is no form 'hexpairs'"):
         rows_of(text.encode(), LogOptions(form="hexpairs"))

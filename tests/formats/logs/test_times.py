@@ -115,6 +115,13 @@ def test_the_unit_of_ten_digits_is_one_in_which_lines_are_dense(
     assert {later - earlier for earlier, later in pairwise(times)} == {round(step_s * 1e9)}
 
 
+@pytest.mark.parametrize("first_ns", [86_800, 900_000_000, 2_500_000_000, 1_700_000_000_000])
+def test_the_unit_in_a_heading_holds_for_any_number_of_digits(first_ns: int) -> None:
+    lines = [f"{n},{first_ns + n * 20_000_000}.00,{BYTES}\n" for n in range(60)]
+    times = [row.t_ns or 0 for row in read("Id,Time[ns],UART\n" + "".join(lines))[0]]
+    assert {later - earlier for earlier, later in pairwise(times)} == {20_000_000}
+
+
 @pytest.mark.parametrize("name", ["capture_20260131_120000.log", "2026-01-31 at 12.00.00.txt"])
 def test_a_start_comes_from_the_name_or_the_modification_time(tmp_path: Path, name: str) -> None:
     text = "".join(f"{second}.5 RX: {BYTES}\n" for second in (1, 2, 3))
