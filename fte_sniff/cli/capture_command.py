@@ -264,7 +264,7 @@ def _print_lines(
             abandon_stdout()
         finally:
             finish_session(session)
-        lines.close(session.state.progress.waiting)
+        lines.close(session.state.progress.waiting, plan.count)
         _report_recording(session)
 
 
@@ -303,7 +303,7 @@ def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer 
                     manager.notify("STOPPING=1")
         finally:
             finish_session(session)
-        lines.close(session.state.progress.waiting)
+        lines.close(session.state.progress.waiting, plan.count)
         command.update(session.state.recordings, None)
         try:
             _report_recording(session)
@@ -329,7 +329,7 @@ def _record_to_stdout(plan: CapturePlan, observe: Observer | None) -> None:
                     session.stop()
         finally:
             finish_session(session)
-        lines.close(session.state.progress.waiting)
+        lines.close(session.state.progress.waiting, plan.count)
         if session.state.error is not None:
             # A reader that went away ends the capture; rows after that are no loss.
             ended = has_no_reader(sys.stdout.fileno()) and session.state.stopped_recording
@@ -361,7 +361,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
         with _ended_by_signals(session, plan) as request_end:
             # A stopped terminal may not block the exit either.
             request_end()
-            finish_session(session, seen)
+            finish_session(session, seen, plan.count)
             _report_recording(session)
             for path in notes.written:
                 print_err(f"notes are in {path}")
@@ -461,14 +461,14 @@ class PlainLines:
             sys.stderr.flush()
         sys.stdout.flush()
 
-    def close(self, unframed: int) -> None:
-        """Print the summary; `unframed` bytes were received but not decoded."""
+    def close(self, unframed: int, limit: int | None = None) -> None:
+        """Print the summary; see there for `unframed` and `limit`."""
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
         if self._not_shown:
             print_err(f"{self._not_shown:,} more rows arrived too fast to be printed")
-        print_err(summary(self._tally, unframed=unframed))
+        print_err(summary(self._tally, unframed=unframed, limit=limit))
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and the file in which it continues."""
@@ -487,10 +487,13 @@ class PlainLines:
             print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
-def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
+def finish_session(
+    session: LiveSession, seen: Sequence[Tally] = (), limit: int | None = None
+) -> None:
     """Stop a session and wait for its end; reports data still to be written, prints no rows.
 
-    To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary.
+    To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary,
+    which also names the `limit` of the rows.
     """
     session.stop()
     not_shown = 0
@@ -502,7 +505,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     for tally in seen:
         if not_shown:
             print_err(f"{not_shown:,} more rows arrived too fast to be shown")
-        print_err(summary(tally, unframed=session.state.progress.waiting))
+        print_err(summary(tally, unframed=session.state.progress.waiting, limit=limit))
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:

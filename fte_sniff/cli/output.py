@@ -46,11 +46,16 @@ ENOUGH_ROWS = 5
 """This many damaged rows without a frame point to a wrong setup."""
 
 
-def summary(tally: Tally, reading: InputReading | None = None, unframed: int = 0) -> str:
+def summary(
+    tally: Tally,
+    reading: InputReading | None = None,
+    unframed: int = 0,
+    limit: int | None = None,
+) -> str:
     """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
     With `reading`, whose rows the tally counts, it reports their gaps. `unframed` bytes were
-    received but not decoded, because the capture ended.
+    received but not decoded, because the capture ended; `limit` is its largest number of rows.
     """
     if reading is not None and reading.written == reading.limit:
         read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
@@ -65,7 +70,8 @@ def summary(tally: Tally, reading: InputReading | None = None, unframed: int = 0
         parts.append("nothing malformed")
     gaps = reading.reported_gaps if reading is not None else []
     if unframed:
-        parts.append(f"{unframed:,} bytes not decoded")
+        after = "after the limit " if tally.rows == limit else ""
+        parts.append(f"{unframed:,} bytes {after}not decoded")
     advice = "" if unframed else explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
@@ -90,6 +96,8 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
         if not tally.rows and (selections := reading.source.selections):
             wanted = " and ".join(printable(one.filter_text) for one in selections)
             return f"nothing was selected when the recording was written: {wanted}"
+        if not tally.rows and reading.reported_gaps:
+            return ""  # rows came, but were left out when recorded
         if tally.rows and not reading.written and reading.row_filter is not None:
             return f"none of them matches the filter: {printable(reading.row_filter.text)}"
     if not tally.rows:

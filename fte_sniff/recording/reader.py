@@ -374,8 +374,8 @@ class RecordingReader:
             self._read_definition(record.opcode, record.body)
         if magic != MAGIC and not any(lost.stop for lost in records.losses):
             raise FileError(
-                f"{self.path} is not an MCAP recording; "
-                "if it holds raw bytes or hex text, use --input raw or --input hex"
+                f"{self.path} is not an MCAP recording; make one of a log: "
+                "`fte-sniff decode --input hex LOG -o NAME.mcap`, or --input raw for raw bytes"
             )
         if self._summary is not None:
             self._use_summary(self._summary)

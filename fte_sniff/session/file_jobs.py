@@ -336,12 +336,14 @@ def _done_elsewhere(
     return job, result
 
 
-def check(paths: Paths, rules: Sequence[str], *, executor: Executor | None = None) -> list[Verdict]:
+def check(
+    paths: Paths, rules: str | Sequence[str], *, executor: Executor | None = None
+) -> list[Verdict]:
     """The verdicts of rules about recordings, all together, in the order of the rules.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these.
-        rules: texts such as `count(malformed) == 0`, see docs/check.md.
+        rules: a text such as `count(malformed) == 0`, see docs/check.md, or several.
         executor: reads the files, such as `dask.distributed.Client(...).get_executor()`; by
             default they are read here, one after the other.
 
@@ -355,7 +357,8 @@ def check(paths: Paths, rules: Sequence[str], *, executor: Executor | None = Non
     from fte_sniff.analysis.rules import Rule
     from fte_sniff.analysis.verdicts import RuleCheck
 
-    make = partial(RuleCheck, [Rule.parse(text) for text in rules])
+    listed = [rules] if isinstance(rules, str) else rules
+    make = partial(RuleCheck, [Rule.parse(text) for text in listed])
     return _measured(paths, make, executor)[0].verdicts()
 
 

@@ -228,9 +228,11 @@ class FindActions(ScreenActions):
         store, start = self._model.store, self._table.last_index
         if self._table.jump_to_index(find_fault(store, start, by)):
             return
-        text = _("no row with a fault below this one")
+        text, other = _("no row with a fault below this one"), _("{key} goes to the previous one")
         if by < 0:
-            text = _("no row with a fault above this one")
+            text, other = _("no row with a fault above this one"), _("{key} goes to the next one")
+        if find_fault(store, start, -by) is not None:
+            text += "; " + other.format(key="E" if by > 0 else "e")
         if find_raised(store, start, by) is not None:
             hint = _("{key} goes to a row whose ERROR or ONLINE is not in order")
             text += "; " + hint.format(key="a" if by > 0 else "A")

@@ -680,3 +680,14 @@ def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str])
     lines.write(FeedUpdate(FeedState("p", rows=5000, not_shown=4999)), None)
     lines.close(0)
     assert "4,999 more rows arrived too fast to be printed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("limit", "after"), [(3, "after the limit "), (4, ""), (None, "")])
+def test_bytes_that_were_not_decoded_after_the_limit_are_named_so(
+    capsys: pytest.CaptureFixture[str], limit: int | None, after: str
+) -> None:
+    lines = PlainLines(list)
+    rows = [Frame("p", 10 * number, FRAME, 0) for number in range(3)]
+    lines.write(FeedUpdate(FeedState("p"), rows), None)
+    lines.close(20, limit)
+    assert f"nothing malformed, 20 bytes {after}not decoded" in capsys.readouterr().err

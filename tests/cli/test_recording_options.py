@@ -105,6 +105,10 @@ def test_a_trigger_that_never_fired_is_told(run, tmp_path: Path) -> None:
     done = run("live", SIM, "--plain", "-o", "x.mcap", "--trigger", "rpm > 30000", "--count", "90")
     assert done.returncode == 0
     assert "recorded 0 of 90 rows (--trigger never fired) to x.mcap" in done.stderr
+    decoded = run("decode", "x.mcap")  # the wire was not silent
+    assert decoded.stderr == "0 rows; 90 rows in 1 place left out when recorded\n"
+    for command in (("stats", "x.mcap"), ("report", "x.mcap", "-o", "x.html")):
+        assert "check the wire" not in run(*command).stderr
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout"])

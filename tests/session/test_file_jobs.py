@@ -248,7 +248,13 @@ def test_check_in_python_gives_the_same_with_any_executor(tmp_path: Path) -> Non
         found = [fte_sniff.check(parts, rules, executor=one) for one in (None, executor)]
     assert found[0] == found[1]
     assert [one.result for one in found[0]] == ["pass"] * 3
+    assert fte_sniff.check(parts, rules[0]) == found[0][:1]
     with pytest.raises(FileError):
         fte_sniff.check(tmp_path / "absent.mcap", rules)
     with pytest.raises(InputTextError):
         fte_sniff.check(tmp_path / "parts", ["count(x) == 0"])
+    log = tmp_path / "log.txt"
+    log.write_text("55 01 02 00 00 00 00 00 0F EE\n")
+    for use in (fte_sniff.read, fte_sniff.stats):
+        with pytest.raises(FileError, match="make one of a log: `fte-sniff decode --input hex"):
+            use(log)

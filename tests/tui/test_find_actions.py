@@ -56,7 +56,9 @@ def test_faults_are_found_below_and_above(feed: Any, speed_rows: Rows, odd_rows:
             await press(app, pilot, key)
             places.append(table(app).viewport.cursor)
         assert places == [201, 100, 100, 201, 201]
-        assert "no row with a fault below this one" in page(app)
+        assert "no row with a fault below this one; E goes to the previous one" in page(app)
+        await press(app, pilot, "g", "E")
+        assert "no row with a fault above this one; e goes to the next one" in page(app)
 
     play(feed, scenario)
 
