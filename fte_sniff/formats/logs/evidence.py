@@ -146,10 +146,6 @@ class Lane:
         in_frames, outside = _FRAME_SCORE * len(self.frames), _OUTSIDE_SCORE * self.outside
         self.score = in_frames + outside + _LANE_SCORE * len(cuts)
 
-    def joined(self, other: Lane) -> Lane:
-        """Both."""
-        return Lane({**self.cuts, **other.cuts}, self.runs + other.runs)
-
     def cut(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
         found = [self]
@@ -240,7 +236,8 @@ def _chosen(lanes: Iterable[Lane]) -> list[Lane]:
     chosen = most[:1]
     for lane in most[1:]:
         if not any(lane.repeats(one) for one in chosen):
-            joined = [[one.joined(lane) if one is own else one for one in chosen] for own in chosen]
+            both = (Lane({**own.cuts, **lane.cuts}, own.runs + lane.runs) for own in chosen)
+            joined = ([*chosen[:at], one, *chosen[at + 1 :]] for at, one in enumerate(both))
             choices = [chosen, [*chosen, lane], *joined]
             chosen = max(choices, key=lambda choice: sum(one.score for one in choice))
     return chosen

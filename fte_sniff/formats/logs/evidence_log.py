@@ -271,9 +271,7 @@ def _rearranged(line: bytes, pattern: re.Pattern[str]) -> bytes:
 
 def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]:
     """Where the bytes may be, the best first; none if there are not enough frames."""
-    forms = [
-        one for one in EXTRACTORS if options.form in (None, one.name, one.name.partition(",")[0])
-    ]
+    forms = [one for one in EXTRACTORS if options.form in (None, one.name, one.name.split(",")[0])]
     if not forms:
         names = "; ".join(one.name for one in EXTRACTORS)
         raise InputTextError(f"--form: there is no form {options.form!r}; the forms are: {names}")

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 SECOND: Final = 10**9
 _DAY_NS: Final = 86_400 * SECOND
 _QUARTER_S: Final = 900
-_LONGEST_STEP_NS: Final = 3600 * SECOND
-"""Between two lines of a log, in the median; if it is longer, the unit of the times is smaller."""
+_LONGEST_STEP: Final = 3600
+"""Between whole seconds of two lines, in the median; if it is longer, they are no seconds."""
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
 _NAMED: Final = rf"(?=[ADFJMNOSadfjmnos])(?i:{_MONTHS})[a-z]*"
@@ -68,7 +68,8 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
         for digits in (9, 12, 15, 18)
     ),
     ("since", 0, _NUMBER),  # the heading of the column has the unit: DSView, Saleae
-    ("since", 1000, _NUMBER.replace(r"\d+", r"[1-4]\d{9}")),  # usbmon: 32 bits of the uptime
+    # usbmon: 32 bits of the uptime
+    ("since", 1000, _WHOLE.replace(r"\d+", r"[1-4]\d{9}") + r"(?P<f>)(?![\w.])"),
     *(
         ("since", scale, rf"(?<![\w.-])(?<!\d:)(?P<n>\d+)(?:{_FRACTION})?(?= ?{unit}\b)")
         for unit, scale in _UNITS.items()
@@ -244,12 +245,16 @@ def _fits(rule: TimeRule, found: Sequence[re.Match[bytes]], text: Sequence[bytes
     times = [float(b"%b.%b" % (one["n"], one["f"] or b"0")) for one in found]
     steps = sorted(later - earlier for earlier, later in pairwise(times)) or [0]
     rises = steps[len(steps) // 50] >= 0
-    is_dense = steps[len(steps) // 2] * rule.scale <= _LONGEST_STEP_NS
-    few = len(times) < 3 and rule.where != "above"
-    changes = rule.kind == "epoch" or few or len(set(times)) > 2
-    rule.scale = rule.scale or _unit(text, rule.where, found[0].start())
-    rule.resolution_ns = max(1, rule.scale // 10 ** max(len(one["f"] or b"") for one in found))
-    return rule.scale > 0 and rises and is_dense and changes
+    digits = max(len(one["f"] or b"") for one in found)
+    unit = _unit(text, rule.where, found[0].start())
+    if rule.kind == "epoch":
+        is_slow = not digits and len(steps) > 2 and steps[len(steps) // 2] > _LONGEST_STEP
+        changes = unit in (0, rule.scale) and not (is_slow and rule.scale == SECOND)
+    else:
+        changes = len(set(times)) > 2 or (len(times) < 3 and rule.where != "above")
+    rule.scale = rule.scale or unit
+    rule.resolution_ns = max(1, rule.scale // 10**digits)
+    return rule.scale > 0 and rises and changes
 
 
 def _unit(text: Sequence[bytes], where: str, start: int) -> int:

@@ -115,6 +115,25 @@ def test_the_unit_of_ten_digits_is_one_in_which_lines_are_dense(
     assert {later - earlier for earlier, later in pairwise(times)} == {round(step_s * 1e9)}
 
 
+@pytest.mark.parametrize(
+    ("stamp", "first_s", "lines"),
+    [
+        ("{}.123456", 1_760_000_000, 8),
+        ("{}123", 1_760_000_000, 8),
+        ("{}123456", 1_760_000_000, 8),
+        ("{}123456789", 1_760_000_000, 8),
+        ("{}", 1_760_000_000, 2),
+        ("[ {}.123456]", 100, 8),
+        ("{} s", 100, 8),
+    ],
+)
+def test_lines_may_be_hours_apart(stamp: str, first_s: int, lines: int) -> None:
+    heads = [stamp.format(first_s + 7200 * number) for number in range(lines)]
+    rows, _ = read("".join(f"{head} RX: {BYTES}\n" for head in heads))
+    times = [row.t_ns or 0 for row in rows]
+    assert {later - earlier for earlier, later in pairwise(times)} == {7200 * 10**9}
+
+
 @pytest.mark.parametrize("first_ns", [86_800, 900_000_000, 2_500_000_000, 1_700_000_000_000])
 def test_the_unit_in_a_heading_holds_for_any_number_of_digits(first_ns: int) -> None:
     lines = [f"{n},{first_ns + n * 20_000_000}.00,{BYTES}\n" for n in range(60)]
