@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import random
 from itertools import accumulate
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 
@@ -133,3 +134,34 @@ def test_rows_keep_the_ports_that_they_name(form: OutputFormat) -> None:
         Frame("a", 10, frame("reset"), BEGIN_NS + 2 * 10**6),
     ]
     assert read_back(written(rows, form, ports=True)) == rows
+
+
+class OneLineAtATime(io.BytesIO):
+    """Text that comes line by line, as over a pipe."""
+
+    def read1(self, _size: int | None = -1) -> bytes:
+        return self.readline()
+
+
+def damaged_rows(seed: int, count: int) -> list[Row]:
+    """Rows of a line with damage and pauses."""
+    chance, framer = random.Random(seed), Framer("again")
+    rows, t_ns = list[Row](), BEGIN_NS
+    for number in range(count):
+        data = frame("speed_feedback", motor=number % 4 + 1, rpm=chance.randrange(2**15))
+        if chance.random() < 0.1:
+            data = data[: chance.randrange(1, 10)] + bytes(chance.choices(data, k=number % 3))
+        t_ns += chance.choice([900_000, 1_000_000, 5_000_000, 30_000_000])
+        rows += framer.feed(Chunk("again", t_ns, data))
+    return rows + framer.flush()
+
+
+def test_the_reads_of_own_rows_change_nothing() -> None:
+    """Also where a pause decides which reading of damage is the best."""
+    for seed in range(2):
+        text = written(damaged_rows(seed, 1500), OutputFormat.CSV)
+        reader = LogReader("again", stream=OneLineAtATime(text.encode()))
+        slowly = [row for rows in rows_of_log(reader) for row in rows]
+        assert [(row, row.faults) for row in read_back(text)] == [
+            (row, row.faults) for row in slowly
+        ]
