@@ -111,6 +111,7 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         rate=rate_text,
         share=share_text,
         printable=printable,
+        translated=_,
         count=lambda number: UNKNOWN if number is None else f"{number:,}",
         moment=lambda time: UNKNOWN if time is None else time.replace("T", " ")[:23],
     )

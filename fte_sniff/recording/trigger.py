@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.recording.retention import TriggerWindow
 
@@ -16,7 +17,7 @@ Entry: TypeAlias = Row | PortEvent
 Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
 """Selects rows: returns some of the given objects, in their order."""
 
-_EMPTY = Gap(GapKind.LEFT_OUT, 0, reason="they are outside the trigger window")
+_EMPTY = Gap(GapKind.LEFT_OUT, 0, reason=TranslatableText("they are outside the trigger window"))
 
 
 class Trigger:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.feed import GapDetector, StreamChange
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.inputs import Input, InputBatch, Progress
 from fte_sniff.session.save import ExportSource
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part, Selection
 
-DAMAGED: Final = GapKind.DAMAGE, "the recording was damaged here"
-ANOTHER: Final = GapKind.OTHER_RECORDING, "another recording begins here"
+DAMAGED: Final = GapKind.DAMAGE, TranslatableText("the recording was damaged here")
+ANOTHER: Final = GapKind.OTHER_RECORDING, TranslatableText("another recording begins here")
 
 
 @dataclass(slots=True)

@@ -91,8 +91,8 @@ class PromptLine(Input):
         Binding("escape", "leave", later("Back"), key_display="esc"),
     ]
 
-    def __init__(self, field: PromptField, placeholder: str) -> None:
-        super().__init__(placeholder=placeholder, compact=True)
+    def __init__(self, field: PromptField) -> None:
+        super().__init__(compact=True)
         translate_keys(self)
         self.history = History()
         self.can_focus = False
@@ -168,7 +168,7 @@ class PromptField(Vertical):
         super().__init__()
         self._prompt, self._check, self._on_submit = prompt, check, on_submit
         translate_keys(self)
-        self._line = PromptLine(self, prompt.example)
+        self._line = PromptLine(self)
         self._focused_before: Widget | None = None
         self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
@@ -201,6 +201,7 @@ class PromptField(Vertical):
 
     def open(self, line: str | None = None) -> None:
         """Show the field with a line, or that in effect, and focus its input."""
+        self._line.placeholder = self.example
         self.display = True
         self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
@@ -240,6 +241,11 @@ class PromptField(Vertical):
         event.stop()
         if self.is_open:
             self._judge(event.value, wait=True)
+
+    @property
+    def example(self) -> str:
+        """What an empty field shows."""
+        return _(self._prompt.example)
 
     @property
     def hint(self) -> str:
@@ -623,7 +629,7 @@ GOTO: Final = Prompt(
 )
 NOTE: Final = Prompt(
     later("note"),
-    "the wheel was blocked by hand",
+    later("the wheel was blocked by hand"),
     later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
 )
 _SAVE_HINT: Final = later("enter saves, esc goes back; the extension selects the format: {forms}")
@@ -640,10 +646,10 @@ class SaveField(PromptField):
         super().__init__(prompt, check, on_submit)
         self._suffixes = suffixes
 
-    def open(self, line: str | None = None) -> None:
-        """Suggest a name that is free, and let the user type another."""
-        self._line.placeholder = str(free_path(self._prompt.example))
-        super().open(line)
+    @property
+    def example(self) -> str:
+        """A name that is free."""
+        return str(free_path(self._prompt.example))
 
     @property
     def default(self) -> str:

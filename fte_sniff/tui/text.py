@@ -143,8 +143,14 @@ def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
     """A port event on one line, with its time of day in a zone."""
     text = f"{event.port} {_(event_words(event.kind))}"
     if event.detail:
-        text = _(WITH_DETAIL, event=text, detail=_(event.detail))
+        text = _(WITH_DETAIL, event=text, detail=_detail(event.detail))
     return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
+
+
+def _detail(text: str) -> str:
+    """The text in the language of the screen; of one from a file, the parts that are known."""
+    shown = _(text)
+    return shown if shown != text else "; ".join(map(_, text.split("; ")))
 
 
 def event_words(kind: PortEventKind) -> str:

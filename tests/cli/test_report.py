@@ -376,6 +376,14 @@ def test_text_from_files_executes_nothing(run, tmp_path, browser) -> None:
     assert browser.execute_script("return document.images.length") == 0
 
 
+def test_port_events_and_reasons_of_gaps_are_translated(run, tmp_path: Path) -> None:
+    trigger = ["--trigger", "rpm > 30000", "--count", "9"]
+    run("live", "sim://?rate=1000", "--plain", "-o", "x.mcap", *trigger)
+    page = made(run, tmp_path, "x.mcap", "--lang", "zh").read_text()
+    assert "已打开 1, 已关闭 1" in page
+    assert "不在触发窗口内" in page
+
+
 @needs_browser
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -37,10 +37,11 @@ from fte_sniff.errors import (
     unwritable,
 )
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol import Gap, LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
@@ -55,7 +56,7 @@ from fte_sniff.tui.status_bar import (
     title_text,
 )
 from fte_sniff.tui.table.theme import DARK
-from fte_sniff.tui.text import event_text
+from fte_sniff.tui.text import event_text, landmark_text
 from tests.analysis.filter.test_parser import MISTAKES
 from tests.tui.conftest import Rows, Scenario, enter_line, lines, page, play, press, settle
 
@@ -301,6 +302,31 @@ def test_words_that_nobody_knows_stay_as_they_are() -> None:
         assert one_line(SerialException(words)) == words
         set_language("zh")
         assert _(one_line(SerialException(words))) == words
+
+
+def test_texts_of_a_file_are_chinese_where_their_parts_are_known() -> None:
+    set_language("zh")
+    settings = "115200 baud 8N1, DTR off, RTS off"
+    detail = f"{settings}; no low latency setting; line errors unavailable"
+    opened = event_text(PortEvent(0, "p", PortEventKind.OPENED, detail))
+    assert opened.endswith(f"p 已打开：{settings}; 没有低延迟设置; 无法得知线路错误")
+    for kind, reason in (DAMAGED, ANOTHER):
+        text = landmark_text(Gap(kind, reason=str(reason)))
+        assert not re.search("[a-z]", text), text
+
+
+def test_the_example_of_a_note_and_the_keys_of_the_help_are_chinese(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(9))
+        await settle(app, pilot)
+        await press(app, pilot, "question_mark")
+        assert "↓、PgDn、End" in squeezed(app)
+        await press(app, pilot, "escape", "number_sign")
+        assert "用手按住了轮子" in squeezed(app)
+
+    play_chinese(feed, scenario)
 
 
 def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, samples: Path) -> None:
