@@ -159,12 +159,15 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
     import logging
 
     logging.disable()  # what Dask and Tornado log about lost workers is reported here by file
+    dask = import_module("dask")
+    own_s = dask.utils.parse_timedelta(dask.config.get("distributed.comm.timeouts.connect"))
+    connect_s = min(_CONNECT_S, own_s)
     try:
-        asyncio.run(asyncio.wait_for(_find_scheduler(distributed, address), _CONNECT_S))
-        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+        asyncio.run(asyncio.wait_for(_find_scheduler(distributed, address), connect_s))
+        client = distributed.Client(address, timeout=connect_s, set_as_default=False)
     except Exception as error:  # noqa: BLE001  # whatever another program answers
         late = isinstance(error, TimeoutError)
-        reason = f"nothing within {_CONNECT_S} s" if late else str(error) or type(error).__name__
+        reason = f"nothing within {connect_s:g} s" if late else str(error) or type(error).__name__
         raise FileError(
             f"--cluster {address}: no scheduler answers ({reason.splitlines()[0]}); start one"
             " with `dask scheduler`, and workers with `dask worker`"
@@ -186,3 +189,4 @@ async def _find_scheduler(distributed: ModuleType, address: str) -> None:
 
 
 _CONNECT_S: Final = 10
+"""How long a scheduler may take to answer at most; Dask's own setting may be shorter."""

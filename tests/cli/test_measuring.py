@@ -23,6 +23,8 @@ from fte_sniff.session.inputs import RecordingInput
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
 
 FILES = 12
+SOON = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
+"""Dask's setting of how long the scheduler may take to answer."""
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +165,10 @@ def test_a_file_that_the_workers_cannot_see_is_named(
     assert "worker" in line
 
 
-def test_a_cluster_that_is_not_there_and_options_that_contradict(run, recordings: Path) -> None:
+def test_a_cluster_that_is_not_there_and_options_that_contradict(
+    run, recordings: Path, environment: dict[str, str]
+) -> None:
+    environment |= SOON
     done = run("stats", recordings, "--cluster", "tcp://127.0.0.1:9")
     assert done.returncode == 4
     (line,) = done.stderr.splitlines()
@@ -183,11 +188,12 @@ def test_an_address_that_is_none_is_one_line(run, recordings: Path, where: str) 
 
 
 @pytest.mark.parametrize(
-    ("answer", "reason"), [(b"", "nothing within"), (b"HTTP/1.0 400 Bad Request\r\n\r\n", "")]
+    ("answer", "reason"), [(b"", "nothing within 1 s"), (b"HTTP/1.0 400 Bad Request\r\n\r\n", "")]
 )
 def test_another_program_at_the_address_is_one_line(
-    run, recordings: Path, answer: bytes, reason: str
+    run, recordings: Path, environment: dict[str, str], answer: bytes, reason: str
 ) -> None:
+    environment |= SOON
     with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as executor:
         where = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         server.settimeout(BOUND_S)

@@ -20,6 +20,8 @@ from tests.cli.processes import BOUND_S, PROGRAM, ended, started, stderr_until, 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 SIM = "sim://?seed=1&rate=500"
+FAST = ("sim://?seed=1&rate=5000", "--baud", "1000000")
+"""Many rows in little time."""
 
 
 def _parse(decorator: Decorator, *arguments: str) -> tuple[RecordingOptions, str]:
@@ -197,7 +199,7 @@ def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
     environment, tmp_path: Path
 ) -> None:
     options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")
-    with started(environment, tmp_path, "live", SIM, *options) as process:
+    with started(environment, tmp_path, "live", *FAST, *options) as process:
         stderr_until(process, "its files have reached 100 kB (--max-size)")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
@@ -209,7 +211,7 @@ def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
 
 def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_path: Path) -> None:
     options = ("--max-size", "200kB", "--on-full", "rotate-oldest", "--flush-every", "0.1")
-    with started(environment, tmp_path, "live", SIM, *options, "-o", "x.mcap") as process:
+    with started(environment, tmp_path, "live", *FAST, *options, "-o", "x.mcap") as process:
         while not (tmp_path / "x_00009.mcap").exists():
             until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
