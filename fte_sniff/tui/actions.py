@@ -227,7 +227,7 @@ class ViewActions(ScreenActions):
 
     def action_plot_range(self) -> None:
         """Show outliers in the plots, or leave them out."""
-        self._panes.change(Pane.switch_range)
+        self._panes.change(lambda pane: pane.switch_range())
 
     def action_scroll_pane(self, by: int) -> None:
         """Scroll the pane by lines."""

@@ -950,6 +950,16 @@ def test_the_time_axis_has_what_fits(width: int, texts: int) -> None:
         assert axis.index("╵-5 s") == 8 + (width - 8) // 2
 
 
+def test_a_key_plots_the_full_range_and_the_usual_one_again(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "M")
+        for shown in (False, True, False):
+            assert ("full range" in page(app)) is shown
+            await press(app, pilot, "r")
+
+    play(feed, scenario, (120, 40), rows=50)
+
+
 def test_what_is_told_is_held_for_a_second_and_what_is_asked_until_something_else_is() -> None:
     told = _drawn(_curves({0: (5, 5)}, {}))[2][8:]
     assert told[:5].strip()
