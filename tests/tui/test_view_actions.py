@@ -465,6 +465,30 @@ def test_a_file_is_played_with_all_panes_as_live(
     play(feed, scenario, size=(100, 40))
 
 
+def test_times_count_from_a_mark_once_it_is_played(
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0]
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        monkeypatch.setattr(app, "now_ns", lambda: now[0])
+        monkeypatch.setattr("fte_sniff.tui.actions.monotonic_ns", lambda: now[0])
+        await press(app, pilot, "G", "m", "t", "t")
+        assert "times count from the last mark" in page(app)
+        await press(app, pilot, "home", "space")
+        assert "PLAYING" in page(app)
+        now[0] += 50_000_000
+        await settle(app, pilot)
+        assert rpms(app)[-1] == 50
+        assert "-0.0" not in page(app)
+        now[0] += 50_000_000
+        await settle(app, pilot)
+        assert "-0.001000" in page(app)
+
+    file_of(speed_rows(100), feed)
+    play(feed, scenario)
+
+
 def test_a_file_without_times_is_not_played(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "space")

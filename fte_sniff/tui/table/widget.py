@@ -377,7 +377,9 @@ class RowTable(ScrollView, can_focus=True):
             case TimeStyle.START:
                 return self.start_ns
             case TimeStyle.MARK:
-                return None if latest is None or latest < store.first else store.row(latest).t_ns
+                if latest is None or not store.first <= latest < store.next:
+                    return None
+                return store.row(latest).t_ns
         return 0
 
     @property
