@@ -176,7 +176,7 @@ class ShownStreams:
     def step(self, budget_rows: int) -> bool:
         """Observe the next rows, once the filter was applied to all; True if none is left."""
         view = self._store.view
-        if view.filter is not self._filter:
+        if view.filter is not self._filter or self._observed > self._store.next:
             self._begin()
         if view.pending:
             return False

@@ -314,6 +314,19 @@ def test_a_new_filter_counts_from_the_start() -> None:
         assert sum(one.count for one in shown.stats(None)) == count
 
 
+def test_rows_that_are_hidden_again_are_counted_no_more() -> None:
+    store = RowStore()
+    store.append([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
+    store.view.set_filter(parse_filter("motor = 1"))
+    store.view.filter_step()
+    shown = ShownStreams(store)
+    for limit, count in ((None, 50), (0, 0), (40, 20), (10, 5), (None, 50)):
+        store.limit = limit
+        assert shown.step(1000)
+        assert shown.pending == 0
+        assert sum(one.count for one in shown.stats(None)) == count
+
+
 def test_commands_are_counted_by_their_cmd() -> None:
     rows = [
         frame(0, "speed", motor=1, rpm=1),
