@@ -268,7 +268,9 @@ class HitCounter:
         }
         for block in store.blocks:
             hits = self._hits[block.start]
-            offsets = hits.offsets[np.searchsorted(hits.offsets, store.first - block.start) :]
+            shown = (store.first - block.start, self._countable(block))
+            first, end = np.searchsorted(hits.offsets, shown)
+            offsets = hits.offsets[first:end]
             at = int(np.searchsorted(offsets, index - block.start))
             if at < len(offsets) and offsets[at] == index - block.start:
                 number = total + at + 1

@@ -260,7 +260,7 @@ class HitStatus:
         """Count new rows; start again where the search, the columns or the filter changed."""
         search = self._table.search
         columns = frozenset(column.name for column in self._table.columns)
-        wanted = (search, columns, self._store.view.filter, self._store.limit is None)
+        wanted = (search, columns, self._store.view.filter)
         if wanted != self._counted:
             self._counted, self._due_s = wanted, 0.0
             test = search and partial(search.matches, columns=columns)

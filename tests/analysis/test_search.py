@@ -266,6 +266,21 @@ def test_the_total_grows_with_every_step() -> None:
     assert hits.position(3) == HitPosition(2, 14)
 
 
+@pytest.mark.parametrize("row_filter", [None, "motor = 1"])
+def test_hits_that_are_hidden_again_are_not_counted(row_filter: str | None) -> None:
+    store = RowStore(1000, block_rows=16)
+    store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
+    store.append(rows_between(0, 40))
+    hits = counter_of(store)
+    for limit in (0, 20, 5, 33, None):
+        store.limit = limit
+        while hits.step():
+            pass
+        for index in range(store.next):
+            assert hits.position(index) == position_by_hand(store, index)
+        assert hits.position(-1) == position_by_hand(store, -1)
+
+
 class Again:
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         return RowBatch.from_rows(rows_between(start, start + count), codebook)
