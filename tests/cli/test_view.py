@@ -198,6 +198,7 @@ def test_it_can_be_left_while_it_loads(
 
 
 LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
+FLUSHED_OFTEN = ("--flush-every", "0.1")
 END_S = 60.0
 """How long the end may take; on a quiet machine two seconds."""
 ROWS_TERMINAL = "pulses"
@@ -327,7 +328,10 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
     run, environment, tmp_path: Path
 ) -> None:
     recording = tmp_path / "x.mcap"
-    with terminal(environment, tmp_path, *LIVE, session=controlling_terminal) as screen:
+    arguments = (*LIVE, *FLUSHED_OFTEN)
+    with terminal(
+        environment, tmp_path, *arguments, size=(200, 60), session=controlling_terminal
+    ) as screen:
         before = screen.attributes
         screen.until(ROWS_TERMINAL)
         for _ in range(3):
@@ -365,9 +369,12 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     recording = tmp_path / "x.mcap"
     environment = environment | {"PS1": "<ready>", "PS2": "", "HISTFILE": ""}
     bash = ("bash", "--norc", "--noprofile", "--noediting", "-i")
-    with terminal(environment, tmp_path, session=controlling_terminal, program=bash) as screen:
+    with terminal(
+        environment, tmp_path, size=(200, 60), session=controlling_terminal, program=bash
+    ) as screen:
         screen.until("<ready>")
-        screen.type(" ".join([*PROGRAM, *(f"'{word}'" for word in LIVE)]) + "\r")
+        line = [*PROGRAM, *(f"'{word}'" for word in (*LIVE, *FLUSHED_OFTEN))]
+        screen.type(" ".join(line) + "\r")
         screen.until(ROWS_TERMINAL)
         for _ in range(2):
             assert NORMAL_SCREEN.encode() in asked(screen, "\x1a")
@@ -391,7 +398,10 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
 def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
     run, environment, tmp_path: Path
 ) -> None:
-    with terminal(environment, tmp_path, *LIVE, session=controlling_terminal) as screen:
+    arguments = (*LIVE, *FLUSHED_OFTEN)
+    with terminal(
+        environment, tmp_path, *arguments, size=(200, 60), session=controlling_terminal
+    ) as screen:
         screen.until(ROWS_TERMINAL)
         screen.type("\x1a")
         screen.until(NORMAL_SCREEN)
