@@ -241,8 +241,7 @@ class Terminal(LinuxDriver):
         # Textual's own handlers may interrupt a write, and then wait for it.
         self._loop.add_signal_handler(signal.SIGTSTP, self._suspend)
         # The shell has used the terminal before SIGCONT.
-        resume = partial(self._loop.call_later, _RESUME_DELAY_S, self._resume)
-        self._loop.add_signal_handler(signal.SIGCONT, resume)
+        self._loop.add_signal_handler(signal.SIGCONT, self._resume_later)
 
     def _is_background(self) -> bool:
         """Whether another job has the terminal; False without job control."""
@@ -264,7 +263,13 @@ class Terminal(LinuxDriver):
         # The whole job, with a shell script around it; the capture process ignores the signal.
         os.killpg(os.getpgrp(), signal.SIGTSTP)
         self._handle_job_control()
-        self._loop.call_later(_RESUME_DELAY_S, self._resume)
+        self._resume_later()
+
+    def _resume_later(self) -> None:
+        # `kill` of a stopped job sends SIGTERM and SIGCONT. SIGTERM comes first, also if the pause
+        # is over at the same time: else the program would stop again, and not end.
+        resume = partial(self._loop.call_later, 0, self._loop.call_soon, self._resume)
+        self._loop.call_later(_RESUME_DELAY_S, resume)
 
     def _resume(self) -> None:
         if self._state is _State.OFF or self._app._exit:

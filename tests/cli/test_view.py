@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from fte_sniff.protocol import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.conftest import SAMPLES
-from tests.cli.processes import PROGRAM, holding, wait_until
+from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
 
 
@@ -362,7 +363,7 @@ def asked(screen: Terminal, keys: str) -> bytes:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
-@pytest.mark.parametrize("ends", ["Q", "kill", "close"])
+@pytest.mark.parametrize("ends", ["Q", "kill", "late kill", "close"])
 def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     run, environment, tmp_path: Path, ends: str
 ) -> None:
@@ -387,7 +388,14 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
             assert b"recorded to x.mcap" in asked(screen, "Q")
         else:
             asked(screen, "\x1a")
-        if ends == "kill":
+        if ends == "late kill":
+            # SIGTERM comes when the pause before it resumes is over.
+            (program,) = children_of(screen.process.pid)
+            os.kill(program, signal.SIGCONT)
+            time.sleep(0.03)
+            os.kill(program, signal.SIGSTOP)
+            time.sleep(0.2)
+        if "kill" in ends:
             screen.type("kill %1\r")
             screen.until("recorded to x.mcap")
         screen.close()
