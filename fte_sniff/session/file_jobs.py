@@ -66,11 +66,13 @@ class DelayedInterrupt:
     def held(self) -> Iterator[None]:
         """Context that raises KeyboardInterrupt at its end if Ctrl-C came in it."""
         self._held = True
-        yield
-        self._held = False
-        if self._pending:
-            self._pending = False
-            raise KeyboardInterrupt
+        try:
+            yield
+        finally:
+            self._held = False
+            if self._pending:
+                self._pending = False
+                raise KeyboardInterrupt
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,13 @@ from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, finished_jobs
+from fte_sniff.session.file_jobs import (
+    DelayedInterrupt,
+    FileJob,
+    FileMerger,
+    FileResult,
+    finished_jobs,
+)
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import Input, RecordingInput
 from fte_sniff.session.worker_pool import WorkerPool
@@ -130,6 +136,24 @@ def test_memory_does_not_grow_with_the_number_of_files(
     a_line_each = 180 * 400
     assert held[1] - held[0] < a_line_each
     assert peaks[1] < 2 * peaks[0]  # not a result of each file
+
+
+def test_ctrl_c_in_a_step_that_fails_is_raised_and_delayed_no_more() -> None:
+    interrupts = DelayedInterrupt()
+
+    def fail(*, interrupted: bool) -> None:
+        with interrupts.held():
+            if interrupted:
+                signal.raise_signal(signal.SIGINT)
+            raise KeyError
+
+    with interrupts.installed(), pytest.raises(KeyboardInterrupt):
+        fail(interrupted=True)
+    with interrupts.installed():
+        with pytest.raises(KeyError):
+            fail(interrupted=False)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
 
 
 def test_no_more_jobs_wait_than_allowed(tmp_path: Path) -> None:
