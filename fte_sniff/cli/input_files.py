@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, tzinfo
 from functools import partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
 import click
 
@@ -374,7 +376,18 @@ def _expanded(named: Path) -> list[Path]:
 def _opened(path: Path, query: InputQuery) -> Input:
     if query.topic is not None:
         return _topic(path, query.topic)
-    stream, name = _stream_of(path), STDIN_NAME if path == STDIN else str(path)
+    with ExitStack() as opened:
+        stream = _stream_of(path)
+        if stream is not None:
+            opened.enter_context(stream)
+        one = _input_of(path, stream, query)
+        # Not at exit: a thread that waits for the next bytes of a pipe would delay it.
+        finalize(one, opened.pop_all().close).atexit = False
+    return one
+
+
+def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> Input:
+    name = STDIN_NAME if path == STDIN else str(path)
     kind = query.kind or (kind_of_file(path) if stream is None else _kind_of(stream, name))
     if kind is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader

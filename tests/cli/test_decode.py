@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import json
 import os
 import struct
 import subprocess
 import sys
+import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,6 +24,9 @@ from fte_sniff.analysis.feed import BaudChange, shifted
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.cli.input_files import InputQuery
+from fte_sniff.errors import FileError
+from fte_sniff.formats.input_kind import InputKind
 from fte_sniff.formats.writers import OutputFormat
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -366,6 +371,24 @@ def test_a_recording_from_a_pipe_is_not_called_by_the_name_of_its_copy(run) -> N
     assert done.returncode == 4
     assert "stdin is not an MCAP recording" in done.stderr
     assert "/tmp" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["damaged.mcap", "damaged.raw", "damaged.hex", "make.py"])
+def test_a_pipe_is_closed(tmp_path: Path, samples: Path, name: str) -> None:
+    pipe = tmp_path / name
+    os.mkfifo(pipe)
+    query = InputQuery((pipe,), InputKind.MCAP if name == "make.py" else None)
+    with warnings.catch_warnings(record=True, category=ResourceWarning) as found:
+        warnings.simplefilter("always")
+        with subprocess.Popen(["cp", samples / name, pipe]) as writer:
+            try:
+                assert sum(len(batch.rows) for batch in query.read(None)) > 500
+            except FileError:
+                assert name == "make.py"
+            finally:
+                writer.kill()
+        gc.collect()
+    assert not [one.message for one in found if str(pipe) in str(one.message)]
 
 
 def test_a_parquet_file_holds_what_is_asked_for(run, samples: Path, tmp_path: Path) -> None:
