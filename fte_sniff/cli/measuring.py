@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
 
 import click
 
@@ -19,13 +20,22 @@ from fte_sniff.cli.options import all_of
 from fte_sniff.cli.output import explain_no_frames, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import FileError, UsageError, quoted
 
 if TYPE_CHECKING:
-    from fte_sniff.session.file_jobs import FileJob, Model
+    from fte_sniff.session.file_jobs import (
+        DelayedInterrupt,
+        FileJob,
+        FileMerger,
+        Finished,
+        Model,
+    )
     from fte_sniff.session.input_reading import InputReading
 
 _WAITING_PER_WORKER: Final = 2
+
+_SCHEMES: Final = ("tcp", "tls", "ws", "wss")
+"""Of schedulers; `inproc` is no other process, and `ucx` needs a package of its own."""
 
 jobs_options = all_of(
     click.option(
@@ -78,7 +88,7 @@ def measure(
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
-        UsageError: the options contradict each other.
+        UsageError: the options contradict each other, or the cluster's address is invalid.
         InputTextError: a filter, time, date or zone is invalid.
     """
     from fte_sniff.session.file_jobs import DelayedInterrupt, FileMerger, finished_jobs
@@ -86,6 +96,7 @@ def measure(
     if cluster is not None:
         if jobs is not None:
             raise UsageError("--jobs is for this machine; leave it out with --cluster")
+        _check_address(cluster)
         query = replace(query, files=tuple(_absolute(path) for path in query.files))
     with progress_line(reads_stdin=STDIN in query.files) as line:
         todo, reading = query.jobs(make_model, line.progress)
@@ -100,22 +111,48 @@ def measure(
                 results = finished_jobs(
                     todo, executor, waiting, interrupts, line.progress, helps=here
                 )
-                for job, result in results:
-                    with interrupts.held():
-                        if isinstance(result, FileError):
-                            reading.skip(result)
-                            continue
-                        merger.add(job, result)
-                        measured.read += not result.interrupted
-                    if result.interrupted:
-                        raise KeyboardInterrupt
+                _merge(results, merger, measured, interrupts)
         except KeyboardInterrupt:
             measured.interrupted = True
-        except FileError as error:  # the executor is gone
-            reading.skip(FileError(f"{error}; {measured.read} of {len(todo)} files were read"))
     if not merger.files and reading.unreadable:
         raise reading.unreadable[0]
     return merger.model, measured
+
+
+def _merge(
+    results: Iterator[Finished[Model]],
+    merger: FileMerger[Model],
+    measured: FilesMeasured,
+    interrupts: DelayedInterrupt,
+) -> None:
+    """Merge the results, up to a lost executor; raises KeyboardInterrupt."""
+    try:
+        for job, result in results:
+            with interrupts.held():
+                if isinstance(result, FileError):
+                    measured.reading.skip(result)
+                    continue
+                merger.add(job, result)
+                measured.read += not result.interrupted
+            if result.interrupted:
+                raise KeyboardInterrupt
+    except FileError as error:
+        files = f"{measured.read} of {measured.files} files were read"
+        measured.reading.skip(FileError(f"{error}; {files}"))
+
+
+def _check_address(address: str) -> None:
+    """Raise UsageError if no scheduler can have that address."""
+    try:
+        parts = urlsplit(address if "://" in address else f"tcp://{address}")
+        is_valid = parts.scheme in _SCHEMES and parts.hostname and parts.port
+    except ValueError:  # no number of a port
+        is_valid = False
+    if not is_valid:
+        raise UsageError(
+            f"--cluster {quoted(address)} is no address of a Dask scheduler; write it as"
+            " tcp://192.168.0.9:8786"
+        )
 
 
 def _absolute(path: Path) -> Path:
@@ -158,6 +195,12 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
     import asyncio
     import logging
 
+    if urlsplit(address).scheme == "tls" and not _security(distributed)["ssl_context"]:
+        raise UsageError(
+            f"--cluster {address} needs certificates; name them in Dask's settings"
+            " (distributed.comm.tls), or use tcp://"
+        )
+
     logging.disable()  # what Dask and Tornado log about lost workers is reported here by file
     dask = import_module("dask")
     own_s = dask.utils.parse_timedelta(dask.config.get("distributed.comm.timeouts.connect"))
@@ -181,11 +224,16 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
 
 async def _find_scheduler(distributed: ModuleType, address: str) -> None:
     """Raise an error of any kind if no scheduler answers; a Client would hang, or close late."""
-    security = distributed.Security().get_connection_args("client")
-    async with distributed.rpc(address, connection_args=security) as server:
+    async with distributed.rpc(address, connection_args=_security(distributed)) as server:
         identity = await server.identity()
     if identity.get("type") != "Scheduler":
         raise ValueError(f"a {str(identity.get('type')).lower()} has this address")
+
+
+def _security(distributed: ModuleType) -> Mapping[str, Any]:
+    """What Dask's settings say about TLS."""
+    found: Mapping[str, Any] = distributed.Security().get_connection_args("client")
+    return found
 
 
 _CONNECT_S: Final = 10

@@ -173,18 +173,32 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(
     assert done.returncode == 4
     (line,) = done.stderr.splitlines()
     assert "no scheduler answers" in line
+    assert line.endswith("and workers with `dask worker`")
     assert run("stats", recordings, "--cluster", "x", "--jobs", "2").returncode == 2
     assert run("stats", "-", "--cluster", "x").returncode == 2
 
 
 @pytest.mark.parametrize(
-    "where", ["", "127.0.0.1", "tls://127.0.0.1:9", "tcp://127.0.0.1:x", "http://127.0.0.1:9"]
+    ("where", "reason"),
+    [
+        ("", "is no address of a Dask scheduler; write it as tcp://"),
+        ("127.0.0.1", "is no address"),
+        ("tcp://:9", "is no address"),
+        ("tcp://127.0.0.1:x", "is no address"),
+        ("tcp://127.0.0.1:99999", "is no address"),
+        ("http://127.0.0.1:9", "is no address"),
+        ("inproc://x", "is no address"),
+        ("tls://127.0.0.1:9", "needs certificates; name them in Dask's settings"),
+    ],
 )
-def test_an_address_that_is_none_is_one_line(run, recordings: Path, where: str) -> None:
+def test_an_address_that_is_none_is_one_line(
+    run, recordings: Path, where: str, reason: str
+) -> None:
     done = run("stats", recordings, "--cluster", where)
-    assert done.returncode == 4
+    assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert f"--cluster {where}: no scheduler answers (" in line
+    assert where in line
+    assert reason in line
 
 
 @pytest.mark.parametrize(
