@@ -354,13 +354,14 @@ def test_bytes_that_a_slow_disk_keeps_from_being_rows_are_counted(
         pty.send(99 * FRAME)  # the first flush keeps the capture from taking them
         wait_until(is_read)
         live.send_signal(signal.SIGINT)
-        stderr_until(live, "0 rows and 990 bytes not yet in rows are not written yet; Ctrl-C drops")
+        stderr_until(live, " and 990 bytes not yet in rows are not written yet; Ctrl-C drops")
         live.send_signal(signal.SIGINT)
         code, _, errors = ended(live)
     assert code == 4
     *_, summary, last = errors.splitlines()
-    assert summary == "0 rows, 990 bytes not decoded"
-    assert last.endswith("up to 0 rows and 990 bytes not yet in rows are not in x.mcap")
+    # The first frame is shown at once if the flush of the beginning was just before it.
+    assert re.match("[01] rows?, .*990 bytes not decoded", summary)
+    assert re.search(r"up to [01] rows? and 990 bytes not yet in rows are not in x\.mcap", last)
 
 
 def test_no_command_replaces_a_file_that_is_being_recorded(
