@@ -38,6 +38,7 @@ from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
+    STEP_NS,
     Rows,
     lines,
     page,
@@ -371,10 +372,18 @@ KEYS = (
     *("less_than_sign", "greater_than_sign", "percent_sign", "at", "minus", "r", "enter", "up"),
 )
 
+PLAYBACK_KEYS = ("m", "t", "home", "space", "M", "S", "escape") * 6
+"""Further keys where the rows are those of a file."""
+
 
 @pytest.mark.parametrize(
-    ("seed", "size", "rounds"),
-    [(1, (80, 24), 40), (2, (40, 10), 40), (3, (200, 60), 5), (4, (9, 4), 20)],
+    ("seed", "size", "rounds", "live"),
+    [
+        (1, (80, 24), 40, True),
+        (5, (40, 10), 30, False),
+        (3, (200, 60), 5, True),
+        (4, (9, 4), 20, False),
+    ],
 )
 def test_random_keys_never_break_it(
     feed: Any,
@@ -385,18 +394,25 @@ def test_random_keys_never_break_it(
     seed: int,
     size: tuple[int, int],
     rounds: int,
+    live: bool,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    chance = random.Random(seed)
+    chance, now = random.Random(seed), [0]
+    keys = KEYS if live else KEYS + PLAYBACK_KEYS
+    feed.state = replace(feed.state, live=live)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        if not live:
+            monkeypatch.setattr(app, "now_ns", lambda: now[0])
+            monkeypatch.setattr("fte_sniff.tui.actions.monotonic_ns", lambda: now[0])
         came = 0
         for _ in range(rounds):
+            now[0] += 5 * STEP_NS
             count = chance.randrange(60)
             feed.give([*speed_rows(count, start=came), *odd_rows])
             came += count
             app.tick()
-            await press(app, pilot, *chance.choices(KEYS, k=8))
+            await press(app, pilot, *chance.choices(keys, k=8))
             view = app.screen_stack[0].query_one(RowTable).viewport
             assert 0 <= view.cursor <= max(0, view.count - 1)
         assert app.is_running
