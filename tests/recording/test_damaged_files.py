@@ -602,8 +602,8 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
     assert "no such file" in _refusal(tmp_path / "absent.mcap")
     assert "is a directory" in _refusal(tmp_path)
     assert "is empty" in _refusal(tmp_path / "empty.mcap")
-    assert "`fte-sniff decode --input hex LOG -o NAME.mcap`, or --input raw" in _refusal(tmp_path / "hex.mcap")
-    assert "`fte-sniff decode --input hex LOG -o NAME.mcap`, or --input raw" in _refusal(tmp_path / "short.raw")
+    assert "`fte-sniff decode --input hex LOG -o" in _refusal(tmp_path / "hex.mcap")
+    assert "`fte-sniff decode --input hex LOG -o" in _refusal(tmp_path / "short.raw")
     assert "cut after 4 bytes" in _refusal(tmp_path / "short.mcap")
 
 
