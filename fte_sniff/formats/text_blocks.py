@@ -98,8 +98,7 @@ def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
         if end:
             text = _clean(pending[:end])
             text += b"" if is_cut or text.endswith(b"\n") else b"\n"
-            block = TextBlock(text, number, column)
-            yield block
+            yield (block := TextBlock(text, number, column))
             number += block.count
             column = column + end if is_cut and column is not None else None
             pending = pending[end:]
@@ -140,7 +139,8 @@ def _decoded(data: bytes, encoding: str) -> bytes | None:
 
 def _clean(data: bytes) -> bytes:
     """Lines as UTF-8, without colours and NUL, with plain commas, colons and line ends."""
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\x1b" in data or b"\0" in data:
         data = re.sub(_INVISIBLE, b"", data)
     if data.isascii():
