@@ -9,6 +9,9 @@ Each frame is damaged with probability p, by one of five kinds with equal chance
     flipped   one bit is inverted
     replaced  2-6 adjacent bytes are random
     junk      1-30 random bytes come before the intact frame
+
+`with_reserve` gives the reserve that the protocol leaves open, and a NUM without a meaning, the
+values of some host.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from enum import StrEnum
 from random import Random
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, encode
+from fte_sniff.protocol.spec import KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 
 HOSTILE_BYTES = bytes([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03])
 HOSTILE_SHARE = 0.3
@@ -90,6 +94,35 @@ def draw_frame(random: Random, draw: Draw, kinds: tuple[FrameKind, ...] = KINDS)
     return encode(kind, values, random.choice(kind.cmds))
 
 
+Fill = Callable[[Random, int, int], bytes]
+"""The reserve of one frame, by its number and the bytes in it."""
+
+
+def _constant(pattern: str) -> Fill:
+    raw = bytes.fromhex(pattern)
+    return lambda random, number, size: (raw * size)[:size]
+
+
+RESERVES: dict[str, Fill] = {
+    pattern: _constant(pattern) for pattern in ("00", "FF", "EE", "AA", "55", "CD", "AA EE AA EE")
+} | {
+    "random": lambda random, number, size: random.randbytes(size),
+    "counter": lambda random, number, size: number.to_bytes(8, "big")[-size:] if size else b"",
+}
+"""What hosts leave in the reserve of control frames."""
+
+
+def with_reserve(random: Random, frames: Iterator[bytes], reserve: str) -> Iterator[bytes]:
+    """The frames with a `reserve` of `RESERVES`, and with any NUM where it has no meaning."""
+    for number, raw in enumerate(frames):
+        kind, changed = KIND_BY_HEADER_AND_CMD[raw[0], raw[1]], bytearray(raw)
+        own = kind.open_reserve
+        changed[own.start : own.stop] = RESERVES[reserve](random, number, len(own))
+        if not kind.names_motor:
+            changed[NUM_OFFSET] = random.randrange(256)
+        yield bytes(changed)
+
+
 def _harmed(random: Random, raw: bytes, harm: Harm) -> bytes:
     if harm is Harm.LOST:
         count = random.randint(1, FRAME_LENGTH - 1)
@@ -124,8 +157,14 @@ def damage(random: Random, frames: Iterator[bytes], share: float) -> tuple[bytes
     return bytes(stream), sent
 
 
-def damaged_stream(seed: int, frames: int, share: float, payload: str) -> tuple[bytes, list[Sent]]:
-    """A stream of `frames` frames with `payload` ("ordinary", "hostile"), `share` damaged."""
+def damaged_stream(
+    seed: int, frames: int, share: float, payload: str, reserve: str | None = None
+) -> tuple[bytes, list[Sent]]:
+    """A stream of `frames` frames with `payload` ("ordinary", "hostile"), `share` damaged.
+
+    With `reserve`, a name in `RESERVES`, frames are as from `with_reserve`; without, as encoded.
+    """
     random = Random(f"{seed} {share} {payload}")
     draw = PAYLOADS[payload]
-    return damage(random, (draw_frame(random, draw) for _ in range(frames)), share)
+    drawn = (draw_frame(random, draw) for _ in range(frames))
+    return damage(random, drawn if reserve is None else with_reserve(random, drawn, reserve), share)

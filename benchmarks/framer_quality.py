@@ -1,8 +1,10 @@
 """Measures the framer's quality: frames found, invented, ambiguous; labels of damage.
 
     python -m benchmarks.framer_quality [--frames 100000] [--seeds 1 2 3] [--joins 100000]
+                                        [--reserve-frames 6000]
 
-Prints the quality table, the confusion table of single faults, and the joins.
+Prints the quality table, the confusion table of single faults, the joins, and the table of lines
+whose hosts leave something else in the reserve and in a NUM without a meaning.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from collections import Counter
 from random import Random
 from time import perf_counter
 
-from benchmarks.faults import PAYLOADS, Harm, damaged_stream, draw_frame
+from benchmarks.faults import PAYLOADS, RESERVES, Harm, damaged_stream, draw_frame
 from benchmarks.score import labels, score
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
 
@@ -42,6 +44,22 @@ def quality(seed: int, frames: int) -> Counter[tuple[Harm, str, str]]:
             flush=True,
         )
     return named
+
+
+def reserves(seed: int, frames: int) -> None:
+    """Print a line for each payload and reserve: found and `ok`, by share of damage."""
+    for payload in PAYLOADS:
+        for reserve in RESERVES:
+            cells = []
+            for share in (0.0, 0.01, 0.2):
+                stream, sent = damaged_stream(seed, frames, share, payload, reserve)
+                judged = score(sent, rows_of(stream))
+                ok = (judged.found - judged.doubted) / judged.undamaged
+                cells.append(
+                    f"{share:3.0%} found {judged.found_share:9.4%} ok {ok:7.2%} "
+                    f"invented ok {judged.invented_ok}"
+                )
+            print(f"{seed:4}  {payload:8} {reserve:11}  {'  '.join(cells)}", flush=True)
 
 
 def print_confusion(named: Counter[tuple[Harm, str, str]]) -> None:
@@ -78,6 +96,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100_000)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--joins", type=int, default=100_000)
+    parser.add_argument("--reserve-frames", type=int, default=6000)
     chosen = parser.parse_args()
     named: Counter[tuple[Harm, str, str]] = Counter()
     for seed in chosen.seeds:
@@ -86,6 +105,9 @@ def main() -> None:
     print_confusion(named)
     if chosen.joins:
         joins(chosen.seeds[0], chosen.joins)
+    if chosen.reserve_frames:
+        for seed in chosen.seeds:
+            reserves(seed, chosen.reserve_frames)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,9 @@
 Each figure is rows in a second of processor time to a recording, from the difference between all
 lines and an eighth of them, so that start-up does not count; the median of the rounds. Also the
 time to find the evidence, the time for 1 MB of a repeated token, and the memory for one line of
-250 MB. `--against` names another checkout, which reads a hundredth of the lines.
+250 MB. `--against` names another checkout, which reads a hundredth of the lines. `--shapes LINES`
+measures only logs whose lines have no shape in common: the processor time of the whole process
+against that of the same bytes as raw, in turn, the least of the rounds.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ import os
 import subprocess
 import sys
 import time
+from base64 import b64encode
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from statistics import median
@@ -59,6 +63,53 @@ def write_inputs(folder: Path, lines: int) -> Path:
             clock = f"{12 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
             log.write(f"[2026-01-31 {clock}.{us:06}] RX: {text}\n")
     return folder
+
+
+def _names() -> list[str]:
+    letters = np.random.default_rng(3).integers(97, 123, (3000, 9), np.uint8)
+    return [bytes(row[: 3 + at % 7]).decode() for at, row in enumerate(letters)]
+
+
+NAMES = _names()
+SHAPES: dict[str, Callable[[int, str, bytes], str]] = {
+    "hex": lambda at, t, data: f"[{t}] RX: {data.hex(' ')}",
+    "times that end in 0": lambda at, t, data: f"[{t[:-1]}0] RX: {data.hex(' ')}",
+    "decimals": lambda at, t, data: f"{t} [{', '.join(map(str, data))}]",
+    "decimals, no times": lambda at, t, data: ", ".join(map(str, data)),
+    "JSON": lambda at, t, data: f'{{"t":{1_700_000_000_000 + at},"data":{[*data]}}}',
+    "Python repr": lambda at, t, data: f"{t} {'TX' if data[0] == 0xAA else 'RX'} {data!r}",
+    "unpadded": lambda at, t, data: f"{at}: {' '.join(f'{byte:X}' for byte in data)}",
+    "characters": lambda at, t, data: (
+        f"{t} " + "".join(chr(b) if 32 < b < 127 else f"[{b:02X}]" for b in data)
+    ),
+    "base64": lambda at, t, data: f'{{"n":{at},"data":"{b64encode(data).decode()}"}}',
+    "names and foreign lines": lambda at, t, data: (
+        f"{t} [{NAMES[at * 7 % 3000]}] RX: {data.hex(' ')}\n"
+        f"{t} [{NAMES[at * 11 % 3000]}] {NAMES[at % 3000]} took {at * 13 % 977} us"
+    ),
+}
+"""Lines of a frame by its number, time and bytes; only the first two have a shape in common."""
+
+
+def print_ratios(folder: Path, lines: int, rounds: int, checkout: Path) -> None:
+    """Print the processor time of logs with such lines, and its ratio to that of raw bytes."""
+    data = (write_inputs(folder / "shapes", lines) / "rows.bin").read_bytes()
+    frames = [data[at : at + FRAME_LENGTH] for at in range(0, len(data), FRAME_LENGTH)]
+    start = np.datetime64("2026-01-31T12:00:00.000000")
+    steps = (np.arange(lines) * FRAME_LENGTH * BYTE_US).astype("timedelta64[us]")
+    times = [str(time).replace("T", " ") for time in start + steps]
+    raw = (sys.executable, "-m", "fte_sniff", "decode", *WORK["raw"])
+    log = tuple("rows.log" if word == "rows.bin" else word for word in raw)
+    for name, form in SHAPES.items():
+        rows = zip(range(lines), times, frames, strict=True)
+        text = "".join(f"{form(*row)}\n" for row in rows)
+        (folder / "shapes" / "rows.log").write_text(text)
+        used = [
+            [cost((*one, "--force"), folder / "shapes", checkout) for one in (raw, log)]
+            for _ in range(rounds)
+        ]
+        least = [min(own) for own in zip(*used, strict=True)]
+        print(f"{name:24} {least[1]:6.2f} s  {least[1] / least[0]:5.1f} times raw")
 
 
 def speed(work: str, whole: Path, part: Path, lines: int, checkout: Path) -> float:
@@ -107,10 +158,14 @@ def main() -> None:
     parser.add_argument("--lines", type=int, default=2_000_000)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--against", type=Path)
+    parser.add_argument("--shapes", type=int, metavar="LINES")
     chosen = parser.parse_args()
     here = Path(__file__).parent.parent
     with TemporaryDirectory() as name:
         folder = Path(name)
+        if chosen.shapes:
+            print_ratios(folder, chosen.shapes, chosen.rounds, chosen.against or here)
+            return
         # First: a new process begins with the peak memory of the one that starts it.
         print(f"a line of 250 MB: {memory_mb(folder):.0f} MB")
         whole = write_inputs(folder / "whole", chosen.lines)

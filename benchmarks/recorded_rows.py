@@ -22,7 +22,7 @@ def rows_of(first: int, count: int) -> list[Row]:
     """`count` frames of each wire from number `first` on, in order of time."""
     rows: list[Row] = []
     for number in range(first, first + count):
-        rows += [_row(port, number) for port in PORTS]
+        rows += [recorded_row(port, number) for port in PORTS]
     return rows
 
 
@@ -31,7 +31,8 @@ def rows_a_second() -> int:
     return _SECOND_NS // _FRAME_NS
 
 
-def _row(port: str, number: int) -> Row:
+def recorded_row(port: str, number: int) -> Row:
+    """The frame of a wire with this number."""
     kind = KIND_BY_NAME[_KINDS[port][number // 4 % 3]]
     given = {"motor": number % 4 + 1, "error": 0, "online": 15}
     values = {field.name: given.get(field.name, number % 3000 - 1500) for field in kind.fields}

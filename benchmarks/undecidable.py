@@ -31,7 +31,7 @@ def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
     first, behind = max(0, number - NEIGHBOURS), number + NEIGHBOURS
     begin = sent[first].start - sent[first].before
     end = sent[behind].start - sent[behind].before if behind < len(sent) else len(stream)
-    probabilities: dict[int, float] = oracle.probabilities(stream[begin:end])
+    probabilities: dict[int, float] = oracle.ZERO.probabilities(stream[begin:end])
     return probabilities.get(row.offset - begin, 0.0)
 
 

@@ -21,12 +21,12 @@ from babel.messages.pofile import read_po, write_po
 from jinja2.ext import babel_extract
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
-from fte_sniff.capture.serial_port import LowLatency
+from fte_sniff.capture.serial_port import ControlLine, LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.recording.output_file import STOPPED
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
-from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.keys import SECTIONS, UNBOUND
 from fte_sniff.tui.status_bar import Mode
 from fte_sniff.tui.table.columns import Delta, TimeStyle
 from fte_sniff.tui.table.painter import Sign
@@ -47,14 +47,16 @@ def table_texts() -> Iterator[str]:
         yield heading
         for key in keys:
             yield from (key.description, key.tooltip)
+    yield from (command.tooltip for command in UNBOUND)
     for kind in KINDS:
         yield kind.meaning
-        yield from (field.meaning for field in kind.fields)
+        for field in kind.fields:
+            yield from (field.meaning, field.erratum)
     yield from FAULT_MEANINGS.values()
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode
-    yield from LowLatency
+    yield from (*LowLatency, *ControlLine, *Status)
     yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()

@@ -61,6 +61,15 @@ def _code(words: Iterable[str]) -> str:
     return ", ".join(f"`{word}`" for word in words)
 
 
+def in_chinese(part: Callable[..., str], *heads: object) -> str:
+    """A part with the texts of the Chinese screen."""
+    set_language("zh")
+    try:
+        return part(*heads)
+    finally:
+        set_language("en")
+
+
 # The frame table
 
 
@@ -87,11 +96,11 @@ def faults_table() -> str:
     )
 
 
-def kinds_table() -> str:
-    """The kinds of frames, byte by byte."""
+def kinds_table(kind: str = "kind", meaning: str = "meaning") -> str:
+    """The kinds of frames, byte by byte, with these headings."""
     return table(
-        ("kind", "meaning", *map(str, range(FTE_FORMAT.length))),
-        ((f"`{kind.name}`", kind.meaning, *_layout(kind)) for kind in KINDS),
+        (kind, meaning, *map(str, range(FTE_FORMAT.length))),
+        ((f"`{each.name}`", _(each.meaning), *_layout(each)) for each in KINDS),
     )
 
 
@@ -99,17 +108,23 @@ def _layout(kind: FrameKind) -> Iterator[str]:
     by_offset = {offset: field.option for field in kind.fields for offset in field.offsets}
     fixed = {0: f"{kind.header:02X}", FTE_FORMAT.length - 1: f"{FTE_FORMAT.tail:02X}"}
     fixed[1] = "/".join(f"{cmd:02X}" for cmd in kind.cmds)
-    fixed |= dict.fromkeys(kind.reserved, "00")
+    fixed |= dict.fromkeys(kind.reserved, _reserve(kind))
     for offset in range(FTE_FORMAT.length):
         yield fixed.get(offset) or by_offset.get(offset, NO_CELL)
 
 
-def fields_table() -> str:
-    """The fields of each kind."""
+def _reserve(kind: FrameKind) -> str:
+    return "reserve" if kind.reserve is None else f"{kind.reserve:02X}"
+
+
+def fields_table(
+    heads: Sequence[str] = ("kind", "bytes", "column", "meaning", "range"),
+) -> str:
+    """The fields of each kind, with these headings."""
     return table(
-        ("kind", "bytes", "column", "meaning", "range"),
+        heads,
         (
-            (f"`{kind.name}`", _bytes(field), f"`{field.name}`", field.meaning, _range(field))
+            (f"`{kind.name}`", _bytes(field), f"`{field.name}`", _(field.meaning), _range(field))
             for kind in KINDS
             for field in kind.fields
         ),
@@ -122,15 +137,15 @@ def _bytes(field: Field) -> str:
 
 
 def _range(field: Field) -> str:
-    if field.defined_bits is None:
+    if field.legal_bits is None:
         return field.range_text
-    return f"bits 0x{field.defined_bits:02X}"
+    return f"{field.text(0)}..{field.text(field.legal_bits)}"
 
 
-def headers_table() -> str:
-    """Header bytes by direction."""
+def headers_table(direction: str = "direction", header: str = "header") -> str:
+    """Header bytes by direction, with these headings."""
     named = ((f"`{way}`", f"{FTE_FORMAT.headers[way]:02X}") for way in Direction)
-    return table(("direction", "header"), named)
+    return table((direction, header), named)
 
 
 # The recording
@@ -219,20 +234,16 @@ def _paragraph(text: str) -> str:
 # The keys of the screen
 
 
-def keys(language: str, key: str, meaning: str) -> str:
+def keys(key: str = "key", meaning: str = "what it does") -> str:
     """The keys of the screen, by the sections of its help."""
-    set_language(language)
-    try:
-        return "\n".join(
-            f"**{_(heading)}**\n\n"
-            + table(
-                (key, meaning),
-                ((_code(key_names(one).split()), _(one.tooltip)) for one in bindings),
-            )
-            for heading, bindings in SECTIONS
+    return "\n".join(
+        f"**{_(heading)}**\n\n"
+        + table(
+            (key, meaning),
+            ((_code(key_names(one).split()), _(one.tooltip)) for one in bindings),
         )
-    finally:
-        set_language("en")
+        for heading, bindings in SECTIONS
+    )
 
 
 # The Python API
@@ -335,8 +346,11 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "topics": topics_table,
     "messages": messages_table,
     "commands": commands,
-    "keys": lambda: keys("en", "key", "what it does"),
-    "keys zh": lambda: keys("zh", "按键", "作用"),
+    "keys": keys,
+    "headers zh": lambda: in_chinese(headers_table, "方向", "帧头"),
+    "kinds zh": lambda: in_chinese(kinds_table, "帧类型", "含义"),
+    "fields zh": lambda: in_chinese(fields_table, ("帧类型", "字节", "列", "含义", "范围")),
+    "keys zh": lambda: in_chinese(keys, "按键", "作用"),
     "python api": python_api,
 }
 """Makers of the generated parts, by name."""

@@ -19,6 +19,7 @@ below it; capture, recording, formats and analysis do not import each other:
     row_batch  many rows as numpy columns
     protocol   what the bytes mean: frame definitions, framer (compiled); no I/O
     errors     the exceptions and their exit codes; messages that can be translated
+    platform   what this system has, and Windows lacks
 
 Three rules hold everywhere. Every received byte is in exactly one row, in order, and damage is
 labelled with its cause. A recording is a valid file at every moment. An error that a user can cause

@@ -3,11 +3,29 @@
 While the program is loading, Ctrl-C ends it at once and without a traceback; afterwards the
 command line handles it. No code of the working folder is imported, except what Python itself loads
 before this module for `python -m`.
+
+An error in the program ends with `EXIT_INTERNAL`, because Python's own exit code for it, 1, means
+that `check` or `doctor` says no.
 """
 
 # The built-in module behind `signal`, which would take time to import before Ctrl-C is handled.
 import _signal as signal  # type: ignore[import-not-found]
 import sys
+
+EXIT_INTERNAL = 70
+"""The exit code of an error in the program, and of too little memory; `EX_SOFTWARE` of sysexits.h.
+"""
+
+_SHORTAGES = (
+    # A library that cannot be loaded has no error number, only the text.
+    (("Too many open files",), 4, "too many open files; try `ulimit -n 4096`"),
+    (
+        ("MemoryError", "Cannot allocate memory", "failed to map segment", "start new thread"),
+        EXIT_INTERNAL,
+        "out of memory; end other programs, raise `ulimit -v`, or read fewer files at once",
+    ),
+)
+"""Texts of errors, exit code, and message, if the system has too little of something."""
 
 
 def main() -> None:
@@ -21,9 +39,16 @@ def main() -> None:
         from fte_sniff.cli import main as run
 
         run()
-    except (OSError, ImportError) as error:
-        _exit_if_too_many_files(error, "fte-sniff: too many open files; try `ulimit -n 4096`\n")
+    except (SystemExit, KeyboardInterrupt):
         raise
+    except BaseException as error:  # noqa: BLE001  # a panic of polars is not an Exception
+        _exit_if_short(error)
+        import traceback
+
+        traceback.print_exc()
+        what = " ".join(traceback.format_exception_only(error)[-1].split())
+        sys.stderr.write(f"fte-sniff: internal error ({what}); please report it with these lines\n")
+        sys.exit(EXIT_INTERNAL)
 
 
 def worker() -> None:
@@ -31,18 +56,20 @@ def worker() -> None:
     try:
         from fte_sniff.session.worker_process import run
 
-        run(int(sys.argv[1]))
-    except (OSError, ImportError) as error:
-        _exit_if_too_many_files(error)  # the starting process reports it
+        run(sys.argv[1])
+    except Exception as error:
+        _exit_if_short(error, quiet=True)  # the starting process reports it
         raise
 
 
-def _exit_if_too_many_files(error: BaseException | None, message: str = "") -> None:
+def _exit_if_short(error: BaseException | None, *, quiet: bool = False) -> None:
+    """Exit if the system has too little of something, with a line on standard error."""
     while error is not None:
-        # A library that cannot be loaded has no error number, only the text.
-        if "Too many open files" in str(error):
-            sys.stderr.write(message)
-            sys.exit(4)
+        text = f"{type(error).__mro__} {error}"
+        for texts, code, message in _SHORTAGES:
+            if any(one in text for one in texts):
+                sys.stderr.write("" if quiet else f"fte-sniff: {message}\n")
+                sys.exit(code)
         error = error.__cause__ or error.__context__
 
 
@@ -56,7 +83,7 @@ def _leave_working_folder() -> None:
         return
     if sys.path[0] == folder:
         del sys.path[0]
-        if __file__ == f"{folder}/fte_sniff/__main__.py":
+        if __file__ == os.path.join(folder, "fte_sniff", "__main__.py"):  # noqa: PTH118
             sys.path.append(folder)
 
 

@@ -19,9 +19,11 @@ import numpy.typing as npt
 
 from fte_sniff.protocol import (
     FRAME_LENGTH,
+    HEADERS,
     KINDS,
     VALUE_FIELDS,
     Damage,
+    Direction,
     Fault,
     Frame,
     PortEvent,
@@ -30,7 +32,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.tables import FAULT_SETS
 from fte_sniff.protocol.framer.timestamps import ArrivalTime
-from fte_sniff.protocol.spec import CMD_OFFSET, FTE_FORMAT, NUM_OFFSET
+from fte_sniff.protocol.spec import CMD_OFFSET, FTE_FORMAT, NAME_OF_ROLE, NUM_OFFSET, Role
 
 Array: TypeAlias = npt.NDArray[Any]
 Bools: TypeAlias = npt.NDArray[np.bool_]
@@ -42,6 +44,9 @@ NO_TIME: Final = -(2**63)
 
 NO_KIND: Final = len(KINDS)
 """The kind code of a row without a kind."""
+
+NO_DIRECTION: Final = len(Direction)
+"""The direction code of a row without a direction."""
 
 _Key = TypeVar("_Key")
 
@@ -282,6 +287,13 @@ class RowBatch(Sequence[Row]):
         return kinds
 
     @property
+    def directions(self) -> Codes:
+        """The index in `Direction` of each row's direction, `NO_DIRECTION` without one."""
+        codes: Codes = _DIRECTION_CODES[self.raw[:, 0]]
+        codes[~self.framed] = NO_DIRECTION
+        return codes
+
+    @property
     def cmds(self) -> Codes:
         """CMD of each frame."""
         return self.raw[:, CMD_OFFSET]
@@ -295,8 +307,9 @@ class RowBatch(Sequence[Row]):
         """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
         return _field_values(self.raw, self.kinds, name)
 
-    def values(self, name: str, rows: Ints) -> Ints:
-        """One field of the rows at these indices, which all must have it."""
+    def values(self, field: str | Role, rows: Ints) -> Ints:
+        """One field, by name or role, of the rows at these indices, which all must have it."""
+        name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
         values, _ = _field_values(self.raw[rows], self.kinds[rows], name)
         return values.astype(np.int64)
 
@@ -308,7 +321,7 @@ class RowBatch(Sequence[Row]):
         """Which rows are frames with a flag byte that is not in order, as `Field.raised`."""
         found: Bools = np.zeros(len(self), np.bool_)
         for flags in VALUE_FIELDS:
-            if flags.defined_bits is not None:
+            if flags.legal_bits is not None:
                 values, known = self.field(flags.name)
                 found |= known & (values != flags.default)
         return found
@@ -377,6 +390,14 @@ def _field_layouts() -> dict[str, dict[FieldLayout, Bools]]:
     return layouts
 
 
+def _direction_codes() -> Codes:
+    codes = np.full(256, NO_DIRECTION, np.uint8)
+    for code, direction in enumerate(Direction):
+        codes[HEADERS[direction]] = code
+    return codes
+
+
+_DIRECTION_CODES: Final = _direction_codes()
 _KIND_CODES: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
 _FIELD_LAYOUTS: Final = _field_layouts()
 
@@ -392,7 +413,10 @@ def _field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
 
 
 def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
-    """One field in the first bytes of every row; it is big-endian (PROTOCOL.md, "Framing")."""
+    """One field in the first bytes of every row; it is big-endian.
+
+    See docs/reference/protocol.md, "Frames".
+    """
     wire = np.dtype(f">{'i' if signed else 'u'}{size}")
     if not len(raw):
         return np.empty(0, wire.newbyteorder("="))

@@ -3,11 +3,12 @@
 import os
 import select
 import termios
-import time
 import tty
 from dataclasses import dataclass, field
 
 import pytest
+
+from tests.waiting import wait_until
 
 
 @dataclass
@@ -76,11 +77,4 @@ def pty(new_pty):
 @pytest.fixture
 def until():
     """Wait until something holds, but not for ever."""
-
-    def wait(holds, limit_s=60.0):
-        deadline = time.monotonic() + limit_s
-        while not holds():
-            assert time.monotonic() < deadline, "waited in vain"
-            time.sleep(0.002)
-
-    return wait
+    return wait_until

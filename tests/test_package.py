@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 import fte_sniff
-from docs.links import PAGES, TOP, broken, unreached
+from docs.links import PAGES, TOP, anchors, broken, tokens, unreached
 from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status
+from tests.protocol.document import EXAMPLES
 
 
 def test_public_names_are_pinned() -> None:
@@ -77,6 +78,17 @@ def test_wiring_is_explained(page: str, words: str) -> None:
     assert words in (TOP / page).read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("page", ["docs/reference/protocol.md", "docs/zh/protocol.md"])
+def test_the_protocol_page_has_every_example_of_the_document(page: str) -> None:
+    cells = [
+        one.children[0].content
+        for one in tokens((TOP / page).read_text(encoding="utf-8"))
+        if one.children and one.children[0].type == "code_inline"
+    ]
+    frames = [text for text in cells if re.fullmatch(r"[0-9A-F]{2}( [0-9A-F]{2}){9}", text)]
+    assert frames == [example.text for example in EXAMPLES]
+
+
 @pytest.mark.parametrize("page", READMES)
 def test_readme_is_short(page: str) -> None:
     assert len((TOP / page).read_text(encoding="utf-8").splitlines()) <= 180
@@ -85,6 +97,27 @@ def test_readme_is_short(page: str) -> None:
 def test_every_link_leads_to_a_file_and_a_heading() -> None:
     assert [fault for path in PAGES for fault in broken(path)] == []
     assert list(unreached()) == []
+
+
+def test_code_cites_headings_that_exist() -> None:
+    cited = re.compile(r'(docs/[\w/.-]+\.md),\s+"([^"]+)"')
+    texts = [
+        (path, path.read_text(encoding="utf-8"))
+        for folder in ("fte_sniff", "tests", "docs", "samples", "benchmarks")
+        for path in (TOP / folder).rglob("*.py")
+    ]
+    found = [(path, *cite) for path, text in texts for cite in cited.findall(text)]
+    assert found
+    wrong = [
+        (path.name, page, heading)
+        for path, page, heading in found
+        if _anchor(heading) not in anchors((TOP / page).read_text(encoding="utf-8"))
+    ]
+    assert wrong == []
+
+
+def _anchor(heading: str) -> str:
+    return "-".join(heading.lower().split())
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:

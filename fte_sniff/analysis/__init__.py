@@ -22,5 +22,6 @@ Modules:
     time_text     Times and durations that a user types.
     timeline      Commands, feedback, flags and faults over time, for reports.
     traces        Targets and feedback of the motors over time, for plots.
+    usual_range   Usual range of a quantity, without outliers.
     verdicts      Verdicts of rules about rows: pass, fail, or not covered.
 """

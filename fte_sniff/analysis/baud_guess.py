@@ -29,6 +29,7 @@ from fte_sniff.protocol import (
     Status,
     encode,
 )
+from fte_sniff.protocol.spec import Role
 
 _DATA_BITS: Final = 8
 _STOP: Final = _DATA_BITS + 1
@@ -299,9 +300,9 @@ def _frame(random: Random, kind: FrameKind) -> bytes:
 
 
 def _value(random: Random, field: Field) -> int:
-    if field.name in ("error", "online"):
-        return 0x0F if field.name == "online" else 0
-    if field.name == "motor":
+    if field.default is not None:
+        return field.default
+    if field.role is Role.MOTOR:
         return random.randint(field.low, field.high)
     if random.random() < 0.3:
         return 0

@@ -2,6 +2,7 @@
 
 The histogram of durations has logarithmic bins, 1024 in an octave:
 
+octave -1    0 ns                        its last bin
 octave 0     1 ns                        one bin for each ns: exact, up to 1,024 ns
 octave 10    1,024 ns ... 2,047 ns       the last octave that is exact
 octave 22    4.2 ms ... 8.4 ms           bins of 4,096 ns
@@ -25,7 +26,7 @@ _Floats: TypeAlias = npt.NDArray[np.float64]
 
 
 class Durations:
-    """Histogram of durations, 0 ns or longer; 0 counts as 1 ns."""
+    """Histogram of durations, 0 ns or longer."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -107,14 +108,21 @@ class Durations:
 def _bins_of(durations_ns: Ints) -> Ints:
     fractions, exponents = np.frexp(np.maximum(durations_ns, 1).astype(np.float64))
     within = ((2 * fractions - 1) * PER_OCTAVE).astype(np.int64)
-    return (exponents.astype(np.int64) - 1) * PER_OCTAVE + within
+    bins: Ints = (exponents.astype(np.int64) - 1) * PER_OCTAVE + within
+    bins[durations_ns == 0] = _NO_TIME_BIN
+    return bins
+
+
+_NO_TIME_BIN: Final = -1
+"""The bin of 0 ns."""
 
 
 def _middles(bins: Ints) -> _Floats:
     octaves, within = np.divmod(bins, PER_OCTAVE)
     low = np.ldexp(1 + within / PER_OCTAVE, octaves)
     width = np.ldexp(1.0, octaves) / PER_OCTAVE
-    return np.asarray(np.where(width > 1, low + (width - 1) / 2, np.ceil(low)), np.float64)
+    middles = np.where(width > 1, low + (width - 1) / 2, np.ceil(low))
+    return np.where(bins == _NO_TIME_BIN, 0.0, middles)
 
 
 SLOTS: Final = 512

@@ -10,7 +10,7 @@ cmd and the values       as wide as on the wire; null where the row has no such 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
@@ -18,52 +18,39 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
     COLUMNS,
     FRAME_LENGTH,
-    HEADERS,
     KINDS,
     VALUE_FIELDS,
+    Column,
     ColumnType,
-    Direction,
     Field,
     FrameKind,
     Row,
-    status_of,
 )
-from fte_sniff.protocol.row_schema import VALUE_FORMS, short_feedback, value_heads
-from fte_sniff.row_batch import Array, Bools, Codes, RowBatch
-
-_NO_DIRECTION: Final = len(Direction)
+from fte_sniff.protocol.columns import VALUE_FORMS, short_feedback, value_heads
+from fte_sniff.row_batch import Array, Bools, RowBatch
 
 
-def value_type(field: Field) -> pl.DataType:
-    """The polars type of a field's values, such as Int16."""
-    found: pl.DataType = getattr(pl, f"{'' if field.signed else 'U'}Int{8 * field.size}")()
-    return found
+def column_dtype(column: Column) -> pl.DataType:
+    """The polars type of a column's values, as narrow as the values allow."""
+    words = pl.Enum([str(word) for word in column.words])
+    match column.type:
+        case ColumnType.TIME:
+            return pl.Datetime("ns", "UTC")
+        case ColumnType.INT:
+            found: pl.DataType = getattr(pl, f"{'' if column.signed else 'U'}Int{column.bits}")()
+            return found
+        case ColumnType.WORD:
+            return words
+        case ColumnType.WORDS:
+            return pl.List(words)
+        case ColumnType.TEXT | ColumnType.HEX:
+            return pl.String()
 
-
-def _words_type(words: Sequence[str]) -> pl.Enum:
-    return pl.Enum([str(word) for word in words])
-
-
-_TYPE_OF_NAME: Final[Mapping[str, pl.DataType]] = {
-    "offset": pl.Int64(),
-    "length": pl.UInt32(),
-    "cmd": pl.UInt8(),
-    **{field.name: value_type(field) for field in VALUE_FIELDS},
-}
-_TYPE: Final[Mapping[ColumnType, Callable[[Sequence[str]], pl.DataType]]] = {
-    ColumnType.TIME: lambda _: pl.Datetime("ns", "UTC"),
-    ColumnType.TEXT: lambda _: pl.String(),
-    ColumnType.WORD: _words_type,
-    ColumnType.WORDS: lambda words: pl.List(_words_type(words)),
-    ColumnType.HEX: lambda _: pl.String(),
-}
 
 TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
-    column.name: _TYPE_OF_NAME.get(column.name) or _TYPE[column.type](column.words)
-    for column in COLUMNS
+    column.name: column_dtype(column) for column in COLUMNS
 }
 """The polars type of every column of the row contract, in its order."""
 
@@ -71,59 +58,27 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 def table_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
     """The rows, of any ports, as a frame of `TABLE_SCHEMA`, or of only its columns `names`."""
     batch = rows if isinstance(rows, RowBatch) else RowBatch.from_rows(rows)
-    wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
-    return pl.DataFrame([_series(batch, name) for name in wanted])
+    wanted = (column for column in COLUMNS if names is None or column.name in names)
+    return pl.DataFrame([_series(batch, column).alias(column.name) for column in wanted])
 
 
-def _direction_codes() -> Codes:
-    codes = np.full(256, _NO_DIRECTION, np.uint8)
-    for code, direction in enumerate(Direction):
-        codes[HEADERS[direction]] = code
-    return codes
-
-
-_DIRECTION_CODES: Final = _direction_codes()
 _FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
 _HEX_PAIRS: Final = np.frombuffer(
     b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
 )
 
 
-def _series(rows: RowBatch, name: str) -> pl.Series:
-    if name in _FIELD_NAMES:
-        return _with_nulls(name, *rows.field(name))
-    return _MAKERS[name](rows).rename(name)
-
-
-def _time(rows: RowBatch) -> pl.Series:
-    return _with_nulls("time", rows.t_ns, rows.timed).cast(TABLE_SCHEMA["time"])
-
-
-def _port(rows: RowBatch) -> pl.Series:
-    # A device path may hold bytes that are no text; polars takes valid Unicode alone.
-    ports = [port.encode(errors="replace").decode() for port in rows.codebook.ports]
-    return _looked_up(ports, rows.port, pl.String())
-
-
-def _direction(rows: RowBatch) -> pl.Series:
-    codes = _DIRECTION_CODES[rows.raw[:, 0]]
-    codes[~rows.framed] = _NO_DIRECTION
-    return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
-
-
-def _kind(rows: RowBatch) -> pl.Series:
-    words = [*(kind.name for kind in KINDS), None]
-    return _looked_up(words, rows.kinds, TABLE_SCHEMA["kind"])
-
-
-def _status(rows: RowBatch) -> pl.Series:
-    words = [status_of(faults).value for faults in rows.codebook.faults]
-    return _looked_up(words, rows.faults, TABLE_SCHEMA["status"])
-
-
-def _faults(rows: RowBatch) -> pl.Series:
-    words = [tuple(fault.value for fault in faults) for faults in rows.codebook.faults]
-    return _looked_up(words, rows.faults, TABLE_SCHEMA["faults"])
+def _series(rows: RowBatch, column: Column) -> pl.Series:
+    if column.of_rows is None:
+        return _raw(rows)
+    values, known, words = column.of_rows(rows)
+    dtype = TABLE_SCHEMA[column.name]
+    if words is None:
+        return _with_nulls(values, known).cast(dtype)
+    if column.type is ColumnType.TEXT:
+        # A device path may hold bytes that are not text; polars takes only valid Unicode.
+        words = [str(word).encode(errors="replace").decode() for word in words]
+    return _looked_up(words, values, dtype)
 
 
 def _raw(rows: RowBatch) -> pl.Series:
@@ -146,24 +101,11 @@ def _hex(rows: RowBatch, at: int) -> str:
     return raw.hex().upper()
 
 
-_MAKERS: Final[Mapping[str, Callable[[RowBatch], pl.Series]]] = {
-    "time": _time,
-    "port": _port,
-    "offset": lambda rows: pl.Series(rows.offset),
-    "length": lambda rows: pl.Series(rows.length),
-    "direction": _direction,
-    "kind": _kind,
-    "cmd": lambda rows: _with_nulls("cmd", rows.cmds.copy(), rows.framed),
-    "status": _status,
-    "faults": _faults,
-    "raw": _raw,
-}
-
-
-def _with_nulls(name: str, numbers: Array, known: Bools) -> pl.Series:
+def _with_nulls(numbers: Array, known: Bools | None) -> pl.Series:
     """The numbers as a series, null where they are not known."""
-    values = pl.Series(name, numbers)
-    if known.all():
+    # The numbers may be a view of other bytes of the rows, which polars would copy bit by bit.
+    values = pl.Series(np.ascontiguousarray(numbers))
+    if known is None or known.all():
         return values
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
 
@@ -227,7 +169,7 @@ def _kind_text(kind: FrameKind, form: int) -> pl.Expr:
 
 def _value(field: Field, head: str) -> pl.Expr:
     value = pl.col(field.name)
-    if field.defined_bits is None:
+    if field.legal_bits is None:
         return pl.format(f" {head.lower()}{{}}", value)
     digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
     text = pl.format(f" {head.lower()}{{}}", digits)

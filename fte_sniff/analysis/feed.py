@@ -51,6 +51,10 @@ class GapDetector:
         self._interruption: Gap | None = None
         self._last_ns: int | None = None
         self._not_shown = 0
+        self.lost: set[str] = set()
+        """Ports that are lost and were not found again."""
+        self.found: set[str] = set()
+        """Ports that were found again without having been lost: they were lost before."""
 
     def begin(self, bauds: Mapping[str, int], gaps: Iterable[Gap] = ()) -> list[StreamChange]:
         """Begin an input, which reports `gaps`; returns the changes before its first row.
@@ -71,7 +75,8 @@ class GapDetector:
 
     def interrupt(self, kind: GapKind, reason: str = "") -> StreamChange:
         """Report that rows are missing before the next ones."""
-        self._interruption = Gap(kind, reason=reason)
+        port_lost = False if kind is GapKind.OTHER_RECORDING else None
+        self._interruption = Gap(kind, reason=reason, port_lost=port_lost)
         return StreamChange(0, self._interruption)
 
     def observe(self, times: tuple[int, int] | None) -> Gap | None:
@@ -117,7 +122,13 @@ class GapDetector:
 
     def _effect(self, event: PortEvent) -> Gap | BaudChange | None:
         if event.kind in GAP_EVENTS:
-            return Gap(GapKind.PORT, None, event.t_ns, event.t_ns, event.detail, event.port)
+            t_ns, port = event.t_ns, event.port
+            if event.kind is PortEventKind.LOST:
+                self.lost.add(port)
+            elif event.kind is PortEventKind.FOUND_AGAIN:
+                self.found |= {port} - self.lost
+                self.lost.discard(port)
+            return Gap(GapKind.PORT, None, t_ns, t_ns, event.detail, port, bool(self.lost))
         if event.kind is PortEventKind.BAUD_CHANGED and event.count and event.port in self._bauds:
             return BaudChange(event.port, event.count)
         return None

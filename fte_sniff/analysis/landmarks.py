@@ -60,6 +60,9 @@ class Landmarks:
         """By index; events of the same index in their order."""
         self.gaps: list[int] = []
         """Indices of the rows before which rows are missing, rising."""
+        self.lost: set[int] = set()
+        """Those of them from which on a port is lost; 0 if one was lost before the first row."""
+        self._port_lost = False
 
     def __len__(self) -> int:
         return len(self._all)
@@ -70,8 +73,12 @@ class Landmarks:
             if event.kind in SHOWN_EVENTS:
                 self._insert(Landmark(self._index_at(event.t_ns), event))
         for change in changes:
-            # Before the first row nothing is missing.
-            if isinstance(change.what, Gap) and change.index > 0:
+            if not isinstance(change.what, Gap):
+                continue
+            if change.what.port_lost is not None:
+                self._port_lost = change.what.port_lost
+            (self.lost.add if self._port_lost else self.lost.discard)(change.index)
+            if change.index > 0:  # before the first row nothing is missing
                 self.gaps.append(change.index)
                 if change.what.kind is not GapKind.PORT:
                     self._insert(Landmark(change.index, change.what))
@@ -95,7 +102,9 @@ class Landmarks:
         first = self._store.first
         old = bisect_left(self._all, first, key=_index)
         del self._all[: max(old, len(self._all) - MOST_LANDMARKS)]
-        del self.gaps[: max(bisect_left(self.gaps, first), len(self.gaps) - MOST_LANDMARKS)]
+        old = max(bisect_left(self.gaps, first), len(self.gaps) - MOST_LANDMARKS)
+        self.lost.difference_update(self.gaps[: max(0, old - 1)])
+        del self.gaps[:old]
 
     def between(self, start: int, end: int) -> Sequence[Landmark]:
         """Those before the rows with indices from `start` up to `end`."""

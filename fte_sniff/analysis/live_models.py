@@ -83,7 +83,7 @@ class LiveModels:
                 break
             self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
-                self.motors.interrupt()
+                self.motors.interrupt(change.what.port_lost)
             self._applied += 1
 
     def _skip_missed(self) -> None:
@@ -116,7 +116,7 @@ class LiveModels:
         for change in self._changes[first:last]:
             if isinstance(change.what, Gap):
                 self._replay(motors, start, change.index)
-                motors.interrupt()
+                motors.interrupt(change.what.port_lost)
                 start = change.index
         self._replay(motors, start, end)
         return motors

@@ -19,7 +19,8 @@ from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
 from fte_sniff.analysis.rules import Rule
 from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import MOTORS, VALUE_FIELDS
+from fte_sniff.protocol import COLUMN_BY_NAME, MOTORS
+from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.row_batch import NO_TIME, Array, Bools, Ints, RowBatch
 
 MOST_KEPT: Final = 1000
@@ -127,8 +128,8 @@ class Measure(ABC):
     def value(self, total: RowCount) -> float | None:
         """The measure, in its unit; None if it has no value. `total` counts all rows."""
 
-    def interrupt(self) -> None:  # noqa: B027
-        """Rows are missing here."""
+    def interrupt(self, port_lost: bool | None = None) -> None:  # noqa: B027
+        """Rows are missing here; see `Gap.port_lost`."""
 
     @property
     def row(self) -> RowPosition | None:
@@ -247,16 +248,11 @@ class _FieldValues(Measure):
 
 def _numbers(rows: RowBatch, name: str) -> tuple[Ints, Bools]:
     """A column of numbers, and a mask of the rows that have it."""
-    if name in _VALUES:
-        values, known = rows.field(name)
-    elif name == "cmd":
-        values, known = rows.cmds, rows.framed
-    else:
-        values, known = getattr(rows, name), np.ones(len(rows), np.bool_)
-    return values.astype(np.int64), known
-
-
-_VALUES: Final = frozenset(field.name for field in VALUE_FIELDS)
+    of_rows = COLUMN_BY_NAME[name].of_rows
+    if of_rows is None:
+        raise ValueError(f"{name} is not a column of numbers")
+    values, known, _ = of_rows(rows)
+    return values.astype(np.int64), np.ones(len(rows), np.bool_) if known is None else known
 
 
 @dataclass(slots=True)
@@ -340,7 +336,7 @@ class _MaxGap(Measure):
         for start, end in run.edges():
             self._measure(start, end)
 
-    def interrupt(self) -> None:
+    def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here: the time until the next one is not counted."""
         self._continues = False
         self._opens = self._opens and bool(self._runs)
@@ -431,11 +427,11 @@ class _CommandAnswers(Measure):
         """Which of the commands count towards the first violation."""
         return ~answered
 
-    def interrupt(self) -> None:
+    def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here: whether the last command was answered remains unknown."""
         self._open.clear()
         for pairing in self._pairings.values():
-            pairing.interrupt()
+            pairing.interrupt(port_lost)
 
     def merge(self, later: Self) -> None:
         super().merge(later)
@@ -499,7 +495,8 @@ class _OnlineShare(Measure):
         found = motor_rows(rows)
         self._own += len(found.feedback[self._motor])
         feedback = found.any_feedback
-        bits = (rows.values("online", feedback) >> (self._motor - MOTORS[0]) & 1).astype(np.bool_)
+        online = rows.values(Role.ONLINE, feedback)
+        bits = (online >> motor_bit(self._motor) & 1).astype(np.bool_)
         self._frames += len(feedback)
         self._frames_on += int(np.count_nonzero(bits))
         self._first.update(rows, feedback[~bits])
@@ -525,7 +522,7 @@ class _OnlineShare(Measure):
         if self._first_bit is None and not self._interrupted:
             self._first_bit = first
 
-    def interrupt(self) -> None:
+    def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here: what the motor was until the next one is unknown."""
         self._last_bit, self._interrupted = None, True
 

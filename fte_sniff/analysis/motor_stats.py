@@ -13,6 +13,7 @@ from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, MOTORS
+from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.row_batch import NO_TIME, Ints, RowBatch
 
 
@@ -51,7 +52,7 @@ class FlagCounts:
         for number, motor in self._motors.items():
             motor.include(later._motors[number])
             if later._first_online is not None:
-                motor.times_lost += lost >> (number - MOTORS[0]) & 1
+                motor.times_lost += lost >> motor_bit(number) & 1
         if self._first_online is None:
             self._first_online = later._first_online
         if later._online is not None:
@@ -60,10 +61,10 @@ class FlagCounts:
     def observe(self, rows: RowBatch, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
         for number, own in found.feedback.items():
-            self._count_errors(self._motors[number], rows.values("error", own), rows.t_ns[own])
+            self._count_errors(self._motors[number], rows.values(Role.ERRORS, own), rows.t_ns[own])
         feedback = found.any_feedback
         if len(feedback):
-            self._count_online(rows.values("online", feedback), rows.t_ns[feedback])
+            self._count_online(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
 
     def _count_errors(self, motor: FlagStats, errors: Ints, t_ns: Ints) -> None:
         ever = int(np.bitwise_or.reduce(errors)) if len(errors) else 0
@@ -79,7 +80,7 @@ class FlagCounts:
         lost = np.concatenate(([before], online[:-1])) & ~online
         always = int(np.bitwise_and.reduce(online))
         for number, motor in self._motors.items():
-            bit = number - MOTORS[0]
+            bit = motor_bit(number)
             if not always >> bit & 1:
                 _count(motor.offline, t_ns[(online >> bit & 1) == 0])
                 motor.times_lost += int((lost >> bit & 1).sum())
@@ -192,10 +193,13 @@ class Answers:
             motor.delays.update(*motor.pairing.merge(other.pairing).measured)
             motor.delays.merge(other.delays)
 
-    def interrupt(self) -> None:
-        """Rows are missing here: a command before the gap has no answer after it."""
+    def interrupt(self, port_lost: bool | None = None) -> None:
+        """Rows are missing here: a command before the gap has no answer after it.
+
+        See `Gap.port_lost`.
+        """
         for motor in self._motors:
-            motor.pairing.interrupt()
+            motor.pairing.interrupt(port_lost)
 
     def stats(self) -> list[AnswerStats]:
         """By motor."""

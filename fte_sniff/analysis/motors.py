@@ -16,7 +16,7 @@ import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
-from fte_sniff.protocol.spec import NUM_OFFSET
+from fte_sniff.protocol.spec import NUM_OFFSET, Role
 from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
 
 
@@ -150,7 +150,8 @@ _NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NON
 class Pairing(_Copyable):
     """Matches the commands to one motor with its feedback.
 
-    The answer of a command is the first feedback with the same CMD before the next command.
+    The answer of a command is the first feedback with the same CMD before the next command. While
+    a port is lost, a command may be answered, but it is never unanswered.
     """
 
     def __init__(self) -> None:
@@ -164,11 +165,18 @@ class Pairing(_Copyable):
         """By CMD, the time of the first feedback before `_begins_with`."""
         self._begins_with: str | None = None
         """Whether the first command or gap is a `command` or a `gap`; None before it."""
+        self._port_lost: bool | None = None
+        """Whether a port is lost, so that no command is unanswered; None before it is known."""
 
-    def interrupt(self) -> None:
-        """Frames are missing here: whether the last command was answered remains unknown."""
+    def interrupt(self, port_lost: bool | None = None) -> None:
+        """Frames are missing here: whether the last command was answered remains unknown.
+
+        From here on a port is lost or not, as `Gap.port_lost` says.
+        """
         self._waiting = None
         self._begins_with = self._begins_with or _GAP
+        if port_lost is not None:
+            self._port_lost = port_lost
 
     def merge(self, later: Pairing) -> DecidedCommands:
         """Add the frames that follow; returns what became of the command that was open here."""
@@ -184,6 +192,8 @@ class Pairing(_Copyable):
             self._begins_with = later._begins_with
         if later._begins_with is not None:
             self._waiting = later._waiting
+        if later._port_lost is not None:
+            self._port_lost = later._port_lost
         self.delays.merge(later.delays)
         self.answered += later.answered
         self.unanswered += later.unanswered
@@ -225,7 +235,7 @@ class Pairing(_Copyable):
         return self.decide(commands, feedback).measured
 
     def decide(self, commands: MotorFrames, feedback: MotorFrames) -> DecidedCommands:
-        """The same, but returns what became of each command."""
+        """Match the next commands and feedback; returns what became of each command."""
         if self._begins_with is None:
             self._observe_early(commands, feedback)
         if self._waiting is not None:
@@ -241,7 +251,7 @@ class Pairing(_Copyable):
         answerable = np.isin(commands.cmds, ANSWERABLE)
         waits = bool(answerable[-1] and not answered[-1])
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
-        unanswered = answerable & ~answered
+        unanswered = answerable & ~answered & (not self._port_lost)
         unanswered[-1] = False
         self.answered += int(answered.sum())
         self.unanswered += int(unanswered.sum())
@@ -270,7 +280,7 @@ def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bo
     return answers, answered
 
 
-FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.defined_bits is not None)
+FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.legal_bits is not None)
 
 BITS: Final = range(8)
 
@@ -349,7 +359,8 @@ class MotorState:
     online: bool | None
     """This motor's bit in the ONLINE byte of the latest feedback of any motor.
 
-    That bit 0 is motor 1 is an assumption (PROTOCOL.md, "What the document leaves open").
+    That bit 0 is motor 1 is an assumption (docs/reference/protocol.md, "What the
+    document leaves open").
     """
     online_changed_ns: int | None
     commands: int
@@ -440,8 +451,8 @@ class _Motor(_Copyable):
             if own.any():
                 answers.update(decided.answered[own], decided.delays_ns[own])
 
-    def interrupt(self) -> None:
-        self.pairing.interrupt()
+    def interrupt(self, port_lost: bool | None) -> None:
+        self.pairing.interrupt(port_lost)
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
     def _set_target(self, rows: RowBatch, commands: Ints) -> None:
@@ -495,12 +506,12 @@ class Motors(_Copyable):
         for motor in self._motors:
             motor.update(rows, found.commands[motor.number], found.feedback[motor.number])
         feedback = found.any_feedback
-        self._online.update(rows.values("online", feedback), rows.t_ns[feedback])
+        self._online.update(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
 
-    def interrupt(self) -> None:
-        """Rows are missing here: no answer and no rate spans the gap."""
+    def interrupt(self, port_lost: bool | None = None) -> None:
+        """Rows are missing here: no answer and no rate spans the gap; see `Gap.port_lost`."""
         for motor in self._motors:
-            motor.interrupt()
+            motor.interrupt(port_lost)
 
     def states(self, now_ns: int | None) -> list[MotorState]:
         """The state of every motor, with rates at `now_ns`, which is not before the last row."""

@@ -7,7 +7,7 @@ the first feedback of the motor with the same CMD before the motor's next comman
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -119,7 +119,7 @@ class AnswerState(Enum):
     WAITING = "waiting"
     """It is the last command to the motor, and no answer came yet."""
     UNKNOWN = "unknown"
-    """Rows are missing after it, or the next `MOST_SEARCHED` rows do not decide it."""
+    """Rows are missing after it, a port is lost, or `MOST_SEARCHED` rows do not decide it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +165,19 @@ _FrameBefore: TypeAlias = tuple[int, bytes] | None
 class RowRelations:
     """Finds the related rows of a store's rows, by index."""
 
-    def __init__(self, store: RowStore, gaps: Sequence[int] = ()) -> None:
-        """`gaps` are the indices of the rows before which rows are missing, rising."""
+    def __init__(
+        self, store: RowStore, gaps: Sequence[int] = (), lost: Container[int] = ()
+    ) -> None:
+        """Relations of the rows of a store.
+
+        Args:
+            store: the rows.
+            gaps: the indices of the rows before which rows are missing, rising.
+            lost: those of them from which on a port is lost, until the next gap; 0 from the first
+                row on.
+        """
         self._store = store
-        self._gaps = gaps
+        self._gaps, self._lost = gaps, lost
         self._far: dict[int, _FrameBefore] = {}
         """Frames before that were far away, by index of the row."""
         self._asked = -1
@@ -282,13 +291,15 @@ class RowRelations:
             found = np.flatnonzero(commands | feedback)
             if len(found):
                 at = int(found[0])
-                answer = CommandAnswer(motor, AnswerState.UNANSWERED, index)
+                state = AnswerState.UNKNOWN if self._is_lost(index) else AnswerState.UNANSWERED
+                answer = CommandAnswer(motor, state, index)
                 if not commands[at]:
                     answer = self._paired(motor, index, row, start + at, rows[at : at + 1])
                 self._decided[motor] = answer
                 return answer
         self._searched[motor] = max(end, index + 1)
-        state = AnswerState.WAITING if end == self._store.next else AnswerState.UNKNOWN
+        waits = end == self._store.next and not self._is_lost(index)
+        state = AnswerState.WAITING if waits else AnswerState.UNKNOWN
         return CommandAnswer(motor, state, index)
 
     def _paired(
@@ -302,6 +313,11 @@ class RowRelations:
     def _batch(self, index: int) -> RowBatch | None:
         """The row as a batch; None if it is not in the store."""
         return next(self._store.batches(index, index + 1), None) if index >= 0 else None
+
+    def _is_lost(self, index: int) -> bool:
+        """Whether a port is lost at that row."""
+        at = bisect_right(self._gaps, index)
+        return (self._gaps[at - 1] if at else 0) in self._lost
 
     def _end_after(self, index: int) -> int:
         """The end of the rows that may answer the one at an index."""

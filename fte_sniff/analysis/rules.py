@@ -23,7 +23,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
 from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
-from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, VALUE_FIELDS, ColumnType
+from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, ColumnType
 
 
 class Argument(Enum):
@@ -108,8 +108,6 @@ _UNIT_AT_END: Final = re.compile(
 _TIME_UNITS: Final = {"s": SECOND_NS, "ms": SECOND_NS // 1000}
 """The units of measures that are times, in nanoseconds."""
 
-_UNITS: Final = {field.name: field.unit for field in VALUE_FIELDS}
-
 
 @dataclass(frozen=True, slots=True)
 class Rule:
@@ -146,7 +144,8 @@ class Rule:
     @property
     def unit(self) -> str:
         """Unit of the measured value and the number; empty without one."""
-        return _UNITS.get(self.argument) or MEASURES[self.measure].unit
+        column = COLUMN_BY_NAME.get(self.argument)
+        return (column and column.unit) or MEASURES[self.measure].unit
 
     def _unit_error(self, expect: str, found: re.Match[str]) -> InputTextError:
         at, unit = found.start("unit"), found["unit"]
@@ -315,6 +314,8 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputTextError(f"{source}: is no valid TOML: {error}") from error
+    except RecursionError as error:
+        raise InputTextError(f"{source}: is nested too deeply for rules") from error
     for key in document:
         if key != "rule":
             near = nearest(key, ["rule"]) or "rules are [[rule]] tables"

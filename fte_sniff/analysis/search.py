@@ -68,7 +68,7 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
 
 
 def find_raised(store: RowStore, index: int, by: int) -> int | None:
-    """The same for a row with a raised flag byte."""
+    """Index of the next shown row with a raised flag byte after `index`, or before it (`by` -1)."""
     return _find(store, RowBatch.raised, attrgetter("raised"), index + by, by)
 
 
@@ -139,7 +139,8 @@ class Search:
             digits = line.removeprefix(HEX).strip()
             if not _NIBBLES.fullmatch(digits):
                 raise InputTextError(
-                    f"'{printable(digits)}' is not hex: two digits a byte, as in hex:AA 02 ??03"
+                    "'{digits}' is not hex: two digits a byte, as in hex:AA ?? 03",
+                    digits=printable(digits),
                 )
             return cls._build(typed, "", digits)
         return cls._build(typed, line, line if _BYTES.fullmatch(line) else "")

@@ -59,7 +59,10 @@ class LineSetup:
     """Turns of the motor's shaft per turn of its load, more than 0."""
 
     def turns(self, pulses: int) -> float | None:
-        """A position in turns (PROTOCOL.md, "Pulses and turns"); None without a resolution."""
+        """A position in turns of the output shaft; None without a resolution.
+
+        See docs/reference/protocol.md, "Pulses and turns".
+        """
         if self.resolution is None:
             return None
         return pulses / self.resolution / self.gear_ratio

@@ -48,7 +48,7 @@ class StatisticsSummary(RowModel):
         """Apply a change before the next rows."""
         self.statistics.observe_change(change)
         if isinstance(change, Gap):
-            self.answers.interrupt()
+            self.answers.interrupt(change.port_lost)
 
     def merge(self, later: Self) -> None:
         """Add the inputs that follow, as if they had been observed here."""

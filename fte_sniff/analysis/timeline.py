@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.motors import motor_rows
-from fte_sniff.protocol import KINDS, MOTORS, Fault, FrameKind, Row
+from fte_sniff.analysis.usual_range import limits, medians, points_of_median, usual_targets
+from fte_sniff.protocol import KINDS, MOTORS, Fault, FrameKind, Gap, Row
+from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.row_batch import Ints, RowBatch
 
 MOST_POINTS: Final = 2_000_000
@@ -103,15 +106,22 @@ class Timeline:
         """By fault, its rows; the value is the index in `damaged`, or -1."""
         self.damaged: list[Row] = []
         """The first rows of each fault."""
+        self.breaks: list[int] = []
+        """Times of the last row before each gap or lost port, nanoseconds since 1970 UTC."""
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.thinned = False
         """Whether not every point was kept."""
         self._points = 0
         self._kept_of: dict[Fault, int] = {}
+        self._latest_ns: int | None = None
 
-    def observe(self, rows: RowBatch) -> None:
-        """Add the next rows; their times may be earlier than those before."""
+    def observe(self, rows: RowBatch, changes: Iterable[StreamChange] = ()) -> None:
+        """Add the next rows; their times may be earlier than those before.
+
+        `changes` are the gaps between them.
+        """
+        self._observe_gaps(rows, changes)
         timed = rows if rows.timed.all() else rows.select(rows.timed)
         if not len(timed):
             return
@@ -124,6 +134,40 @@ class Timeline:
         self._points += len(timed)
         if self._points > self._most_points:
             self._thin()
+
+    def _observe_gaps(self, rows: RowBatch, changes: Iterable[StreamChange]) -> None:
+        gaps = [change.index for change in changes if isinstance(change.what, Gap)]
+        known = np.flatnonzero(rows.timed)
+        for at in known.searchsorted(gaps).tolist():
+            before_ns = int(rows.t_ns[known[at - 1]]) if at else self._latest_ns
+            if before_ns is not None:
+                self.breaks.append(before_ns)
+        if len(known):
+            self._latest_ns = int(rows.t_ns[known[-1]])
+
+    def limits(
+        self, feedback: Sequence[Trace], targets: Sequence[Trace], others: Sequence[Trace]
+    ) -> tuple[float, float] | None:
+        """The values of a quantity outside which one is an outlier; None without values.
+
+        `others` are the commands that end a target.
+        """
+        reported = self._merged(feedback)[1].astype(np.float64)
+        t_ns, values = self._merged(targets)
+        ends = np.sort(np.concatenate((t_ns, self._merged(others)[0], [self.last_ns or 0])))
+        lengths = ends[np.minimum(ends.searchsorted(t_ns, "right"), len(ends) - 1)] - t_ns
+        usual = np.concatenate((
+            medians(reported, points_of_median(len(reported))),
+            usual_targets(values.astype(np.float64), lengths, points=points_of_median(len(values))),
+        ))  # fmt: skip
+        return limits(usual) if len(usual) else None
+
+    def _merged(self, traces: Sequence[Trace]) -> tuple[Ints, Ints]:
+        """Times and values of several traces, by rising time."""
+        every = Series()
+        for trace in traces:
+            every.append(*self.traces[trace].points())
+        return every.points()
 
     def _observe_traces(self, rows: RowBatch) -> None:
         for code, kind in enumerate(KINDS):
@@ -140,11 +184,11 @@ class Timeline:
     def _observe_flags(self, rows: RowBatch) -> None:
         found = motor_rows(rows)
         anyone = found.any_feedback
-        online, t_ns = rows.values("online", anyone), rows.t_ns[anyone]
-        for number, motor in enumerate(MOTORS):
+        online, t_ns = rows.values(Role.ONLINE, anyone), rows.t_ns[anyone]
+        for motor in MOTORS:
             own = found.feedback[motor]
-            self.errors[motor].append(rows.t_ns[own], rows.values("error", own))
-            self.online[motor].append(t_ns, online >> number & 1)
+            self.errors[motor].append(rows.t_ns[own], rows.values(Role.ERRORS, own))
+            self.online[motor].append(t_ns, online >> motor_bit(motor) & 1)
             self.errors[motor].thin_changes()
             self.online[motor].thin_changes()
 

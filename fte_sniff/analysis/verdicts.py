@@ -76,7 +76,7 @@ class RuleCheck(RowModel):
             if change.kind is GapKind.NOT_SHOWN:
                 self.unseen += change.rows or 0
             for measure in self._measures:
-                measure.interrupt()
+                measure.interrupt(change.port_lost)
 
     def _observe(self, rows: RowBatch) -> None:
         self.total.count_batch(rows)

@@ -124,7 +124,7 @@ class BridgeSource(ThreadedSource):
         `detail` is the text of the port's event `opened`; without `reopen` a lost port is the end.
         """
         super().__init__(port, wires.port, wires, wires.clock, reopen)
-        self.device = host.name
+        self.device: str = host.name
         self._host = host
         self._wires = wires
         self._low_latency = request_low_latency(port)

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-_CLOCK_NAME = "CLOCK_BOOTTIME" if hasattr(time, "CLOCK_BOOTTIME") else "CLOCK_MONOTONIC"
-_CLOCK: int = getattr(time, _CLOCK_NAME)
+from fte_sniff.platform import POSIX
+
+if POSIX:
+    _CLOCK_NAME = "CLOCK_BOOTTIME" if hasattr(time, "CLOCK_BOOTTIME") else "CLOCK_MONOTONIC"
+    _steady_ns: Callable[[], int] = partial(time.clock_gettime_ns, getattr(time, _CLOCK_NAME))
+    _UTC_STEP_NS = 0
+else:
+    # Its other clocks advance in steps of 16 ms.
+    _CLOCK_NAME, _steady_ns = "QueryPerformanceCounter", time.perf_counter_ns
+    _UTC_STEP_NS = round(time.get_clock_info("time").resolution * 1e9)
 
 _TRIES = 16
 
@@ -36,7 +46,7 @@ class Clock:
 
     def now_ns(self) -> int:
         """The time now, nanoseconds since 1970 UTC; monotonic."""
-        return self.utc_at_tie_ns + time.clock_gettime_ns(_CLOCK) - self.steady_at_tie_ns
+        return self.utc_at_tie_ns + _steady_ns() - self.steady_at_tie_ns
 
     def system_ahead_ns(self) -> int:
         """How far the system's clock is ahead of this one, nanoseconds."""
@@ -53,11 +63,11 @@ class Clock:
 
 
 def _tie() -> Clock:
-    before_ns = time.clock_gettime_ns(_CLOCK)
+    before_ns = _steady_ns()
     utc_ns = time.time_ns()
-    after_ns = time.clock_gettime_ns(_CLOCK)
+    after_ns = _steady_ns()
     half_ns = (after_ns - before_ns + 1) // 2
-    return Clock(utc_ns, before_ns + half_ns, half_ns)
+    return Clock(utc_ns, before_ns + half_ns, half_ns + _UTC_STEP_NS)
 
 
 class ClockWatch:

@@ -15,6 +15,7 @@ from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
+from fte_sniff.platform import POSIX
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
@@ -74,6 +75,8 @@ def list_ports() -> list[PortListing]:
 
 def listing_of(name: str) -> PortListing | None:
     """One port by any of its names; None if it is no terminal device."""
+    if not POSIX:
+        return next((one for one in list_ports() if one.device.lower() == name.lower()), None)
     if not _is_terminal(name):
         return None
     device = os.path.realpath(name)
@@ -95,7 +98,7 @@ def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortLi
             location=_shown(port.location),
             description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
             driver=_driver_of(port.device),
-            permitted=os.access(port.device, os.R_OK | os.W_OK),
+            permitted=not POSIX or os.access(port.device, os.R_OK | os.W_OK),
             holders=tuple(holders_of(port.device)),
         )
         for port in found
@@ -103,15 +106,16 @@ def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortLi
 
 
 def _is_terminal(name: str) -> bool:
-    try:
-        facts = Path(name).stat()
-    except (OSError, ValueError):
-        return False
-    if not stat.S_ISCHR(facts.st_mode):
-        return False
-    major, minor = os.major(facts.st_rdev), os.minor(facts.st_rdev)
-    subsystem = _SYS_CHAR / f"{major}:{minor}" / "subsystem"
-    return major in _PTY_MAJORS or subsystem.resolve().name == "tty"
+    if POSIX:
+        try:
+            facts = Path(name).stat()
+        except (OSError, ValueError):
+            return False
+        if stat.S_ISCHR(facts.st_mode):
+            major, minor = os.major(facts.st_rdev), os.minor(facts.st_rdev)
+            subsystem = _SYS_CHAR / f"{major}:{minor}" / "subsystem"
+            return major in _PTY_MAJORS or subsystem.resolve().name == "tty"
+    return False
 
 
 def _shown(text: str | None) -> str | None:

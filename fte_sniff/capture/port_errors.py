@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import errno
-import grp
 import os
-import pwd
 import re
 import stat
-import termios
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import getmodulename
@@ -19,6 +16,11 @@ import serial
 
 from fte_sniff.capture.discovery import holders_of, holders_text
 from fte_sniff.errors import PortError, TranslatableText, listed, printable, reason_of
+from fte_sniff.platform import POSIX, TerminalError
+
+if POSIX:
+    import grp
+    import pwd
 
 NETWORK_SCHEMES = ("socket", "rfc2217")
 """URL schemes of ports behind a server."""
@@ -28,6 +30,8 @@ _LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
 _NO_RFC2217 = "does not seem to support RFC2217"
 _REFUSED = re.compile(r"(?:option '|[ [])(\w+)(?:'|:(?!ACTIVE)\w+)")
 """An option that an RFC 2217 server refuses, or does not answer to, in pyserial's text."""
+_WINDOWS_ERROR = re.compile(r"could not open port .*: \w+Error\((\d+), ")
+"""The system's error number in pyserial's text on Windows."""
 _MODULE_NEEDED = {"cp2110": "hid"}
 _HANDLER_PREFIX = "protocol_"
 
@@ -167,8 +171,12 @@ def _errno_of(error: BaseException) -> int | None:
     """The system's error number; pyserial sometimes leaves it only in the error's context."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
-    cause = error if isinstance(error, termios.error) else error.__context__
-    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
+    if windows := _WINDOWS_ERROR.search(str(error)):
+        # It refuses a port that another program has open; it has no permissions for ports.
+        number = int(windows[1])
+        return errno.EBUSY if number == errno.EACCES else number
+    cause = error if isinstance(error, TerminalError) else error.__context__
+    if isinstance(cause, TerminalError) and cause.args and isinstance(cause.args[0], int):
         return cause.args[0]
     return cause.errno if isinstance(cause, OSError) else None
 
@@ -202,16 +210,19 @@ def _file_type(device: str) -> str:
     return kinds.get(stat.S_IFMT(mode), TranslatableText("something else"))
 
 
+_ASK = TranslatableText("ask the machine's administrator")
 _GROUP_ACCESS = stat.S_IRGRP | stat.S_IWGRP
 
 
 def permission_fix(device: str) -> str:
     """How the present user gets access to a device, by its owner and mode; one line."""
+    if not POSIX:
+        return _ASK
     try:
         facts = Path(device).stat()
         group = grp.getgrgid(facts.st_gid)
     except (OSError, KeyError):
-        return TranslatableText("ask the machine's administrator")
+        return _ASK
     if group.gr_gid == 0 or facts.st_mode & _GROUP_ACCESS != _GROUP_ACCESS:
         return TranslatableText(
             "its group {group} may not use it: let a group in with a "
@@ -233,6 +244,7 @@ def permission_fix(device: str) -> str:
 
 
 def _user() -> str:
+    assert POSIX
     try:
         return pwd.getpwuid(os.geteuid()).pw_name
     except KeyError:

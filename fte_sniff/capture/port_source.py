@@ -193,6 +193,9 @@ class PortSource(ThreadedSource):
 class MergedSource:
     """The items of several sources, ordered by time; when one is lost for good, all end."""
 
+    device = None
+    """No host program opens any of them."""
+
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources = tuple(sources)
 

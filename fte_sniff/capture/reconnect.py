@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeGuard
 
 import serial
 from serial.tools.list_ports import comports
@@ -20,6 +20,7 @@ from fte_sniff.capture.discovery import holders_of, holders_text
 from fte_sniff.capture.port_errors import NETWORK_SCHEMES
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
 from fte_sniff.errors import PortError, TranslatableText
+from fte_sniff.platform import POSIX
 
 FIRST_WAIT_S = 0.25
 """Seconds before the first attempt: a system needs this long to detect an adapter."""
@@ -112,9 +113,12 @@ def reopener(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
 
     A simulated line and a bare pseudo-terminal cannot: a later one of the same name is another.
     """
-    identity = identity_of(name, device_of(port), comports())
+    device = device_of(port)
+    identity = identity_of(name, device, comports())
     if identity is None:
         return None
+    # socat has both ends of its pseudo-terminal open; one that is started again has another number.
+    known = {one.name for one in holders_of(device)} if _is_pty(device) else set()
 
     def reopen() -> OpenedPort:
         found = identity.find(comports())
@@ -122,14 +126,20 @@ def reopener(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
             raise PortError("{name} is not plugged in", name=name)
         if "://" in found:
             return OpenedPort(open_port(found, settings), found)
-        return _open_device(found, settings)
+        return _open_device(found, settings, known)
 
     return reopen
 
 
-def _open_device(found: str, settings: PortSettings) -> OpenedPort:
+def _is_pty(device: str | None) -> TypeGuard[str]:
+    return device is not None and os.path.realpath(device).startswith(_PTY_FOLDER)
+
+
+def _open_device(found: str, settings: PortSettings, known: Container[str]) -> OpenedPort:
+    """Open a device; `known` are programs that may have it open if it is a pseudo-terminal."""
     target = os.path.realpath(found)
-    if target.startswith(_PTY_FOLDER) and (holders := holders_of(target)):
+    holders = holders_of(target) if _is_pty(target) else []
+    if holders := [one for one in holders if one.name not in known]:
         # A stale link: the number may belong to a user's terminal by now.
         raise RefusedError(
             TranslatableText(
@@ -151,8 +161,10 @@ class SameName:
     name: str
 
     def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
-        """The name; None while the device file does not exist."""
+        """The name; None while the device does not exist."""
         if "://" in self.name or Path(self.name).exists():
+            return self.name
+        if not POSIX and any(port.device == self.name for port in plugged_in):  # COM3 is not a file
             return self.name
         return None
 
@@ -196,7 +208,7 @@ def identity_of(
     if "://" not in name and Path(name).is_symlink():
         return SameName(name)
     real = os.path.realpath(device)
-    if real.startswith(_PTY_FOLDER):
+    if _is_pty(real):
         return None
     for port in plugged_in:
         if os.path.realpath(port.device) == real and port.vid is not None:

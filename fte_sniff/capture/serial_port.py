@@ -11,17 +11,17 @@ locked against other programs that also request the lock.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import re
 import select
+import selectors
+import socket
 import struct
-import termios
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 from urllib.parse import urlsplit
 
 import serial
@@ -30,7 +30,12 @@ from serial.urlhandler import protocol_socket
 from fte_sniff.capture.port_errors import NETWORK_SCHEMES, check_name, port_error
 from fte_sniff.capture.uart_errors import LineWatch, line_watch_of
 from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
+from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
+
+if POSIX:
+    import fcntl
+    import termios
 
 READ_TIMEOUT_S = 0.01
 
@@ -61,7 +66,12 @@ class PortSettings:
             raise ValueRangeError(f"baud {self.baud} is out of range: {low}..{high}")
 
     def __str__(self) -> str:
-        return f"{self.baud} baud 8N1, DTR {self.dtr}, RTS {self.rts}"
+        return TranslatableText(
+            "{baud} baud 8N1, DTR {dtr}, RTS {rts}",
+            baud=self.baud,
+            dtr=TranslatableText(self.dtr),
+            rts=TranslatableText(self.rts),
+        )
 
 
 DEFAULT_SETTINGS = PortSettings()
@@ -86,9 +96,9 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
         device = device_of(port)
         with _control_lines(port, settings):
             port.open()
-        if device is not None:
+        if POSIX and device is not None:
             _keep_breaks(port.fileno())
-    except (OSError, ValueError, LookupError, OverflowError, termios.error, re.error) as error:
+    except (OSError, ValueError, LookupError, OverflowError, TerminalError, re.error) as error:
         raise port_error(name, device, error) from error
     return port
 
@@ -112,6 +122,8 @@ def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None
             raise PortError("rfc2217:// cannot leave DTR and RTS as they are: use on or off")
         yield
         return
+    if not POSIX:
+        raise PortError("Windows cannot leave DTR and RTS as they are: use on or off")
     # pyserial always sets both lines, so let it set the values that opening the device gives. Keep
     # the device open meanwhile, because closing it lowers the lines.
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -128,6 +140,7 @@ def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None
 
 def _modem_lines(descriptor: int) -> int:
     """The bits of the modem lines; 0 if the terminal has none, like a pseudo-terminal."""
+    assert POSIX
     try:
         (lines,) = struct.unpack("I", fcntl.ioctl(descriptor, termios.TIOCMGET, b"\0\0\0\0"))
     except OSError:
@@ -137,6 +150,7 @@ def _modem_lines(descriptor: int) -> int:
 
 def _keep_breaks(descriptor: int) -> None:
     """Read a break as a 00 byte: with BRKINT, which pyserial leaves on, it discards bytes."""
+    assert POSIX
     attributes = termios.tcgetattr(descriptor)
     attributes[0] &= ~(termios.BRKINT | termios.IGNPAR)
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
@@ -152,16 +166,36 @@ Write: TypeAlias = Callable[[bytes], int]
 READ_TIMEOUT_S. Raises OSError when the port is lost."""
 
 _MAX_READ = 65_536
-_GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
+_HUNG_UP = TranslatableText("the other end has hung up")
 
 
 def reader_of(port: serial.Serial) -> Read:
     """The fastest safe way to read `port`."""
     if isinstance(port, protocol_socket.Serial):
-        return _DescriptorReader(port.fileno(), empty_is_end=_GONE | select.POLLIN).read
-    if type(port).read is serial.Serial.read:
-        return _DescriptorReader(port.fileno(), empty_is_end=_GONE).read
+        return _SocketReader(cast(Any, port)._socket).read
+    if POSIX and type(port).read is serial.Serial.read:
+        return _DescriptorReader(port.fileno()).read
     return _PortReader(port).read
+
+
+class _SocketReader:
+    """Reads everything that has arrived with two system calls."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(connection, selectors.EVENT_READ)
+
+    def read(self) -> bytes:
+        if not self._selector.select(READ_TIMEOUT_S):
+            return b""
+        try:
+            data = self._connection.recv(_MAX_READ)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise OSError(_HUNG_UP)
+        return data
 
 
 class _DescriptorReader:
@@ -171,9 +205,10 @@ class _DescriptorReader:
     bytes already read if the port is lost before that.
     """
 
-    def __init__(self, descriptor: int, empty_is_end: int) -> None:
+    def __init__(self, descriptor: int) -> None:
+        assert POSIX
         self._descriptor = descriptor
-        self._empty_is_end = empty_is_end
+        self._gone = select.POLLHUP | select.POLLERR | select.POLLNVAL
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
 
@@ -186,8 +221,8 @@ class _DescriptorReader:
         except BlockingIOError:
             return b""
         # A terminal without bytes is also readable if another program has just read them.
-        if not data and ready[0][1] & self._empty_is_end:
-            raise OSError(TranslatableText("the other end has hung up"))
+        if not data and ready[0][1] & self._gone:
+            raise OSError(_HUNG_UP)
         return data
 
 
@@ -220,6 +255,7 @@ class _DescriptorWriter:
     """Writes as much as the system accepts; pyserial does not return that number."""
 
     def __init__(self, descriptor: int) -> None:
+        assert POSIX
         self._descriptor = descriptor
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLOUT)
@@ -258,6 +294,8 @@ class LowLatency(StrEnum):
 
 def request_low_latency(port: serial.Serial) -> LowLatency:
     """Request low latency (ASYNC_LOW_LATENCY): the driver delivers bytes as they arrive."""
+    if not POSIX:
+        return LowLatency.ABSENT
     try:
         descriptor = port.fileno()
         settings = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
@@ -351,6 +389,8 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
 
 
 def _driver_ns(folder: Path, baud: int) -> int:
+    if not POSIX:
+        return USB_FRAME_NS + USB_UNKNOWN_NS
     if not folder.exists():
         return 0  # a pseudo-terminal
     if not (folder / "subsystem").resolve().name.startswith("usb"):

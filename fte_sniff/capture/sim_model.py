@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from random import Random
 from typing import TypeAlias
 
-from fte_sniff.protocol import KIND_BY_NAME, KINDS, MOTORS, Direction, FrameKind, encode
+from fte_sniff.protocol import KINDS, MOTORS, Direction, Field, FrameKind, encode
+from fte_sniff.protocol.spec import Role, motor_bit
 
 PULSES_PER_TURN = 500
 """Encoder pulses in one turn of a simulated motor; the protocol does not define it."""
@@ -109,6 +110,21 @@ _FEEDBACK_KIND_BY_CMD = {
 }
 
 
+def _control(*roles: Role) -> FrameKind:
+    """The command whose fields have these roles."""
+    return next(
+        kind
+        for kind in KINDS
+        if kind.direction is Direction.CONTROL and {f.role for f in kind.fields} == {*roles}
+    )
+
+
+_RESET = _control()
+_SPEED = _control(Role.MOTOR, Role.SPEED)
+_POSITION = _control(Role.MOTOR, Role.SPEED, Role.POSITION)
+_DRIVE = _control(Role.FORWARD, Role.LEFT, Role.ROTATION)
+
+
 def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
     """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
 
@@ -130,7 +146,7 @@ class Controller:
 
     def __init__(self, rng: Random) -> None:
         self.motors = {number: Motor() for number in MOTORS}
-        self._modes = dict.fromkeys(MOTORS, KIND_BY_NAME["speed"])
+        self._modes = dict.fromkeys(MOTORS, _SPEED)
         self._rng = rng
         self._steps = 0
         self._offline = 0
@@ -140,22 +156,23 @@ class Controller:
         """Execute a control frame; ignore one for an unknown motor."""
         if kind.direction is not Direction.CONTROL:
             return
-        if kind.name == "reset":
+        given = {field.role: values[field.name] for field in kind.fields}
+        if kind is _RESET:
             for number, motor in self.motors.items():
                 motor.reset()
-                self._modes[number] = KIND_BY_NAME["speed"]
-        elif kind.name == "mecanum":
-            speeds = wheel_speeds(values["vx_cm_s"], values["vy_cm_s"], values["wz_mrad_s"])
+                self._modes[number] = _SPEED
+        elif kind is _DRIVE:
+            speeds = wheel_speeds(given[Role.FORWARD], given[Role.LEFT], given[Role.ROTATION])
             for number, rpm in zip(MOTORS, speeds, strict=True):
                 self.motors[number].turn(rpm)
                 self._modes[number] = kind
-        elif values["motor"] in self.motors:
-            motor = self.motors[values["motor"]]
-            self._modes[values["motor"]] = kind
-            if kind.name == "position":
-                motor.move(values["pulses"], values["rpm"])
+        elif given[Role.MOTOR] in self.motors:
+            motor = self.motors[given[Role.MOTOR]]
+            self._modes[given[Role.MOTOR]] = kind
+            if kind is _POSITION:
+                motor.move(given[Role.POSITION], given[Role.SPEED])
             else:
-                motor.turn(values["rpm"])
+                motor.turn(given[Role.SPEED])
 
     def advance_to(self, t_s: float) -> None:
         """Advance to `t_s`, seconds since the start."""
@@ -172,18 +189,23 @@ class Controller:
         if not motor.online:
             return None
         kind = _FEEDBACK_KIND_BY_CMD[cmd]
-        values = {"motor": number, "error": self._error, "online": self._online}
-        for field in kind.fields:
-            if field.name == "rpm":
-                values["rpm"] = self._measured(motor.rpm)
-            elif field.name == "pulses":
-                span = field.high - field.low + 1
-                values["pulses"] = (round(motor.pulses) - field.low) % span + field.low
+        readings: dict[Role | None, Callable[[Field], int]] = {
+            Role.MOTOR: lambda _: number,
+            Role.ERRORS: lambda _: self._error,
+            Role.ONLINE: lambda _: self._online,
+            Role.SPEED: lambda _: self._measured(motor.rpm),
+            Role.POSITION: lambda field: _wrapped(round(motor.pulses), field),
+        }
+        values = {
+            field.name: readings[field.role](field)
+            for field in kind.fields
+            if field.role in readings
+        }
         return encode(kind, values, cmd)
 
     @property
     def _online(self) -> int:
-        return sum(1 << (number - 1) for number, motor in self.motors.items() if motor.online)
+        return sum(1 << motor_bit(number) for number, one in self.motors.items() if one.online)
 
     @property
     def _error(self) -> int:
@@ -205,6 +227,10 @@ class Controller:
             self._offline = MOTORS[int(self._rng.random() * len(MOTORS))]
             self.motors[self._offline].online = False
             self._change_at_s += self._between(*OFFLINE_FOR_S)
+
+
+def _wrapped(value: int, field: Field) -> int:
+    return (value - field.low) % (field.high - field.low + 1) + field.low
 
 
 Command: TypeAlias = tuple[FrameKind, dict[str, int]]
@@ -240,14 +266,14 @@ class SimulatedHost:
         return command
 
 
-def _command(name: str, **values: int) -> Command:
-    return KIND_BY_NAME[name], values
+def _command(kind: FrameKind, values: Mapping[Role | None, int]) -> Command:
+    return kind, {field.name: values[field.role] for field in kind.fields}
 
 
 def _script(rng: Random) -> Iterator[HostStep]:
     phases = (_speed_ramps, _position_moves, _drives)
     while True:
-        yield HostStep(0.0, (_command("reset"),))
+        yield HostStep(0.0, (_command(_RESET, {}),))
         yield HostStep(0.3)
         for phase in phases:
             yield from phase(rng)
@@ -268,7 +294,10 @@ def _speed_ramps(rng: Random) -> Iterator[HostStep]:
     for level in levels:
         yield HostStep(
             0.15,
-            tuple(_command("speed", motor=m, rpm=top * level // 10) for m, top in tops.items()),
+            tuple(
+                _command(_SPEED, {Role.MOTOR: motor, Role.SPEED: top * level // 10})
+                for motor, top in tops.items()
+            ),
         )
 
 
@@ -278,7 +307,10 @@ def _position_moves(rng: Random) -> Iterator[HostStep]:
         limit = _pick(rng, 6, 12) * 100
         yield HostStep(
             0.1,
-            tuple(_command("position", motor=m, rpm=limit, pulses=at) for m, at in targets),
+            tuple(
+                _command(_POSITION, {Role.MOTOR: motor, Role.SPEED: limit, Role.POSITION: at})
+                for motor, at in targets
+            ),
         )
         yield HostStep(_pick(rng, 25, 35) / 10)
 
@@ -296,4 +328,5 @@ def _drives(rng: Random) -> Iterator[HostStep]:
 
 
 def _drive(duration_s: float, vx: int, vy: int, wz: int) -> HostStep:
-    return HostStep(duration_s, (_command("mecanum", vx_cm_s=vx, vy_cm_s=vy, wz_mrad_s=wz),))
+    values: dict[Role | None, int] = {Role.FORWARD: vx, Role.LEFT: vy, Role.ROTATION: wz}
+    return HostStep(duration_s, (_command(_DRIVE, values),))

@@ -46,6 +46,11 @@ class Source(Protocol):
         ...
 
     @property
+    def device(self) -> str | None:
+        """The device that host programs open; None for all but a bridge."""
+        ...
+
+    @property
     def uncertainty_ns(self) -> Mapping[str, int]:
         """By port: how much earlier than their time stamp bytes may have arrived."""
         ...
@@ -134,6 +139,8 @@ class ThreadedSource(ABC):
 
     end: SourceEnd | None = None
     """Why reading ended, although items may still be queued; None while it continues."""
+    device: str | None = None
+    """The device that host programs open; None for all but a bridge."""
 
     def __init__(
         self,

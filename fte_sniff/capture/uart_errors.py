@@ -17,17 +17,20 @@ descriptor has no driver on this machine.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import re
 import struct
-import termios
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
 import serial
 
 from fte_sniff.errors import TranslatableText
+from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import FRAME_LENGTH, LineErrorCounts
+
+if POSIX:
+    import fcntl
+    import termios
 
 Counters: TypeAlias = Callable[[], LineErrorCounts]
 """Reads what the driver has counted so far; each count is a 32-bit number that wraps."""
@@ -120,7 +123,7 @@ def line_watch_of(port: serial.Serial) -> LineWatch:
     try:
         enable_error_marks(port.fileno())
         return UartWatch(counters)
-    except (OSError, termios.error):
+    except (OSError, TerminalError):
         # It was just unplugged; the first read reports it.
         return LineWatch()
 
@@ -167,6 +170,7 @@ def _spans(offsets: list[int]) -> Spans:
 
 def enable_error_marks(descriptor: int) -> None:
     """Have the terminal mark bytes in error; bytes that came before are discarded."""
+    assert POSIX
     attributes = termios.tcgetattr(descriptor)
     attributes[0] &= ~(termios.BRKINT | termios.IGNBRK | termios.IGNPAR)
     attributes[0] |= termios.INPCK | termios.PARMRK
@@ -178,18 +182,21 @@ _COUNT_WRAPS = 2**32
 _ICOUNTER = struct.Struct("=20I")
 """`struct serial_icounter_struct`: cts dsr rng dcd rx tx frame overrun parity brk buf_overrun."""
 _FRAME, _OVERRUN, _PARITY, _BREAK, _BUFFER_OVERRUN = range(6, 11)
-_TIOCGICOUNT = getattr(termios, "TIOCGICOUNT", 0x545D)
 
 
 def counters_of(port: serial.Serial) -> Counters | None:
     """The driver's counters of an open port; None if it has none."""
+    if not POSIX:
+        return None
     try:
         descriptor = port.fileno()
     except (AttributeError, OSError):
         return None
 
+    request = getattr(termios, "TIOCGICOUNT", 0x545D)
+
     def counters() -> LineErrorCounts:
-        return parse_counters(fcntl.ioctl(descriptor, _TIOCGICOUNT, bytes(_ICOUNTER.size)))
+        return parse_counters(fcntl.ioctl(descriptor, request, bytes(_ICOUNTER.size)))
 
     try:
         counters()

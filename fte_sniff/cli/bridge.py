@@ -9,7 +9,7 @@ import click
 
 from fte_sniff.cli.capture_command import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.options import FileName, require_pseudo_terminals
 from fte_sniff.cli.settings import load_settings
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ def command(
     fte-sniff bridge /dev/ttyUSB0 --link /tmp/motors
     fte-sniff bridge "sim://?host=off" --plain
     """
+
+    require_pseudo_terminals("bridge", "`live PORT PORT` watches both wires with two adapters")
 
     def bridge(settings: PortSettings) -> Bridge:
         from fte_sniff.capture.bridge import Bridge

@@ -32,12 +32,11 @@ from fte_sniff.cli.options import (
     row_filter,
     units_options,
 )
-from fte_sniff.cli.output import summary
+from fte_sniff.cli.output import print_saved, summary
 from fte_sniff.cli.recording_options import capture_plan, recording_options
 from fte_sniff.cli.service import FileCommand, ServiceManager
 from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import (
-    ENDING_SIGNALS,
     abandon_stdout,
     ending_signals,
     has_no_reader,
@@ -45,6 +44,7 @@ from fte_sniff.cli.streams import (
 )
 from fte_sniff.errors import FteSniffError, UsageError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ _LINE_WORDS = click.Choice(["on", "off", "leave"])
 _DURATION = Seconds(min=0, min_open=True)
 
 capture_options = all_of(
-    click.option("--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
+    click.option("-b", "--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
     click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
     click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
     click.option("-o", "--output", type=FileName(), help="Record to this file."),
@@ -232,7 +232,7 @@ def _is_stdout(recording: Path | None) -> bool:
 
 def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
     """The signals that end the capture; others end only the view."""
-    return tuple(one for one in ENDING_SIGNALS if one != signal.SIGHUP or not plan.outlives_view)
+    return tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not plan.outlives_view)
 
 
 def _ended_by_signals(
@@ -282,12 +282,15 @@ def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer 
     from fte_sniff.session.live_session import LiveSession
 
     manager = ServiceManager(os.environ)
-    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    rotating = signals("SIGUSR1")
+    for number in rotating:
+        signal.signal(number, signal.SIG_IGN)
     session = LiveSession(plan, observe)
     lines = PlainLines(lambda _: [])
     with _ended_by_signals(session, plan):
         session.begin()
-        signal.signal(signal.SIGUSR1, lambda *_: session.rotate())
+        for number in rotating:
+            signal.signal(number, lambda *_: session.rotate())
         _report_device(session)
         _report_pipe(session)
         lines.follow_files(session.state.recording)
@@ -345,13 +348,14 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
     session = LiveSession(plan, observe)
     with _ended_by_signals(session, plan):
         # Imported while the capture process starts on another core and opens the port.
-        from fte_sniff.session.notes import Notes
+        from fte_sniff.session.notes import Notes, capture_start
         from fte_sniff.tui.app import run_screen
 
         session.begin()
         _report_pipe(session)
         _report_survivor(plan, session)
-    notes = Notes([path for path in session.state.recordings if path.is_file()])
+    files = [path for path in session.state.recordings if path.is_file()]
+    notes = Notes(files, [capture_start(path) for path in files])
     try:
         if not session.stopping:
             options = replace(options, notes=notes)
@@ -363,8 +367,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | N
             request_end()
             finish_session(session, seen, plan.count)
             _report_recording(session)
-            for path in notes.written:
-                print_err(f"notes are in {path}")
+            print_saved(notes)
     return code
 
 

@@ -13,7 +13,8 @@ import click
 from fte_sniff.cli.output import print_json
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol import Status, iso_time
+from fte_sniff.protocol.look import LOOKS
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -27,7 +28,7 @@ VERSION: Final = 1
 
 FORMS: Final = ("text", "json", "junit")
 
-_STYLE: Final = {"pass": "green", "fail": "bold red", "not covered": "yellow"}
+_STATUS: Final = {"pass": Status.OK, "fail": Status.MALFORMED, "not covered": Status.SUSPECT}
 _NUMBER: Final = ".6g"
 
 
@@ -79,7 +80,7 @@ def verdict_lines(
     for one in verdicts:
         expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
         cells = [printable(one.rule.name), measured_text(one), expected, _word(one)]
-        table.append(cells, _STYLE[one.result], "! " if one.refuses else "  ")
+        table.append(cells, LOOKS[_STATUS[one.result]].style, "! " if one.refuses else "  ")
     head, *lines = table.lines(width)
     yield head
     for one, line in zip(verdicts, lines, strict=True):

@@ -41,7 +41,9 @@ def command(
     force: bool,
     limit: int | None,
 ) -> None:
-    """Decode recordings (.mcap), raw bytes (.bin .raw) and hex text (.hex .txt .log).
+    """Decode recordings (.mcap), raw bytes (.bin .raw), hex text (.hex .txt .log) and Parquet.
+
+    A Parquet file must be one that this command wrote.
 
     '-' reads standard input; a folder means the recordings in it. The rows of several files are
     merged by time. Rows go to standard output, a summary to standard error.
@@ -148,7 +150,7 @@ def _write_all(
         )
 
 
-def _binary_stdout(form: OutputFormat, path: Path | None) -> Path:
+def _binary_stdout(form: OutputFormat, path: Path | None) -> int:
     in_sequence = form is not OutputFormat.PARQUET
     if path is None:
         pipe = ", or - for a pipe" if in_sequence else ""
@@ -157,4 +159,4 @@ def _binary_stdout(form: OutputFormat, path: Path | None) -> Path:
         raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
     if sys.stdout.isatty():
         raise UsageError(f"{form} is not text for a terminal: send it to a pipe, or name a file")
-    return Path(f"/dev/fd/{sys.stdout.fileno()}")
+    return sys.stdout.fileno()

@@ -23,7 +23,9 @@ EXIT_WRONG = 1
 
 @click.command(name="doctor", short_help="What is wrong with this set-up, and how to fix it.")
 @click.argument("port", required=False, shell_complete=complete_port)
-@click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
+@click.option(
+    "-b", "--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s."
+)
 @click.option(
     "--seconds",
     type=Seconds(min=0.1, max=3600),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -23,12 +24,21 @@ from fte_sniff.cli.options import (
     Seconds,
     all_of,
     filter_option,
+    is_port_name,
     line_speed_option,
     row_filter,
     span_options,
     time_range,
 )
-from fte_sniff.errors import FileError, InputTextError, UsageError, printable, quoted
+from fte_sniff.errors import (
+    FileError,
+    FilterError,
+    InputTextError,
+    UsageError,
+    printable,
+    quoted,
+    unreadable,
+)
 from fte_sniff.formats.input_kind import (
     KIND_OF_SUFFIX,
     InputKind,
@@ -45,6 +55,7 @@ from fte_sniff.session.inputs import (
     STDIN_NAME,
     Input,
     LogInput,
+    ParquetInput,
     Progress,
     RecordingInput,
 )
@@ -101,6 +112,12 @@ _OPTIONS = all_of(
         metavar="TIME",
         help="When the seconds of a log, or bytes without times, began, such as"
         " 2026-01-31T12:00:00Z; bytes without times follow each other at the baud.",
+    ),
+    click.option(
+        "--samplerate",
+        type=click.IntRange(min=1),
+        metavar="HZ",
+        help="For logs of sigrok with sample numbers: samples per second, which make them times.",
     ),
     click.option(
         "--form",
@@ -192,6 +209,8 @@ class InputQuery:
     log_form: str | None = None
     """The form in which a log writes bytes."""
     pattern: str | None = None
+    samplerate: int | None = None
+    """Samples per second, which make sample numbers in a log times."""
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None
@@ -208,7 +227,7 @@ class InputQuery:
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
         given = (day, self.zone_given(), self.start_ns(), self.log_form, pattern)
-        return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
+        return LogOptions(*given, samplerate=self.samplerate, baud=self.baud or DEFAULT_BAUD)
 
     def _check_log_options(self) -> None:
         """Raise InputTextError if a given option is invalid, even if no log is read."""
@@ -355,8 +374,18 @@ def _pattern_of(text: str) -> re.Pattern[str]:
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
     """Refuse an invalid list of inputs before anything is opened.
 
-    Raises UsageError if standard input is named twice, or the output is one of the inputs.
+    Raises UsageError if one is a port or a filter, if standard input is named twice, or the output
+    is one of the inputs.
     """
+    for path in files:
+        if is_port_name(str(path)):
+            live = f"fte-sniff live {shlex.quote(str(path))}"
+            raise UsageError(f"{path} is a port, not a file; `{live}` captures it")
+        if _is_filter(str(path)) and not path.exists():
+            raise UsageError(
+                f"there is no file {quoted(str(path))}; a filter is an option: --filter"
+                f" {shlex.quote(str(path))}"
+            )
     if files.count(STDIN) > 1:
         raise UsageError("'-' is standard input, which can be read once; name it once")
     for path in files:
@@ -364,13 +393,26 @@ def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
             raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
 
 
+def _is_filter(text: str) -> bool:
+    """Whether a text that names no file is a filter."""
+    if not re.search(r"[=<>]|\s(IS|IN|LIKE|BETWEEN)\s", text, re.IGNORECASE):
+        return False
+    try:
+        return row_filter(text) is not None
+    except FilterError:
+        return False
+
+
 def _expanded(named: Path) -> list[Path]:
     """The file, a folder's recordings, or a pattern's matches."""
-    if named == STDIN or named.is_file():
-        return [named]
-    from fte_sniff.recording.reader import files_of
+    try:
+        if named == STDIN or named.is_file():
+            return [named]
+        from fte_sniff.recording.reader import files_of
 
-    return list(files_of(named))
+        return list(files_of(named))
+    except OSError as error:
+        raise unreadable(named, error) from error
 
 
 def _opened(path: Path, query: InputQuery) -> Input:
@@ -393,6 +435,12 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
         from fte_sniff.recording.reader import RecordingReader
 
         return RecordingInput(RecordingReader(Path(name), stream))
+    if kind is InputKind.PARQUET:
+        from fte_sniff.formats.parquet import ParquetRows
+
+        if stream is not None:
+            raise UsageError(f"{name}: parquet is not read in sequence; name a file")
+        return ParquetInput(ParquetRows(path), name)
     if kind is InputKind.RAW:
         chunks = raw_chunks(path) if stream is None else raw_stream_chunks(stream, name)
         timed = clocked(chunks, query.start_ns(), query.baud)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,8 @@ def command(
             "live needs a PORT: `fte-sniff ports` lists them; or name it in "
             f'[live] of {settings.path}: ports = ["/dev/ttyUSB0"]'
         )
+    for port in ports:
+        _check_port(port)
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
@@ -56,3 +59,11 @@ def command(
         return PortGroup(ports, settings, reconnect=not no_reconnect)
 
     run_capture(wiring, ports, settings, **options)
+
+
+def _check_port(port: str) -> None:
+    """Refuse a baud rate or a file in place of a port; raises UsageError."""
+    if port.isdecimal():
+        raise UsageError(f"{port} is not a port; to set the bits per second, use --baud {port}")
+    if os.path.isfile(port):  # noqa: PTH113 - False, and no error, where a folder is closed
+        raise UsageError(f"{port} is a file, not a port; `fte-sniff view {port}` shows it")

@@ -6,10 +6,12 @@ import errno
 import gc
 import os
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from types import MappingProxyType
 from typing import NoReturn
 
 import click
@@ -17,14 +19,16 @@ import click
 from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     EXIT_INTERRUPTED,
+    STDOUT,
     abandon,
     abandon_stdout,
+    check_memory,
     interruptible,
     prepare_streams,
     print_err,
     unwritable_stdout,
 )
-from fte_sniff.errors import FteSniffError, unwritable
+from fte_sniff.errors import FileError, FteSniffError, reason_of, unwritable
 
 PROGRAM = "fte-sniff"
 
@@ -33,6 +37,32 @@ COMMANDS = (
     *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""
+
+JUDGING = ("check", "doctor")
+"""The commands whose exit code 1 is a verdict."""
+
+
+OTHER_WORDS = MappingProxyType(
+    {
+        **dict.fromkeys(
+            ("record", "capture", "monitor", "sniff", "listen", "log"),
+            "`fte-sniff live PORT` records and shows a port",
+        ),
+        "help": "`fte-sniff --help` lists the commands, `fte-sniff COMMAND --help` explains one",
+        **dict.fromkeys(
+            ("plot", "chart", "graph"),
+            "`fte-sniff report FILE -o report.html` plots a file, `fte-sniff view FILE` shows it",
+        ),
+        **dict.fromkeys(
+            ("show", "open", "replay", "play"), "`fte-sniff view FILE` shows a recording or a log"
+        ),
+        **dict.fromkeys(
+            ("convert", "export", "parse", "print", "dump", "filter"),
+            "`fte-sniff decode FILE` prints rows, or converts them with -o",
+        ),
+    }
+)
+"""Words for what a command does, and the command that does it."""
 
 
 class LazyGroup(click.Group):
@@ -48,24 +78,41 @@ class LazyGroup(click.Group):
         """Find the command, or fail with the closest name."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
-            letters = sorted(name)
-            swapped = [known for known in COMMANDS if sorted(known) == letters]
-            from difflib import get_close_matches
-
-            near = swapped or get_close_matches(name, COMMANDS, 1)
-            hint = f" Did you mean {near[0]}?" if near else ""
-            ctx.fail(f"No such command '{name}'.{hint}")
+            ctx.fail(_unknown_command(name))
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
+        if cmd_name in JUDGING:
+            check_memory()
         command = import_module(f"fte_sniff.cli.{cmd_name}").command
         gc.freeze()  # what is loaded stays; collections need not look at it, nor the one at exit
         gc.enable()
         assert isinstance(command, click.Command)
         return command
+
+
+def _unknown_command(name: str) -> str:
+    """Why there is no such command, and the command that was probably meant."""
+    from fte_sniff.cli.options import is_port_name
+
+    shown = shlex.quote(name)
+    if is_port_name(name):
+        return f"{name} is a port, not a command: `{PROGRAM} live {shown}` captures it"
+    if os.path.exists(name):  # noqa: PTH110 - False, and no error, where a folder is closed
+        return (
+            f"{name} is a file, not a command: `{PROGRAM} view {shown}` shows it,"
+            f" `{PROGRAM} decode {shown}` prints its rows"
+        )
+    if name in OTHER_WORDS:
+        return f"No such command '{name}'; {OTHER_WORDS[name]}"
+    from difflib import get_close_matches
+
+    swapped = [known for known in COMMANDS if sorted(known) == sorted(name)]
+    near = swapped or get_close_matches(name, COMMANDS, 1)
+    return f"No such command '{name}'." + (f" Did you mean {near[0]}?" if near else "")
 
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -76,7 +123,8 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
 
     from fte_sniff.protocol.framer import COMPILED
 
-    needed = [need for need in requires(PROGRAM) or () if "extra ==" not in need]
+    # Without those of extras and of other systems.
+    needed = [need for need in requires(PROGRAM) or () if ";" not in need]
     names = sorted(re.split(r"[^\w-]", need)[0] for need in needed)
     click.echo(
         f"{PROGRAM}, version {version(PROGRAM)}, framer {'compiled' if COMPILED else 'interpreted'}"
@@ -118,10 +166,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         abandon_stdout()
         sys.exit(0)
     except OSError as error:
-        if error.errno in (errno.EMFILE, errno.ENFILE):
+        if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM):
             raise
-        known = error.filename is not None
-        refused = unwritable(error.filename, error) if known else unwritable_stdout(error)
+        if error.filename == STDOUT:
+            refused = unwritable_stdout(error)
+        elif error.filename is not None:
+            refused = unwritable(error.filename, error)
+        else:
+            reason = reason_of(error)
+            refused = FileError(f"the system reports: {reason}; try again, or `{PROGRAM} doctor`")
         _exit_with(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()

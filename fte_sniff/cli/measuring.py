@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import click
 
+from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.input_files import STDIN, InputQuery
 from fte_sniff.cli.options import all_of
 from fte_sniff.cli.output import explain_no_frames, print_notes
@@ -190,7 +191,8 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         distributed = import_module("distributed")
     except ImportError:
         raise UsageError(
-            "--cluster needs the package distributed; try `pip install 'fte-sniff[cluster]'`"
+            "--cluster needs the package distributed, which is not installed; install it with"
+            f" `{install_command('cluster')}`"
         ) from None
     import asyncio
     import logging

@@ -11,6 +11,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, time, tzinfo
 from decimal import Decimal
@@ -24,6 +26,7 @@ import click
 from fte_sniff.analysis.time_text import SECOND_NS, ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
+from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 
 if TYPE_CHECKING:
@@ -258,11 +261,33 @@ list_format_option = click.option(
 )
 
 
+def require_pseudo_terminals(command: str, instead: str) -> None:
+    """Raise UsageError, with another way, on a system without pseudo-terminals."""
+    if not POSIX:
+        raise UsageError(
+            f"{command} needs pseudo-terminals, which Windows does not have: use it in WSL; "
+            f"{instead}"
+        )
+
+
+_PORT_NAME = re.compile(
+    r"/dev/(tty.+|pts/[0-9]+|cu\..+|serial/.+)|COM[0-9]+|[a-z0-9]+://.*", re.IGNORECASE
+)
+
+
+def is_port_name(name: str) -> bool:
+    """Whether a name is that of a serial device, a terminal, or a URL of a port."""
+    if name == "/dev/stdin" or name.startswith("/dev/fd/"):
+        return False
+    return any(_PORT_NAME.fullmatch(one) for one in (name, os.path.realpath(name)))
+
+
 class FileName(click.Path):
     """A file name, existing or not; not empty, because an empty path is the current folder."""
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path)
+        # Not readable: a file that cannot be read has an error of its own.
+        super().__init__(path_type=Path, readable=False)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; fails for an empty name and a URL."""
@@ -338,6 +363,7 @@ units_options = all_of(
 """The options `--resolution` and `--gear-ratio`, which show positions in turns too."""
 
 line_speed_option = click.option(
+    "-b",
     "--baud",
     type=click.IntRange(min=1),
     help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",

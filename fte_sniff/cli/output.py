@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
     from fte_sniff.cli.options import Decorator
     from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.notes import Notes
 
 
 def format_option(
@@ -105,6 +106,14 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
         return "no frame found: check the controller, the baud rate and the polarity"
     return ""
+
+
+def print_saved(notes: Notes) -> None:
+    """Print where the notes of a view are, and try again to save those that are not."""
+    if trouble := notes.save():
+        print_err(trouble)
+    for path in notes.written:
+        print_err(f"notes are in {path}")
 
 
 def print_notes(reading: InputReading) -> None:

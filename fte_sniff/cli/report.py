@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
@@ -52,7 +53,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     except ModuleNotFoundError as error:
         raise UsageError(
             f"report needs {error.name}, which is not installed; install it with"
-            " `pip install 'fte-sniff[report]'`"
+            f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.timeline import Timeline
     from fte_sniff.session.stats_json import statistics_json
@@ -108,7 +109,7 @@ def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> S
         summary.begin(one.name)
         for batch in reading.batches_of(one):
             summary.observe(batch.rows, batch.events, batch.changes)
-            timeline.observe(RowBatch.from_rows(batch.rows))
+            timeline.observe(RowBatch.from_rows(batch.rows), batch.changes)
     return summary
 
 

@@ -79,6 +79,36 @@
     return { x: x.subarray(0, n), y: y.subarray(0, n) };
   }
 
+  // Times after which nothing is known: the next row is behind a gap, a lost port or a silence. A
+  // silence is longer than a second, and than a few of the line's usual intervals.
+  const JUST_AFTER = 1e-3, SILENCE = 1000, INTERVALS = 4;
+  const gaps = meta.breaks.map((time) => time + JUST_AFTER);
+
+  function silences({ x }) {
+    if (x.length < 2) return [];
+    const intervals = x.subarray(1).map((time, i) => time - x[i]).sort();
+    const longest = Math.max(SILENCE, INTERVALS * intervals[intervals.length >> 1]);
+    const found = [];
+    for (let i = 1; i < x.length; i++) if (x[i] - x[i - 1] > longest) found.push(x[i - 1] + JUST_AFTER);
+    return found;
+  }
+
+  // What is drawn of a line: all of it, or in the usual range without its outliers. An outlier ends
+  // the value that holds before it.
+  function drawnLine(name, line, limits, breaks, holds) {
+    const [low, high] = limits ?? [-Infinity, Infinity];
+    const select = (wanted) => {
+      const found = Array.from(line.y.keys()).filter((i) => wanted(line.y[i]));
+      return { x: Float64Array.from(found, (i) => line.x[i]), y: found.map((i) => line.y[i]) };
+    };
+    const outliers = select((y) => y < low || y > high);
+    const whole = broken(line, breaks, holds);
+    if (!outliers.x.length) return { name, whole, usual: whole, outliers };
+    const ends = holds ? breaks.concat(Array.from(outliers.x)) : breaks;
+    const usual = broken(select((y) => y >= low && y <= high), ends, holds);
+    return { name, whole, usual, outliers };
+  }
+
   // Intervals [left, right] in which the value of a series is not `sound`.
   function intervals(series, sound) {
     const found = [];
@@ -185,19 +215,19 @@
   const plots = meta.plots.filter((plot) => plot.name !== "faults").map((plot) => {
     if (plot.lines) {
       const others = timesOf(plot.others);
-      const lines = Object.entries(plot.lines).map(
-        ([name, number]) => [`chassis-${name}`, broken(all[number], others, true)]);
+      const lines = Object.entries(plot.lines).map(([name, number]) =>
+        drawnLine(`chassis-${name}`, all[number], plot.limits, others.concat(gaps), true));
       return { ...plot, lines, times: null };
     }
     const target = merged(plot.target), actual = merged(plot.actual);
     const others = timesOf(plot.others);
     const times = Float64Array.from(others.concat(Array.from(target.x))).sort();
-    const gaps = meta.gaps.map((gap) => gap[0]);
     return {
       name: plot.name,
+      limits: plot.limits,
       lines: [
-        [`${plot.name}-target`, broken(target, others, true)],
-        [`${plot.name}-actual`, broken(actual, gaps, false)],
+        drawnLine(`${plot.name}-target`, target, plot.limits, others.concat(gaps), true),
+        drawnLine(`${plot.name}-actual`, actual, plot.limits, gaps.concat(silences(actual)), false),
       ],
       error: intervals(errors[plot.motor - 1], 0),
       offline: intervals(online[plot.motor - 1], 1),
@@ -207,10 +237,44 @@
   const damage = meta.plots.find((plot) => plot.name === "faults");
   const figureOf = Object.fromEntries(figures.map((one) => [one.name, one]));
 
+  let fullRange = false;
+
+  // In the usual range, the farthest outlier of every few pixels is a mark at the edge.
+  const MARK = 8; // pixels
+
+  function drawOutliers(plot, low, high, pixel) {
+    const drawn = { x: [], y: [], marker: [], colour: [], value: [] };
+    for (const { name, outliers: { x, y } } of fullRange ? [] : plot.lines) {
+      const colour = models.get_model_by_name(plot.name).renderers
+        .find((one) => one.data_source.name === name).glyph.line_color.value;
+      for (const above of [true, false]) {
+        let farthest = -1;
+        const mark = () => {
+          if (farthest < 0) return;
+          drawn.x.push(x[farthest]);
+          drawn.y.push(above ? 0.96 : 0.09);
+          drawn.marker.push(above ? "triangle" : "inverted_triangle");
+          drawn.colour.push(colour);
+          drawn.value.push(y[farthest]);
+          farthest = -1;
+        };
+        let start = -Infinity;
+        for (let i = firstAfter(x, low); i < x.length && x[i] <= high; i++) {
+          if (y[i] > plot.limits[1] !== above) continue;
+          if (x[i] >= start + MARK * pixel) { mark(); start = x[i]; }
+          if (farthest < 0 || (y[i] > y[farthest]) === above) farthest = i;
+        }
+        mark();
+      }
+    }
+    source(`${plot.name}-outliers`).data = drawn;
+  }
+
   function drawLines(plot, low, high, pixels) {
     let least = Infinity, most = -Infinity;
-    for (const [name, line] of plot.lines) {
-      const drawn = envelope(line, low, high, pixels);
+    drawOutliers(plot, low, high, (high - low) / pixels);
+    for (const { name, whole, usual } of plot.lines) {
+      const drawn = envelope(fullRange ? whole : usual, low, high, pixels);
       for (let i = 0; i < drawn.y.length; i++) {
         if (drawn.y[i] < least) least = drawn.y[i];
         if (drawn.y[i] > most) most = drawn.y[i];
@@ -321,10 +385,13 @@
   // ---- Legends ------------------------------------------------------------------------------------
 
   // Bokeh's own would be made anew at every change of the data.
+  const hasOutliers = (plot) => plot.lines.some((line) => line.outliers.x.length > 0);
+  const without = new Set(plots.filter((one) => !hasOutliers(one)).map((one) => `${one.name}-outliers`));
   function addLegend(figure) {
     const legend = document.createElement("div");
     legend.className = "legend";
-    for (const renderer of figure.renderers.filter((one) => one.name)) {
+    const named = figure.renderers.filter((one) => one.name && !without.has(one.data_source.name));
+    for (const renderer of named) {
       const entry = document.createElement("label"), box = document.createElement("input");
       const mark = document.createElement("i"), name = document.createElement("span");
       const { line_color, fill_color, hatch_pattern, type } = renderer.glyph;
@@ -333,7 +400,7 @@
       box.addEventListener("change", () => { renderer.visible = box.checked; });
       mark.className = type;
       if (hatch_pattern?.value) mark.classList.add("hatched");
-      mark.style.backgroundColor = line_color.value || fill_color.value;
+      mark.style.backgroundColor = line_color.value || fill_color.value || "var(--faint)";
       name.textContent = renderer.name;
       entry.append(box, mark, name);
       legend.append(entry);
@@ -378,6 +445,14 @@
   });
   addEventListener("afterprint", () => paint(preference.matches));
   paint(preference.matches);
+
+  const full = document.getElementById("full");
+  full.hidden = !plots.some(hasOutliers);
+  full.addEventListener("click", () => {
+    fullRange = !fullRange;
+    full.setAttribute("aria-pressed", fullRange);
+    redraw();
+  });
 
   const showAll = () => range.setv({ start: whole[0], end: whole[1] });
   document.getElementById("whole").addEventListener("click", showAll);

@@ -11,7 +11,7 @@ import json
 import zlib
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -52,6 +52,7 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
+from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
@@ -67,9 +68,9 @@ FIRST_ROWS: Final = 5
 _LONGEST_SHOWN: Final = 32
 """Bytes of a row that the page has."""
 
-_TARGET, _ACTUAL, _BAD, _OFF = "#d9822b", "#3a7bd5", "#d03b3b", "#8a8f98"
+_TARGET, _ACTUAL, _OFF = "#d9822b", "#3a7bd5", "#8a8f98"
+_BAD: Final = LOOKS[Status.MALFORMED].plot
 _CHASSIS: Final = (_ACTUAL, _TARGET, "#3c9d5b")
-_STATUS_COLOUR: Final = {Status.SUSPECT: _TARGET, Status.MALFORMED: _BAD, Status.OK: _ACTUAL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,10 +126,24 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         damage=_first_of_each(timeline),
         plots={one.name: (one.tags[0], div) for one, div in zip(parts, divs, strict=True)},
         library=resources.render_js() if parts else "",
-        style=(own / "report_page.css").read_text("utf-8"),
+        style=_status_colours() + (own / "report_page.css").read_text("utf-8"),
         script=(own / "report_page.js").read_text("utf-8"),
         models=script,
         data=_packed(timeline, plots.meta, gaps) if plots.figures else "",
+    )
+
+
+def _status_colours() -> str:
+    """Colours of the statuses as CSS variables, by their names."""
+    of_ground = {
+        ground: "".join(
+            f"--{status}: {look.inks[ground].text}; " for status, look in LOOKS.items() if look.inks
+        )
+        for ground in (Ground.LIGHT, Ground.DARK)
+    }
+    return (
+        f":root {{ {of_ground[Ground.LIGHT]}}}\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {of_ground[Ground.DARK]}}} }}\n"
     )
 
 
@@ -251,7 +266,7 @@ class _Plots:
         )  # fmt: skip
         self.meta.append({
             "name": "faults",
-            "colours": [_STATUS_COLOUR[status_of((Fault(word),))] for word in words],
+            "colours": [LOOKS[status_of((Fault(word),))].plot for word in words],
         })  # fmt: skip
 
     def _add_motor(self, motor: int, name: str) -> None:
@@ -275,15 +290,17 @@ class _Plots:
             fill_color=_TARGET, line_color=None, y_range_name="share",
             name=_("commands"),
         )  # fmt: skip
-        self._finish(made, actual)
+        self._finish(made, plot, actual)
+        targets = [one for one in commands if one.field == name]
+        others = [one for one in commands if one.field != name]
+        feedback = [one for one in traces if one not in commands and one.field == name]
         self.meta.append({
             "name": plot,
             "motor": motor,
-            "target": self._numbered(one for one in commands if one.field == name),
-            "others": self._numbered(one for one in commands if one.field != name),
-            "actual": self._numbered(
-                one for one in traces if one not in commands and one.field == name
-            ),
+            "target": self._numbered(targets),
+            "others": self._numbered(others),
+            "actual": self._numbered(feedback),
+            "limits": self._timeline.limits(feedback, targets, others),
         })  # fmt: skip
 
     def _line(self, made: Any, source: str, colour: str, label: str, *, holds: bool) -> list[Any]:
@@ -310,30 +327,39 @@ class _Plots:
             field = fields[trace.field]
             label = f"{field.option} [{field.unit}]"
             self._line(made, f"chassis-{trace.field}", colour, label, holds=True)
-        self._finish(made, [])
+        self._finish(made, "chassis", [])
+        others = [
+            one
+            for one in self._timeline.traces
+            if one.kind.direction is Direction.CONTROL and one not in traces
+        ]
+        found = [self._timeline.limits([], [one], others) for one in traces]
+        limits = [each for each in found if each is not None]
         self.meta.append({
             "name": "chassis",
             "lines": {one.field: self._numbers[one] for one in traces},
-            "others": self._numbered(
-                one
-                for one in self._timeline.traces
-                if one.kind.direction is Direction.CONTROL and one not in traces
-            ),
+            "others": self._numbered(others),
+            "limits": [min(low for low, _high in limits), max(high for _low, high in limits)],
         })  # fmt: skip
 
-    def _finish(self, made: Any, hovered: Sequence[Any]) -> None:
+    def _finish(self, made: Any, plot: str, hovered: Sequence[Any]) -> None:
         made.yaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
         made.yaxis.formatter = NumeralTickFormatter(format="0,0")
-        if hovered:
+        outliers = made.scatter(
+            "x", "y", size=9, marker="marker", fill_color="colour", line_color=None,
+            source=_empty(f"{plot}-outliers", "x", "y", "marker", "colour", "value"),
+            y_range_name="share", name=_("outliers"),
+        )  # fmt: skip
+        for renderers, value in ((list(hovered), "@y"), ([outliers], "@value")):
             made.add_tools(
                 HoverTool(
-                    renderers=list(hovered),
-                    tooltips=[("", "@x{%H:%M:%S.%3N}  @y{0,0}")],
+                    renderers=renderers,
+                    tooltips=[("", f"@x{{%H:%M:%S.%3N}}  {value}{{0,0}}")],
                     formatters={"@x": "datetime"},
                 )
             )
 
-    def _numbered(self, traces: Iterator[Trace]) -> list[int]:
+    def _numbered(self, traces: Iterable[Trace]) -> list[int]:
         return [self._numbers[trace] for trace in traces]
 
 
@@ -404,6 +430,7 @@ def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals) -> str:
         "plots": plots,
         "traces": len(timeline.traces),
         "gaps": gaps,
+        "breaks": [t_ns / 1e6 for t_ns in timeline.breaks],
         "damaged": [_row_cells(row) for row in timeline.damaged],
     }
     text = json.dumps(meta, separators=(",", ":")).encode()

@@ -17,8 +17,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from fte_sniff.cli.streams import ENDING_SIGNALS, print_err
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, quoted, reason_of
+from fte_sniff.platform import ENDING_SIGNALS, POSIX
 
 PATIENCE_S: Final = 1.0
 """How long a command may run after the end of the capture until this is reported."""
@@ -53,7 +54,7 @@ class ServiceManager:
             self._send("WATCHDOG=1")
 
     def _send(self, state: str) -> None:
-        if not self._address:
+        if not (self._address and POSIX):
             return
         # A manager that is gone or busy does not stop a capture.
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
@@ -74,9 +75,11 @@ class FileCommand:
         Raises UsageError if it is no command.
         """
         try:
-            self._words = shlex.split(command or "")
+            # On Windows, a backslash separates folders.
+            words = shlex.split(command or "", posix=POSIX)
         except ValueError as error:
             raise UsageError(f"--on-file: {quoted(command or '')}: {error}") from error
+        self._words = words if POSIX else [word.strip('"') for word in words]
         if command is not None and not (self._words and shutil.which(self._words[0])):
             name = quoted(self._words[0] if self._words else "")
             raise UsageError(f"--on-file: there is no command {name}; name a program, no shell")
@@ -115,7 +118,8 @@ class FileCommand:
         try:
             # In a session of its own, Ctrl-C does not reach it; its output goes to the log.
             self._running[path] = subprocess.Popen(
-                [*self._words, str(path)],
+                # A name that begins with a hyphen is not an option of the command.
+                [*self._words, f"./{path}" if str(path).startswith("-") else str(path)],
                 stdin=subprocess.DEVNULL,
                 stdout=2,
                 start_new_session=True,

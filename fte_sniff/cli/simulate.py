@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.options import FileName, require_pseudo_terminals
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
@@ -33,6 +33,7 @@ def _option(parameter: Parameter) -> click.Option:
 
 
 def _run(link: Path | None, baud: int, **parameters: Any) -> None:
+    require_pseudo_terminals("simulate", "`live sim://` has a simulated host too")
     from fte_sniff.capture.bridge import open_simulated
 
     try:

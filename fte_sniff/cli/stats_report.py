@@ -24,8 +24,8 @@ from fte_sniff.formats.cell_text import (
     share_text,
     span_text,
 )
-from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.session.stats_json import COUNTED, line_use
 
 if TYPE_CHECKING:
@@ -96,8 +96,7 @@ STREAM: Final = "kind and motor"
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _MARKED: Final = "  "
 _DAY_NS: Final = 86_400 * 1_000_000_000
-_STYLE: Final = {Status.OK: "default", Status.SUSPECT: "yellow", Status.MALFORMED: "bold red"}
-_WORRY: Final = _STYLE[Status.MALFORMED]
+_WORRY: Final = LOOKS[Status.MALFORMED].style
 
 
 def report_lines(
@@ -178,8 +177,8 @@ def _statuses(counts: Mapping[Status, RowCount], rows: int) -> Text:
     """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
     parts = []
     for status, count in counts.items():
-        mark = "" if status is Status.OK or not count.rows else f"{STATUS_MARK[status]} "
-        style = _STYLE[status] if count.rows else "default"
+        mark = "" if status is Status.OK or not count.rows else f"{LOOKS[status].mark} "
+        style = LOOKS[status].style if count.rows else "default"
         parts.append(Text(f"{mark}{status} {_share(count.rows, rows)}", style))
     return Text(", ").join(parts)
 
@@ -211,7 +210,7 @@ def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: TimeText) -
             *(f"{count.bytes:,}", share_text(count.bytes / max(1, port.bytes))),
             *(when(count.first_ns), when(count.last_ns)),
         ]
-        table.append(cells, _STYLE[status], f"{STATUS_MARK[status]} ")
+        table.append(cells, LOOKS[status].style, f"{LOOKS[status].mark} ")
     return table
 
 

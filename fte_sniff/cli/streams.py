@@ -5,22 +5,50 @@ from __future__ import annotations
 import atexit
 import errno
 import io
+import mmap
 import os
-import resource
 import select
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.errors import FileError, printable, reason_of
+from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, POSIX
+
+if POSIX:
+    import resource
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 _LEAST_FILES = 16
+_LEAST_MEMORY = 400 << 20
+_LEAST_MEMORY_PER_CORE = 40 << 20
+"""For a buffer and the stack of a thread."""
 
 EXIT_INTERRUPTED = 130
 """The exit code after Ctrl-C, except for commands that normally end that way."""
+
+
+STDOUT = "standard output"
+"""The file name of errors of standard output."""
+
+
+class _Output(io.FileIO):
+    """Standard output; its errors name it, so that they differ from those of other files."""
+
+    def write(self, data: Buffer, /) -> int:
+        """Write; raises OSError."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            error.filename = STDOUT
+            raise
 
 
 class ClosedOutput(io.TextIOBase):
@@ -36,7 +64,7 @@ def prepare_streams() -> None:
 
     Raises OSError if so few files may be open that libraries would crash.
     """
-    if resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _LEAST_FILES:
+    if POSIX and resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _LEAST_FILES:
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
     for descriptor in range(3):
         try:
@@ -53,12 +81,31 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    if POSIX and isinstance(sys.stdout, io.TextIOWrapper):  # a console of Windows is not a file
+        sys.stdout = io.TextIOWrapper(
+            io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False)),
+            encoding=sys.stdout.encoding,
+            errors="backslashreplace",
+            line_buffering=sys.stdout.line_buffering,
+            write_through=sys.stdout.write_through,
+        )
+
+
+def check_memory() -> None:
+    """Raise OSError if the limit of memory is so low that libraries end the program themselves.
+
+    OpenBLAS, which numpy loads, then exits with code 1, which means that `check` says no. Only
+    addresses are tried, no memory is used.
+    """
+    if sys.platform != "win32":
+        size = _LEAST_MEMORY + (os.cpu_count() or 1) * _LEAST_MEMORY_PER_CORE
+        mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=0).close()
 
 
 def unwritable_stdout(error: OSError) -> FileError:
     """The error for a standard output that cannot be written; not every command has `-o`."""
     return FileError(
-        f"standard output cannot be written: {reason_of(error)}; redirect it to another place"
+        f"{STDOUT} cannot be written: {reason_of(error)}; redirect it to another place"
     )
 
 
@@ -99,13 +146,17 @@ def abandon_blocked() -> None:
 
 
 def _blocked(descriptor: int) -> bool:
+    if not POSIX:
+        return False  # unknown
     poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
     return not poll.poll(0)
 
 
 def has_no_reader(descriptor: int) -> bool:
-    """True if a pipe has lost its reader."""
+    """True if a pipe has lost its reader; False where only a write finds out."""
+    if not POSIX:
+        return False
     poll = select.poll()
     poll.register(descriptor, 0)
     return any(event & select.POLLERR for _, event in poll.poll(0))
@@ -115,8 +166,6 @@ OUTPUT_PATIENCE_S = 3.0
 """Seconds that a blocked output may delay the exit."""
 
 _REPEAT_S = 1.0
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that end a capture or a screen."""
 
 
 @contextmanager
@@ -176,7 +225,7 @@ def ending_signals(
         nonlocal requested
         if not requested:
             requested = True
-            signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
+            begin_alarms()
         stop()
 
     def on_signal(*_: object) -> None:
@@ -184,24 +233,62 @@ def ending_signals(
         if hurry is not None:
             hurry()
 
-    def on_alarm(*_: object) -> None:
+    ignored = [number for number in HANG_UP if signal.getsignal(number) is signal.SIG_IGN]
+    numbers = [number for number in numbers if number not in ignored]
+    with _alarms(stop) as begin_alarms:
+        before = [signal.signal(number, on_signal) for number in numbers]
+        try:
+            yield request
+        finally:
+            for number, handler in zip(numbers, before, strict=True):
+                signal.signal(number, signal.SIG_IGN if requested else handler)
+
+
+if POSIX:
+
+    @contextmanager
+    def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
+        """Context whose value begins the alarms, which abandon blocked outputs and call `stop`.
+
+        Outputs are abandoned after the context too.
+        """
+        begun = False
+
+        def begin() -> None:
+            nonlocal begun
+            begun = True
+            signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
+
+        def on_alarm(*_: object) -> None:
+            abandon_blocked()
+            stop()
+
+        before = signal.signal(signal.SIGALRM, on_alarm)
+        try:
+            yield begin
+        finally:
+            signal.signal(signal.SIGALRM, _on_late_alarm if begun else before)
+            if begun:
+                # During interpreter shutdown no Python handler runs; SIGALRM would kill.
+                atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
+
+    def _on_late_alarm(*_: object) -> None:
         abandon_blocked()
-        stop()
 
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-        numbers = [number for number in numbers if number != signal.SIGHUP]
-    alarm_before = signal.signal(signal.SIGALRM, on_alarm)
-    before = [signal.signal(number, on_signal) for number in numbers]
-    try:
-        yield request
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, signal.SIG_IGN if requested else handler)
-        signal.signal(signal.SIGALRM, _on_late_alarm if requested else alarm_before)
-        if requested:
-            # During interpreter shutdown no Python handler runs; SIGALRM would kill the process.
-            atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
+else:
 
+    @contextmanager
+    def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
+        """Context whose value begins the calls of `stop`, in a thread; outputs stay blocked."""
+        ended = threading.Event()
 
-def _on_late_alarm(*_: object) -> None:
-    abandon_blocked()
+        def run() -> None:
+            wait_s = OUTPUT_PATIENCE_S
+            while not ended.wait(wait_s):
+                wait_s = _REPEAT_S
+                stop()
+
+        try:
+            yield threading.Thread(target=run, name="repeats the request", daemon=True).start
+        finally:
+            ended.set()

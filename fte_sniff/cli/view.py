@@ -24,7 +24,7 @@ from fte_sniff.cli.options import (
     row_filter,
     units_options,
 )
-from fte_sniff.cli.output import exit_if_unreadable, print_notes
+from fte_sniff.cli.output import exit_if_unreadable, print_notes, print_saved
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err
@@ -101,7 +101,8 @@ def command(
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
-    notes = Notes([Path(one.name) for one in reading.inputs])
+    parts = [one.part if isinstance(one, RecordingInput) else None for one in reading.inputs]
+    notes = Notes([Path(one.name) for one in reading.inputs], [one and one.start for one in parts])
     session = ReplaySession(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
@@ -133,8 +134,7 @@ def command(
         # A stopped terminal may not block the exit.
         request_end()
         print_notes(reading)
-        for path in notes.written:
-            print_err(f"notes are in {path}")
+        print_saved(notes)
     if session.error is not None:
         raise session.error
     exit_if_unreadable(reading)

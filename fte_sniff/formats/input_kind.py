@@ -14,6 +14,9 @@ from fte_sniff.protocol import DEFAULT_BAUD, Chunk, byte_time_ns
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 
+PARQUET_MAGIC = b"PAR1"
+"""The first bytes of a Parquet file."""
+
 
 _FIRST = 4096
 """Bytes that show the format of a file."""
@@ -25,6 +28,7 @@ class InputKind(StrEnum):
     MCAP = "mcap"
     RAW = "raw"
     HEX = "hex"
+    PARQUET = "parquet"
 
 
 KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
@@ -37,6 +41,7 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
         ".log": InputKind.HEX,
         ".csv": InputKind.HEX,
         ".jsonl": InputKind.HEX,
+        ".parquet": InputKind.PARQUET,
     }
 )
 """By file name suffix, in lower case."""
@@ -68,6 +73,8 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
+    if first.startswith(PARQUET_MAGIC):
+        return InputKind.PARQUET
     from fte_sniff.formats.text_blocks import is_text
 
     return InputKind.HEX if is_text(first) else InputKind.RAW

@@ -41,6 +41,8 @@ class LogOptions:
     """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
     whole: bool = True
     """Whether the text is a log; else a paste, of which a part may be bytes."""
+    samplerate: int | None = None
+    """Samples per second of a logic analyser, whose numbers are then times."""
     baud: int = DEFAULT_BAUD
     """Bits per second, for the time that bytes take."""
 
@@ -78,6 +80,9 @@ class LogForm(ABC):
     is_chance: bool = False
     """Whether there are too few frames in its sample."""
 
+    share: float | None = None
+    """Of the bytes in its sample, how many are in frames; None where frames do not decide."""
+
     def ports(self, name: str) -> list[str]:
         """The ports of its rows, as far as the sample shows."""
         return [name]
@@ -90,6 +95,11 @@ class LogForm(ABC):
     @abstractmethod
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """The bytes of a block of the log of this name; raises InputTextError after the others."""
+
+    def rest(self, name: str) -> Iterator[StreamBytes]:
+        """The bytes that waited for a time below them, at the end of the log."""
+        del name
+        return iter(())
 
     def notes(self) -> list[str]:
         """How it was read, one line each."""

@@ -19,7 +19,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
-from fte_sniff.formats.logs.evidence import Hypothesis, Lane, label_of
+from fte_sniff.formats.logs.evidence import Hypothesis, Lane, Placed, label_of
 from fte_sniff.formats.logs.forms import Extractor
 from fte_sniff.formats.logs.times import SECOND, masked
 from fte_sniff.formats.text_blocks import TextBlock
@@ -83,7 +83,7 @@ class PlainLog(LogForm):
 
     def __init__(self, data: bytes = b"", *, is_certain: bool = False) -> None:
         """A log whose sample has these bytes."""
-        self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [(0, data)])])
+        self.found = Hypothesis(_PLAIN_HEX, [Lane({b"": slice(None)}, [Placed(0, 0, data)])])
         self.rank = self.found.rank
         self.is_certain = is_certain or self.rank[1]
         self.is_chance = self.found.size >= _FEW_BYTES and self.found.share < _CHANCE
@@ -109,6 +109,10 @@ class PlainLog(LogForm):
                 is_certain |= near and 2 * len(odd) < len(words) and odd[:1] != words[:1]
                 if label_of("direction", line) or masked(line) != line or not short:
                     return None
+        numbers = re.findall(rb"\w+", b" ".join(lines))
+        are_decimal = all(one.isdigit() and int(one) < 256 for one in numbers)
+        if are_decimal and any(len(one) == 3 for one in numbers):
+            return None
         has_digits = re.search(rb"[0-9A-Fa-f]|\A\Z", b"".join(lines).strip())
         return cls(data, is_certain=is_certain) if has_digits else None
 

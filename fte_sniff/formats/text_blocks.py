@@ -1,19 +1,21 @@
 """Text of any encoding as lines of UTF-8 bytes that end in a newline.
 
 UTF-16 and GBK become UTF-8; lines that are neither stay as they are. Colours and NUL are removed. A
-line of more than 16 MB comes in segments, so that memory does not depend on the length of lines.
+line of more than 16 MB comes in segments, so that memory does not depend on the length of lines. A
+block of NUL, which a power cut leaves in a file, ends a line and is reported.
 """
 
 from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
-from typing import IO, BinaryIO, Final
+from typing import IO, BinaryIO, Final, NamedTuple
 
 BLOCK_BYTES: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
@@ -24,10 +26,21 @@ _SAMPLE_BYTES: Final = 10 << 10
 _LONGEST_SAMPLED: Final = 4096
 _SNIFFED: Final = 4096
 """Bytes that show the encoding."""
-_INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0"
-"""Colours and other escape sequences, and NUL."""
+_ESCAPE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])"
+"""A colour or another escape sequence."""
+_LONGEST_ESCAPE: Final = 32
+_FEWEST_NULS: Final = 16
+"""NUL bytes in a row from which on they are a block; some programs write one after each text."""
 _CONTROL: Final = rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]"
 _PLAIN: Final = {"\ufeff": "", "，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " "}
+
+
+class NulBlock(NamedTuple):
+    """Consecutive NUL bytes."""
+
+    offset: int
+    """Of the first one in the stream."""
+    length: int
 
 
 @dataclass
@@ -39,6 +52,8 @@ class TextBlock:
     """The number of the first line, from 1."""
     column: int | None = None
     """Of a segment: bytes of the line before it."""
+    skipped: NulBlock | None = None
+    """What was between it and the text before it."""
 
     @cached_property
     def count(self) -> int:
@@ -61,6 +76,10 @@ def is_text(first: bytes) -> bool:
 
 def _encoding_of(first: bytes) -> str:
     """The encoding: UTF-16 by its mark, or by the zeros between its letters; else utf-8."""
+    first = re.split(rb"\0{%d}" % _FEWEST_NULS, first[_nuls_before(first) & ~1 :], maxsplit=1)[0]
+    # The end may be within a block of NUL, too short to be one; keep the zero of the last letter.
+    size = len(first.rstrip(b"\0"))
+    first = first[: size + size % 2]
     for encoding, mark, low in (
         ("utf-16-le", codecs.BOM_UTF16_LE, 0),
         ("utf-16-be", codecs.BOM_UTF16_BE, 1),
@@ -75,46 +94,116 @@ def _encoding_of(first: bytes) -> str:
 def _lines_of(data: bytes, encoding: str) -> list[bytes]:
     """The lines of a part of a text; the first and the last may be cut."""
     text = data if encoding == "utf-8" else data.decode(encoding, "replace").encode()
+    text = re.sub(rb"\0{%d,}" % _FEWEST_NULS, b"\n", text)
     return TextBlock(_clean(text)).lines
 
 
 def text_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[TextBlock]:
     """The lines of a stream."""
     read = getattr(stream, "read1", stream.read)
-    data = read(BLOCK_BYTES)
-    while 0 < len(data) < 4 and (more := read(BLOCK_BYTES)):
+    nuls, data = 0, b""
+    while len(data) - _nuls_before(data) < 4 and (more := read(BLOCK_BYTES)):
         data += more
-    encoding = _encoding_of(data[:_SNIFFED])
+        far = max(0, _nuls_before(data) - _FEWEST_NULS & ~1)
+        nuls, data = nuls + far, data[far:]
+    encoding = _encoding_of(data[: 2 * _FEWEST_NULS + _SNIFFED])
     decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
-    number, column, pending = 1, None, b""
-    while data or pending:
-        pending += data if decoder is None else decoder.decode(data, not data).encode()
-        end = _end_of_lines(pending) if data else len(pending)
-        is_cut = not end and len(pending) >= LONGEST_LINE
-        if is_cut:
-            end, column = _end_of_words(pending), column or 0
-        elif end and column is not None:  # the end of a very long line is a segment too
-            end = pending.find(b"\n") + 1 or end
-        if end:
+    reads = chain([data], iter(lambda: read(BLOCK_BYTES), b"")) if data else ()
+    lines = _Lines()
+    for part in _parts(reads, nuls, 1 if decoder is None else 2):
+        skipped = part if isinstance(part, NulBlock) else None
+        text = b"" if isinstance(part, NulBlock) else part
+        lines.append(text if decoder is None else decoder.decode(text, not text).encode())
+        yield from lines.blocks(is_end=not text)
+        if skipped is not None:
+            yield TextBlock(b"", lines.number, skipped=skipped)
+
+
+def _nuls_before(data: bytes) -> int:
+    return len(data) - len(data.lstrip(b"\0"))
+
+
+def _parts(reads: Iterable[bytes], nuls: int, unit: int) -> Iterator[bytes | NulBlock]:
+    """What is read, and blocks of NUL between; at the end `b""`.
+
+    Args:
+        reads: the stream behind its first `nuls` bytes, which are NUL.
+        nuls: how many they are.
+        unit: bytes of a code unit; those of a block are whole units.
+    """
+    at = nuls
+    for data in reads:
+        begin = 0
+        if nuls >= _FEWEST_NULS and data[:1] != b"\0":
+            yield NulBlock(at - nuls, nuls)
+            data, at, nuls = b"\0" * (at % unit) + data, at - at % unit, 0
+        runs = re.finditer(rb"\A\0+|\0{%d,}|\0+\Z" % _FEWEST_NULS, data)
+        for run in runs if b"\0" in data else ():  # the search is slow
+            was_block = run.start() == 0 and nuls >= _FEWEST_NULS
+            nuls = len(run[0]) + (nuls if run.start() == 0 else 0)
+            if nuls >= _FEWEST_NULS:
+                stop = run.start() + (0 if was_block else (at + run.start()) % unit)
+                if begin < stop:
+                    yield data[begin:stop]
+                begin = run.end()
+                if begin < len(data):
+                    yield NulBlock(at + begin - nuls, nuls)
+                    begin -= (at + begin) % unit
+        at += len(data)
+        nuls = nuls if data.endswith(b"\0") else 0
+        if begin < len(data):
+            yield data[begin:]
+    if nuls >= _FEWEST_NULS:
+        yield NulBlock(at - nuls, nuls)
+    yield b""
+
+
+class _Lines:
+    """Cuts a text into blocks of whole lines, or segments of a very long one."""
+
+    def __init__(self) -> None:
+        self.number = 1
+        """Of the first line that is not in a block."""
+        self._column: int | None = None
+        self._pending = b""
+
+    def append(self, text: bytes) -> None:
+        """Append text as UTF-8."""
+        self._pending += text
+
+    def blocks(self, *, is_end: bool) -> Iterator[TextBlock]:
+        """The blocks up to the last complete line; at the end of a text, all of it."""
+        while self._pending:
+            pending, column = self._pending, self._column
+            end = len(pending) if is_end else _end_of_lines(pending)
+            is_cut = not end and len(pending) >= LONGEST_LINE
+            if is_cut:
+                end, column = _end_of_words(pending), column or 0
+            elif end and column is not None:  # the end of a very long line is a segment too
+                end = pending.find(b"\n") + 1 or end
+            if not end:
+                return
             text = _clean(pending[:end])
-            text += b"" if is_cut or text.endswith(b"\n") else b"\n"
-            yield (block := TextBlock(text, number, column))
-            number += block.count
-            column = column + end if is_cut and column is not None else None
-            pending = pending[end:]
-        data = data and read(BLOCK_BYTES)
+            is_open = not text.endswith(b"\n")
+            yield (block := TextBlock(text + b"\n" * (is_open and not is_cut), self.number, column))
+            self.number += block.count - (is_open and not is_cut)
+            self._column = column + end if is_cut and column is not None else None
+            self._pending = pending[end:]
 
 
 def sample(path: Path) -> list[bytes]:
     """Lines of four blocks of a file, without what is cut; all of a small one."""
     found, size = list[bytes](), path.stat().st_size
     with path.open("rb") as file:
+        first = _skip_nuls(file)
         encoding = _encoding_of(file.read(_SNIFFED))
         file.seek(0)
         if size <= 4 * _SAMPLE_BYTES:
             return _lines_of(file.read(), encoding)
         for number in range(4):
-            file.seek((size - _SAMPLE_BYTES) * number // 3 & ~1)  # even, for UTF-16
+            at = first + max(0, size - first - _SAMPLE_BYTES) * number // 3
+            file.seek(at & ~1)  # even, for UTF-16
+            _skip_nuls(file)
             lines = _lines_of(file.read(_SAMPLE_BYTES), encoding)
             if len(lines) > 2:
                 lines = lines[number > 0 : len(lines) - (number < 3)]
@@ -122,6 +211,17 @@ def sample(path: Path) -> list[bytes]:
                 lines[:1] = lines[0].split(None, 1)[-1:]
             found += map(first_words, lines)
     return found
+
+
+def _skip_nuls(file: BinaryIO) -> int:
+    """Skip NUL bytes, an even number of them; returns the offset."""
+    at = file.tell()
+    while data := file.read(BLOCK_BYTES):
+        nuls = _nuls_before(data)
+        at += nuls
+        if nuls < len(data):
+            break
+    return file.seek(at & ~1)
 
 
 def first_words(line: bytes) -> bytes:
@@ -141,8 +241,7 @@ def _clean(data: bytes) -> bytes:
     """Lines as UTF-8, without colours and NUL, with plain commas, colons and line ends."""
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if b"\x1b" in data or b"\0" in data:
-        data = re.sub(_INVISIBLE, b"", data)
+    data = _without_escapes(data.replace(b"\0", b""))
     if data.isascii():
         return data
     if _decoded(data, "utf-8") is None:
@@ -151,6 +250,20 @@ def _clean(data: bytes) -> bytes:
     for character, plain in _PLAIN.items():
         data = data.replace(character.encode(), plain.encode())
     return data
+
+
+def _without_escapes(data: bytes) -> bytes:
+    """Remove escape sequences from one part after another; each takes memory while it is found."""
+    if b"\x1b" not in data:
+        return data
+    parts, begin = list[bytes](), 0
+    while begin < len(data):
+        stop = begin + _SNIFFED * _LONGEST_ESCAPE
+        last = data.rfind(b"\x1b", stop - _LONGEST_ESCAPE, stop)
+        stop = last if last > begin else stop
+        parts.append(re.sub(_ESCAPE, b"", data[begin:stop]))
+        begin = stop
+    return b"".join(parts)
 
 
 def _end_of_lines(data: bytes) -> int:

@@ -1,4 +1,4 @@
-"""Lines of a text table from a whole DataFrame, as `text_layout` makes them; needs polars."""
+"""Bytes of a whole DataFrame as text, and the lines of a table; needs polars."""
 
 from __future__ import annotations
 
@@ -11,13 +11,28 @@ from fte_sniff.formats.text_layout import (
     OFFSET_WIDTH,
     PORT_WIDTH,
     RAW_WIDTH,
-    STATUS_MARK,
     TIME_WIDTH,
     VALUES_WIDTH,
     TextLayout,
 )
-from fte_sniff.protocol import KINDS, Field, FrameKind
-from fte_sniff.protocol.row_schema import TIME_FORMAT
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind
+from fte_sniff.protocol.columns import TIME_FORMAT
+from fte_sniff.protocol.look import LOOKS
+
+
+def spaced_bytes(raw: pl.Series) -> pl.Series:
+    """Bytes as hex with spaces, from hex without.
+
+    A regular expression takes six times as long, so only rows of another length have one.
+    """
+    digits = 2 * FRAME_LENGTH
+    pairs = [pl.col("raw").str.slice(at, 2) for at in range(0, digits, 2)]
+    spaced = raw.alias("raw").to_frame().select(pl.concat_str(pairs, separator=" ")).to_series()
+    others = raw.str.len_bytes() != digits
+    if not others.any():
+        return spaced
+    found = raw.filter(others).str.replace_all("(..)", "$1 ").str.strip_suffix(" ")
+    return spaced.scatter(others.arg_true(), found)
 
 
 def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
@@ -26,10 +41,10 @@ def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
         pl.col("offset").cast(pl.String()).str.pad_start(OFFSET_WIDTH),
         pl.col("status")
         .cast(pl.String())
-        .replace_strict({str(status): mark for status, mark in STATUS_MARK.items()}),
+        .replace_strict({str(status): look.mark for status, look in LOOKS.items()}),
         pl.col("kind").cast(pl.String()).fill_null("-").str.pad_end(KIND_WIDTH),
         _values().str.pad_end(VALUES_WIDTH),
-        pl.col("raw").str.replace_all("(..)", "$1 ").str.strip_suffix(" ").str.pad_end(RAW_WIDTH),
+        pl.lit(spaced_bytes(frame["raw"])).str.pad_end(RAW_WIDTH),
         pl.col("faults").cast(pl.List(pl.String())).list.join(","),
     ]
     if layout.ports:
@@ -61,7 +76,7 @@ def _values_of(kind: FrameKind) -> pl.Expr:
 
 
 def _text(field: Field) -> pl.Expr:
-    if field.defined_bits is None:
+    if field.legal_bits is None:
         return pl.col(field.name).cast(pl.String())
     return pl.format("0x{}", _hex(field.name))
 

@@ -15,9 +15,7 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
 )
-
-STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
-"""One character for the status, for output without colours."""
+from fte_sniff.protocol.look import LOOKS
 
 ORDER_MARK = "~"
 """The mark of an `ok` row whose order with rows of another port is uncertain."""
@@ -98,7 +96,7 @@ def mark_of(row: Row) -> str:
     """One character for the status of a row, or an uncertain order."""
     if row.order_uncertain and row.status is Status.OK:
         return ORDER_MARK
-    return STATUS_MARK[row.status]
+    return LOOKS[row.status].mark
 
 
 def kind_text(row: Row) -> str:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from fte_sniff.formats.text_layout import GAP, STATUS_MARK, TextLayout, kind_text, values_text
+from fte_sniff.formats.text_layout import GAP, TextLayout, kind_text, values_text
 from fte_sniff.protocol import Frame, Row, Status, faults_text, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from fte_sniff.protocol.look import LOOKS
 
 if TYPE_CHECKING:
     import polars as pl
@@ -105,10 +106,8 @@ class RichWriter:
 
 
 def _style_of(row: Row) -> str:
-    if row.status is Status.MALFORMED:
-        return "bold red"
-    if row.status is Status.SUSPECT:
-        return "yellow"
+    if row.status is not Status.OK:
+        return LOOKS[row.status].style
     kind = row.kind if isinstance(row, Frame) else None
     if kind is None or not kind.fields:
         return "bold magenta"
@@ -118,7 +117,6 @@ def _style_of(row: Row) -> str:
 _OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
 _BYTES_A_LINE = 6
 _LEAST_WRAP = 20
-_COLOR = {Status.OK: "green", Status.SUSPECT: "yellow", Status.MALFORMED: "red"}
 
 
 class DissectionWriter:
@@ -147,13 +145,13 @@ class DissectionWriter:
 def _row_lines(row: Row, width: int | None) -> Iterator[str]:
     yield _title(row)
     for sentence in explain(row):
-        yield from _indented(sentence, 2, width, _COLOR[row.status])
+        yield from _indented(sentence, 2, width, LOOKS[row.status].color)
     for field in dissect(row):
         yield from _field_lines(field, width)
 
 
 def _title(row: Row) -> str:
-    status = click.style(f"{row.status}", fg=_COLOR[row.status], bold=True)
+    status = click.style(f"{row.status}", fg=LOOKS[row.status].color, bold=True)
     if row.faults:
         status += f" ({faults_text(row.faults)})"
     kind = kind_text(row)
@@ -162,8 +160,8 @@ def _title(row: Row) -> str:
 
 
 def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:
-    mark = STATUS_MARK[Status.MALFORMED] if field.fault else " "
-    color = "red" if field.fault else None
+    look = LOOKS[Status.MALFORMED if field.fault else Status.OK]
+    mark, color = look.mark, look.color if field.fault else None
     first, *further = _byte_groups(field.raw)
     lead = f"  {mark} {_offsets_text(field.offsets):<{_OFFSETS}} {first:<{_BYTES}}"
     lead += f" {field.name:<{_NAME}} {field.value:<{_VALUE}} "

@@ -7,12 +7,13 @@ import json
 import re
 from collections.abc import Sequence
 from enum import StrEnum
+from io import BytesIO
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
-from fte_sniff.protocol.row_schema import TIME_FORMAT
+from fte_sniff.protocol.columns import TIME_FORMAT
 
 if TYPE_CHECKING:
     import polars as pl
@@ -113,8 +114,16 @@ class JsonlWriter(_LineWriter):
         """Write the rows of a DataFrame with the columns of the row contract."""
         import polars as pl
 
-        time = pl.col("time").dt.strftime(TIME_FORMAT)
-        self._stream.write(printable_json(frame.with_columns(time).write_ndjson()))
+        lines = BytesIO()
+        frame.with_columns(pl.col("time").dt.strftime(TIME_FORMAT)).write_ndjson(lines)
+        # Only a port's name can have other characters than ASCII.
+        is_ascii = all(port.isascii() for port in frame.get_column("port").unique())
+        buffer = getattr(self._stream, "buffer", None) if is_ascii else None
+        if buffer is None:
+            self._stream.write(printable_json(lines.getvalue().decode()))
+        else:
+            self._stream.flush()
+            buffer.write(lines.getbuffer())
 
 
 def _line(row: Row) -> str:
@@ -194,5 +203,7 @@ class HexWriter(_LineWriter):
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the bytes of the rows of a DataFrame."""
-        spaced = frame.get_column("raw").str.replace_all("(..)", "$1 ").str.strip_suffix(" ")
-        self._stream.writelines(f"{line}\n" for line in spaced)
+        from fte_sniff.formats.text_frame import spaced_bytes
+
+        lines = spaced_bytes(frame.get_column("raw"))
+        self._stream.write("\n".join([*lines, ""]))

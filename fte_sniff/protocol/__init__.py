@@ -4,39 +4,40 @@ Modules:
 
     dissect     Explain the bytes of a row field by field.
     framer      The framer: chunks in, rows out.
-    row_schema  Names, types and order of a row's columns; time formats.
+    columns     The column table; time formats.
+    look        Signs and colours of each status.
     rows        Chunks, rows, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
 
-from fte_sniff.protocol.framer import Framer as Framer
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     COLUMN_BY_NAME as COLUMN_BY_NAME,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     COLUMNS as COLUMNS,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     Column as Column,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     ColumnType as ColumnType,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     Value as Value,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     faults_text as faults_text,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     iso_time as iso_time,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     record as record,
 )
-from fte_sniff.protocol.row_schema import (
+from fte_sniff.protocol.columns import (
     spaced_hex as spaced_hex,
 )
+from fte_sniff.protocol.framer import Framer as Framer
 from fte_sniff.protocol.rows import (
     Chunk as Chunk,
 )

@@ -14,9 +14,9 @@ from itertools import takewhile
 from typing import NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
+from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.framer.predicates import can_split
 from fte_sniff.protocol.framer.tables import FTE_TABLES
-from fte_sniff.protocol.row_schema import spaced_hex
 from fte_sniff.protocol.rows import Damage, Frame, Row
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
@@ -43,7 +43,11 @@ _HEADER_MEANINGS = {
 }
 _HEADERS_TEXT = listed((f"{header:02X}" for header in HEADER_BYTES), Joint.OR)
 _TAIL_TEXT = f"{TAIL:02X}"
-_LEGAL_BYTES = [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS]
+_LAYOUTS = [
+    [(kind, FTE_FORMAT.legal_bytes(kind, dict.fromkeys(kind.open_reserve, 0))) for kind in KINDS],
+    [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS],
+]
+"""The legal bytes of each kind: with 00 in its reserve, and with anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,7 @@ class ExplainedField:
     """Description, with the range of a number."""
     fault: Fault | None = None
     note: str = ""
-    """Why they have it: what was expected and what was found."""
+    """With a fault, what was expected and what was found; without one, the field's erratum."""
     bits: tuple[ExplainedBit, ...] = ()
     """The bits of a flag byte, from bit 0 up."""
     is_raised: bool = False
@@ -90,7 +94,7 @@ def byte_names(kind: FrameKind) -> tuple[str, ...]:
 
 
 def dissect(row: Row) -> list[ExplainedField]:
-    """Explain every byte of the row once, in order (PROTOCOL.md, both tables of frames)."""
+    """Explain every byte of the row once, in order (docs/reference/protocol.md, "Frames")."""
     if isinstance(row, Frame):
         return [_decoded(row, slot) for slot in _layout(row.kind)]
     size, faults = len(row.raw), row.faults
@@ -164,12 +168,12 @@ def _expected(expected: object, found: object) -> TranslatableText:
 def _decoded(row: Frame, slot: _Slot) -> ExplainedField:
     offsets, name, _, field = slot
     if field is not None:
-        return _flags(row, field) if field.defined_bits is not None else _number(row, field)
+        return _flags(row, field) if field.legal_bits is not None else _number(row, field)
     match name:
         case "cmd":
             return _cmd(row)
-        case "reserve":
-            return _reserve(row, offsets)
+        case "reserve" if row.kind is not None:
+            return _reserve(row, row.kind)
         case "num" if row.kind is not None:
             meaning = TranslatableText("NUM: any value, it means nothing here")
             return _explained(row, offsets, name, meaning, value=str(row.raw[offsets.start]))
@@ -197,18 +201,23 @@ def _cmd(row: Frame) -> ExplainedField:
     )
 
 
-def _reserve(row: Frame, offsets: range) -> ExplainedField:
+def _reserve(row: Frame, kind: FrameKind) -> ExplainedField:
+    offsets = kind.reserved
     raw = row.raw[offsets.start : offsets.stop]
-    if not any(raw):
-        meaning = TranslatableText("reserve, always 00 in the protocol's examples")
-        return _explained(row, offsets, "reserve", meaning)
-    note = TranslatableText(
-        "expected {wanted} as in all examples, found {found}",
-        wanted=spaced_hex(bytes(len(raw))),
-        found=spaced_hex(raw),
-    )
-    fault = Fault.RESERVED_NONZERO
-    return _explained(row, offsets, "reserve", TranslatableText("reserve"), fault=fault, note=note)
+    wanted = bytes([kind.reserve or 0x00]) * len(raw)
+    texts = {"wanted": spaced_hex(wanted), "found": spaced_hex(raw)}
+    if kind.reserve is None:
+        meaning = TranslatableText("reserve: no meaning; the protocol states no value")
+        note = TranslatableText(
+            "expected {wanted} as on the rest of this line, found {found}", **texts
+        )
+    else:
+        meaning = TranslatableText(
+            "reserve: no meaning; the protocol shows {byte}", byte=f"{kind.reserve:02X}"
+        )
+        note = TranslatableText("expected {wanted} as in the protocol, found {found}", **texts)
+    fault = None if raw == wanted else Fault.RESERVED_NONZERO
+    return _explained(row, offsets, "reserve", meaning, fault=fault, note=note)
 
 
 def _number(row: Frame, field: Field) -> ExplainedField:
@@ -217,7 +226,7 @@ def _number(row: Frame, field: Field) -> ExplainedField:
         "{meaning} ({range})", meaning=TranslatableText(field.meaning), range=field.range_text
     )
     legal = field.is_legal(value)
-    return _explained(
+    number = _explained(
         row,
         field.offsets,
         field.name,
@@ -226,11 +235,14 @@ def _number(row: Frame, field: Field) -> ExplainedField:
         fault=None if legal else field.fault,
         note="" if legal else _expected(field.range_text, value),
     )
+    if value and field.erratum:
+        return replace(number, note=TranslatableText(field.erratum))
+    return number
 
 
 def _flags(row: Frame, field: Field) -> ExplainedField:
     byte = field.read(row.raw)
-    defined, raised = field.defined_bits or 0, byte ^ (field.default or 0)
+    defined, raised = field.legal_bits or 0, byte ^ (field.default or 0)
     note = TranslatableText(
         "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
     )
@@ -256,7 +268,7 @@ def _has(byte: int, bit: int) -> bool:
 
 
 def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
-    if field.defined_bits is not None and not field.defined_bits >> number & 1:
+    if field.legal_bits is not None and not field.legal_bits >> number & 1:
         return TranslatableText("undefined"), TranslatableText("undefined")
     if field.name == "online":
         motor = TranslatableText("motor {number}", number=number + 1)
@@ -334,7 +346,7 @@ def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:
         last = FRAME_LENGTH - rest - 1
         meaning = TranslatableText(
             "{place} missing: {count} of a frame's {length} bytes, or others in its place",
-            place=f"DATA[{head}]" if head == last else f"DATA[{head}:{last + 1}]",
+            place=f"DATA[{head}]" if head == last else f"DATA[{head}] to DATA[{last}]",
             count=FRAME_LENGTH - size,
             length=FRAME_LENGTH,
         )
@@ -360,13 +372,16 @@ def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
     """
     whole = min(len(raw), FRAME_LENGTH)
     longest = whole if len(raw) < FRAME_LENGTH else whole - 1
-    best: tuple[FrameKind | None, int, int] | None = None
-    for kind, legal in _LEGAL_BYTES:
-        head = min(_fitting(raw, legal), longest)
-        longer = head > (best[1] if best else 0)
-        if longer and head + _fitting(raw[::-1], legal[::-1]) >= whole:
-            best = kind if head > CMD_OFFSET else None, head, whole - head
-    return best or (None, 1, int(len(raw) > 1 and raw[-1] == TAIL))
+    for layouts in _LAYOUTS:
+        best: tuple[FrameKind | None, int, int] | None = None
+        for kind, legal in layouts:
+            head = min(_fitting(raw, legal), longest)
+            longer = head > (best[1] if best else 0)
+            if longer and head + _fitting(raw[::-1], legal[::-1]) >= whole:
+                best = kind if head > CMD_OFFSET else None, head, whole - head
+        if best:
+            return best
+    return None, 1, int(len(raw) > 1 and raw[-1] == TAIL)
 
 
 def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:

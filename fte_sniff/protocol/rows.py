@@ -223,6 +223,9 @@ class Gap:
     """One line of text for the user; may contain text from outside."""
     port: str | None = None
     """The port whose rows are missing; None for all ports."""
+    port_lost: bool | None = None
+    """Whether a port remains lost after it, so that no command can be unanswered; None if the gap
+    does not change that."""
 
     def including(self, t_ns: int, rows: int = 1) -> Gap:
         """The gap, with more missing rows of one time."""

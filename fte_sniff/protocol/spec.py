@@ -1,6 +1,7 @@
 """The frame table: kinds, fields, faults, constants; how a frame is encoded.
 
-A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no checksum:
+A frame (docs/reference/protocol.md, "Frames"), ten bytes, big-endian two's complement,
+no checksum:
 
       0      1     2     3     4     5     6     7     8     9
     +------+-----+-----+-----+-----+-----+-----+-----+-----+------+
@@ -17,7 +18,7 @@ A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no che
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -76,8 +77,10 @@ FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
         Fault.TRUNCATED: "starts like a frame, bytes are missing",
         Fault.OVERLONG: "starts and ends like a frame, bytes too many",
         Fault.NOISE: "bytes that belong to no frame",
-        Fault.RESERVED_NONZERO: "a reserve byte is not 00, as it is in all examples",
-        Fault.UNDEFINED_FLAGS: "bits 4-7 of ERROR or ONLINE are set",
+        Fault.RESERVED_NONZERO: (
+            "the reserve is not 00, unlike on the rest of this line (in speed feedback: not 00)"
+        ),
+        Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
         Fault.AMBIGUOUS: "another reading of these bytes is as good",
         Fault.LINE_ERROR: "the UART reported an error around these bytes",
     }
@@ -115,6 +118,19 @@ DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
 )
 
 
+class Role(StrEnum):
+    """What a field is about, whatever its name; a frame has at most one field of each role."""
+
+    MOTOR = "motor"
+    SPEED = "speed"
+    POSITION = "position"
+    FORWARD = "forward"
+    LEFT = "left"
+    ROTATION = "rotation"
+    ERRORS = "errors"
+    ONLINE = "online"
+
+
 @dataclass(frozen=True, slots=True)
 class Field:
     """One field of a frame: big-endian, two's complement if its range has negative values."""
@@ -133,17 +149,21 @@ class Field:
     meaning: str
     option: str
     """The short name on the command line."""
-    defined_bits: int | None = None
-    """For a bit field: the bits that the protocol defines."""
+    legal_bits: int | None = None
+    """For a bit field: the bits that may be set."""
     default: int | None = None
     """The value used if the user gives none; None if one must be given."""
     fault: Fault | None = None
     """The fault of a frame with an illegal value; None if every value of the type is legal."""
+    role: Role | None = None
+    """What it is about, where some code must know. The kind says whether it is a target."""
+    erratum: str = ""
+    """Where the document contradicts itself about values other than 0: what holds, in one line."""
 
     def __post_init__(self) -> None:
         """Check that faults can be found byte by byte, as the framer does; raises ValueError."""
         every = 1 << 8 * self.size
-        limited = self.high - self.low + 1 < every or self.defined_bits not in {None, every - 1}
+        limited = self.high - self.low + 1 < every or self.legal_bits not in {None, every - 1}
         if limited != (self.fault is not None) or (limited and self.size > 1):
             raise ValueError(
                 f"{self.name}: a field with illegal values has one byte, and names their fault"
@@ -164,13 +184,13 @@ class Field:
         return int.from_bytes(raw[self.start : self.start + self.size], "big", signed=self.signed)
 
     def is_legal(self, value: int) -> bool:
-        """Whether the value is in range, with no undefined bit set."""
+        """Whether the value is in range, with no other bit set than the legal ones."""
         return self.low <= value <= self.high and not (
-            self.defined_bits is not None and value & ~self.defined_bits
+            self.legal_bits is not None and value & ~self.legal_bits
         )
 
     def to_bytes(self, value: int) -> bytes:
-        """Encode `value`; undefined bits of a bit field are accepted.
+        """Encode `value`; illegal bits of a bit field are accepted.
 
         Raises ValueRangeError, which names field, range and unit, if it is out of range.
         """
@@ -180,11 +200,11 @@ class Field:
 
     def raised(self, value: int) -> bool:
         """Whether a bit field differs from its default; always false for a number."""
-        return self.defined_bits is not None and value != self.default
+        return self.legal_bits is not None and value != self.default
 
     def text(self, value: int) -> str:
         """Format a value without its unit: bit fields in hex, numbers in decimal."""
-        return f"{value}" if self.defined_bits is None else f"0x{value:02X}"
+        return f"{value}" if self.legal_bits is None else f"0x{value:02X}"
 
     @property
     def range_text(self) -> str:
@@ -204,8 +224,10 @@ class FrameKind:
     fields: tuple[Field, ...]
     """By offset; NUM is one of them only if it is a motor number."""
     reserved: range
-    """The offsets that are 00 in all examples of the protocol."""
+    """The offsets without a meaning."""
     meaning: str
+    reserve: int | None = None
+    """The byte that the protocol document prints there; None if it states none: any is legal."""
 
     @property
     def header(self) -> int:
@@ -218,6 +240,11 @@ class FrameKind:
         return any(field.start == NUM_OFFSET for field in self.fields)
 
     @property
+    def open_reserve(self) -> range:
+        """The offsets without a meaning for which the protocol document states no byte."""
+        return self.reserved if self.reserve is None else range(0)
+
+    @property
     def subject(self) -> str | None:
         """The main value: the last field with a unit, a speed or a position; None without one."""
         return next((field.name for field in reversed(self.fields) if field.unit), None)
@@ -227,27 +254,49 @@ class FrameKind:
         return next((field for field in self.fields if field.name == name), None)
 
 
-def _int16(name: str, start: int, unit: str, meaning: str, option: str) -> Field:
-    return Field(name, start, 2, -(2**15), 2**15 - 1, unit, meaning, option)
+def motor_bit(motor: int) -> int:
+    """The bit of ONLINE that is a motor's.
+
+    An assumption: the document says only that 0F is four motors online.
+    """
+    return motor - MOTORS[0]
 
 
-def _int32(name: str, start: int, unit: str, meaning: str, option: str) -> Field:
-    return Field(name, start, 4, -(2**31), 2**31 - 1, unit, meaning, option)
+def _int16(name: str, start: int, unit: str, meaning: str, option: str, role: Role) -> Field:
+    return Field(name, start, 2, -(2**15), 2**15 - 1, unit, meaning, option, role=role)
 
 
-def _flags(name: str, start: int, meaning: str, default: int) -> Field:
-    fault = Fault.UNDEFINED_FLAGS
-    return Field(name, start, 1, 0, 0xFF, "", meaning, name, 0x0F, default, fault)
+def _speed(meaning: str) -> Field:
+    return _int16("rpm", 3, "RPM", meaning, "rpm", Role.SPEED)
+
+
+def _position(start: int, meaning: str) -> Field:
+    ends = -(2**31), 2**31 - 1
+    return Field("pulses", start, 4, *ends, "pulses", meaning, "pulses", role=Role.POSITION)
+
+
+def _flags(name: str, start: int, meaning: str, role: Role, legal_bits: int, default: int) -> Field:
+    fault = None if legal_bits == 0xFF else Fault.UNDEFINED_FLAGS
+    return Field(name, start, 1, 0, 0xFF, "", meaning, name, legal_bits, default, fault, role)
 
 
 def _motor(meaning: str) -> Field:
     low, high = MOTORS[0], MOTORS[-1]
-    return Field("motor", NUM_OFFSET, 1, low, high, "", meaning, "motor", fault=Fault.BAD_MOTOR)
+    fault = Fault.BAD_MOTOR
+    return Field(
+        "motor", NUM_OFFSET, 1, low, high, "", meaning, "motor", fault=fault, role=Role.MOTOR
+    )
 
 
 _MOTOR = _motor("motor (driver) number")
-_ERROR = _flags("error", 7, "error flags; 00 is all normal, single bits are undocumented", 0x00)
-_ONLINE = _flags("online", 8, "online flags; 0F is four motors online", 0x0F)
+_ERROR = _flags(
+    "error", 7, "error flags; 00 is all normal, single bits are undocumented", Role.ERRORS, 0xFF, 0
+)
+_ONLINE = _flags("online", 8, "online flags; 0F is four motors online", Role.ONLINE, 0x0F, 0x0F)
+_LEFT = replace(
+    _int16("vy_cm_s", 5, "cm/s", "chassis speed, + is left", "vy", Role.LEFT),
+    erratum="LR: + is left by the document's rule; its example calls +10 right (erratum 3)",
+)
 
 KINDS: tuple[FrameKind, ...] = (
     FrameKind("reset", Direction.CONTROL, (0x00,), (), range(3, 9), "reset all motors"),
@@ -255,7 +304,7 @@ KINDS: tuple[FrameKind, ...] = (
         "speed",
         Direction.CONTROL,
         (0x01,),
-        (_MOTOR, _int16("rpm", 3, "RPM", "target speed", "rpm")),
+        (_MOTOR, _speed("target speed")),
         range(5, 9),
         "turn one motor at a speed",
     ),
@@ -265,8 +314,8 @@ KINDS: tuple[FrameKind, ...] = (
         (0x02,),
         (
             _MOTOR,
-            _int16("rpm", 3, "RPM", "speed limit", "rpm"),
-            _int32("pulses", 5, "pulses", "target position, the sign is the direction", "pulses"),
+            _speed("speed limit"),
+            _position(5, "target position, the sign is the direction"),
         ),
         range(0),
         "turn one motor to a position",
@@ -276,9 +325,16 @@ KINDS: tuple[FrameKind, ...] = (
         Direction.CONTROL,
         (0x03,),
         (
-            _int16("vx_cm_s", 3, "cm/s", "chassis speed, + is forward", "vx"),
-            _int16("vy_cm_s", 5, "cm/s", "chassis speed, + is left", "vy"),
-            _int16("wz_mrad_s", 7, "mrad/s", "chassis rotation, the sign is the direction", "wz"),
+            _int16("vx_cm_s", 3, "cm/s", "chassis speed, + is forward", "vx", Role.FORWARD),
+            _LEFT,
+            _int16(
+                "wz_mrad_s",
+                7,
+                "mrad/s",
+                "chassis rotation, the sign is the direction",
+                "wz",
+                Role.ROTATION,
+            ),
         ),
         range(0),
         "drive the mecanum chassis",
@@ -287,15 +343,16 @@ KINDS: tuple[FrameKind, ...] = (
         "speed_feedback",
         Direction.FEEDBACK,
         (0x01, 0x03),
-        (_MOTOR, _int16("rpm", 3, "RPM", "present speed", "rpm"), _ERROR, _ONLINE),
+        (_MOTOR, _speed("present speed"), _ERROR, _ONLINE),
         range(5, 7),
         "present speed of one motor (CMD 01 in speed mode, 03 in mecanum mode)",
+        reserve=0x00,
     ),
     FrameKind(
         "position_feedback",
         Direction.FEEDBACK,
         (0x02,),
-        (_MOTOR, _int32("pulses", 3, "pulses", "present position", "pulses"), _ERROR, _ONLINE),
+        (_MOTOR, _position(3, "present position"), _ERROR, _ONLINE),
         range(0),
         "present position of one motor",
     ),
@@ -310,7 +367,7 @@ KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
 
 
 def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -> bytes:
-    """Encode a frame of `kind` (PROTOCOL.md, "Control frames", "Feedback frames").
+    """Encode a frame of `kind` (docs/reference/protocol.md, "Frames").
 
     `values` are by row name; fields with a default are optional. `cmd` is by default the first of
     the kind's CMDs. Raises ValueRangeError if a value is missing, illegal, or not of this kind.
@@ -347,17 +404,21 @@ class FrameFormat:
         """The header byte of a kind."""
         return self.headers[kind.direction]
 
-    def legal_bytes(self, kind: FrameKind) -> list[bytes | None]:
+    def legal_bytes(
+        self, kind: FrameKind, reserve: Mapping[int, int] = MappingProxyType({})
+    ) -> list[bytes | None]:
         """For each offset in a frame of `kind` the legal bytes; None where every byte is legal.
 
-        Strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document leaves
-        open"). Fields of several bytes have no illegal values, so bytes can be judged one by one.
+        `reserve` are the constants that a line is known to have in the open reserve, by offset
+        (docs/reference/protocol.md, "What the document leaves open"). Fields of several bytes have
+        no illegal values, so bytes can be judged one by one.
         """
         legal: list[bytes | None] = [None] * self.length
         legal[0], legal[-1] = bytes([self.header(kind)]), bytes([self.tail])
         legal[CMD_OFFSET] = bytes(kind.cmds)
         for offset in kind.reserved:
-            legal[offset] = b"\x00"
+            byte = reserve.get(offset) if kind.reserve is None else kind.reserve
+            legal[offset] = None if byte is None else bytes([byte])
         for field in kind.fields:
             if field.fault:
                 legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
@@ -385,3 +446,8 @@ def _value_fields() -> tuple[Field, ...]:
 
 VALUE_FIELDS = _value_fields()
 """The first field of each row name, in the order of `KINDS`."""
+
+NAME_OF_ROLE: Mapping[Role, str] = MappingProxyType(
+    {field.role: field.name for field in VALUE_FIELDS if field.role}
+)
+"""The row name of each role; fields of a role have the same name in every kind."""

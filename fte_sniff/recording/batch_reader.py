@@ -234,6 +234,8 @@ class PassCounts:
     """Number of messages that could not be read."""
     chunks: int = 0
     """Number of chunks that could be read."""
+    rows: int = 0
+    """Number of rows that were read, within the span."""
     times: tuple[int, int] | None = None
     """First and last log time of fte-sniff's messages."""
     sequences: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -429,6 +431,7 @@ class BatchReader:
             skipped, ranges = 0, _merged(run.ranges)
             for rows in run.batches:
                 count, after_loss = len(rows), run.after_loss and not skipped
+                self.found.rows += count
                 definitions = self._definitions[1]
                 yield RowRange(definitions, ranges, self._span, skipped, count, after_loss), rows
                 skipped += count

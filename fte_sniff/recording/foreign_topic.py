@@ -214,7 +214,7 @@ class _Cdr:
 def _json(data: bytes) -> bytes:
     try:
         found = json.loads(data)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError("a message that is no JSON") from error
     values = list(found.values()) if isinstance(found, dict) else [found]
     lists = [value for value in values if isinstance(value, list)]

@@ -22,6 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
+from fte_sniff.platform import read_at
 from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
 from fte_sniff.recording.file_lock import is_locked
 from fte_sniff.recording.mcap.reader import RecordStream, read_summary
@@ -175,7 +176,7 @@ class GrowingReader(RecordingReader):
     @staticmethod
     def _edge_of(stream: BinaryIO, stop: int) -> bytes:
         start = max(0, stop - _EDGE)
-        return os.pread(stream.fileno(), stop - start, start)
+        return read_at(stream.fileno(), stop - start, start)
 
     def _advance(self, stream: BinaryIO) -> None:
         """Move `_complete` over the records that are whole; a chunk by its checksum.
@@ -186,7 +187,7 @@ class GrowingReader(RecordingReader):
         position = complete = self._complete
         limit = position + _STEP
         while position < min(limit, size - HEAD.size):
-            head = os.pread(descriptor, HEAD.size, position)
+            head = read_at(descriptor, HEAD.size, position)
             if len(head) < HEAD.size:  # cut off since its size was read
                 break
             opcode, length = HEAD.unpack(head)
@@ -194,7 +195,7 @@ class GrowingReader(RecordingReader):
             if opcode not in _DATA or length > LARGEST or stop > size:
                 break
             if opcode in (Opcode.CHUNK, Opcode.METADATA):
-                body = os.pread(descriptor, length, position + HEAD.size)
+                body = read_at(descriptor, length, position + HEAD.size)
                 if opcode == Opcode.CHUNK and not _is_intact(body):
                     break
                 if opcode == Opcode.METADATA:
@@ -242,7 +243,7 @@ class GrowingReader(RecordingReader):
             self._check(stream)
             self._summary = read_summary(stream)
             records = yield from self._read(reader, stream, span, None)
-        self._finish(reader, records, whole=span.everything)
+        self._finish(reader, self._channels_read, records, whole=span.everything)
         self._check_topics(reader, self._channels_read, cut=bool(self.damage))
 
     def _reader(self, codebook: Codebook, span: TimeRange) -> BatchReader:

@@ -8,8 +8,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from typing import Final, NamedTuple
+
+from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.protocol import Gap, GapKind, iso_time
 
@@ -38,6 +41,7 @@ class PortFacts:
     """Bits per second; None if unknown."""
 
 
+@cache
 def library_name() -> str:
     """The library string of the header: `fte-sniff 1.2.3`."""
     return f"{PROGRAM} {version(PROGRAM)}"
@@ -66,16 +70,66 @@ MARKS = "library.marks"
 
 def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:
     """The file's own metadata record: its library, the caller's `facts`, and each port."""
-    found = {"library": library_name(), **facts, MARKS: EARLY_NAME}
+    return {"library": library_name(), **facts, MARKS: EARLY_NAME, **_port_items(ports)}
+
+
+def early_facts(time_ns: int) -> dict[str, str]:
+    """The items of that record: the time of such a row."""
+    return {"time": iso_time(time_ns)}
+
+
+PORTS_NAME: Final = f"{PROGRAM}.ports"
+"""The metadata record that repeats the ports, so that damage to a file's beginning and to its end
+does not lose them."""
+
+_CRC, _TABLE = "crc", "topics"
+
+
+def ports_to_metadata(ports: Sequence[PortFacts], table_crc: int) -> dict[str, str]:
+    """The items of that record: the ports in the order of their channels, and checksums.
+
+    `table_crc` is that of the topics and messages that the channels of each port have.
+    """
+    items = _port_items(ports) | {_TABLE: f"{table_crc:08x}"}
+    return items | {_CRC: _crc_of(items)}
+
+
+def ports_from_metadata(items: Mapping[str, str], table_crc: int) -> list[PortFacts]:
+    """The ports in such a record; none if it is damaged, or its channels have another table."""
+    own = {name: value for name, value in items.items() if name != _CRC}
+    if items.get(_CRC) != _crc_of(own) or items.get(_TABLE) != f"{table_crc:08x}":
+        return []
+    return ports_in(own)
+
+
+def _crc_of(items: Mapping[str, str]) -> str:
+    text = "\0".join(f"{name}\0{items[name]}" for name in sorted(items))
+    return f"{crc32(text.encode()):08x}"
+
+
+def _port_items(ports: Sequence[PortFacts]) -> dict[str, str]:
+    found = {}
     for number, port in enumerate(ports, 1):
         found[f"port.{number}.name"] = port.name
         found[f"port.{number}.baud"] = "" if port.baud is None else str(port.baud)
     return found
 
 
-def early_facts(time_ns: int) -> dict[str, str]:
-    """The items of that record: the time of such a row."""
-    return {"time": iso_time(time_ns)}
+def ports_in(facts: Mapping[str, str]) -> list[PortFacts]:
+    """The ports that a record lists, numbered from 1 without a gap."""
+    found: list[PortFacts] = []
+    while (name := facts.get(f"port.{len(found) + 1}.name")) is not None:
+        found.append(PortFacts(name, baud_in(facts.get(f"port.{len(found) + 1}.baud", ""))))
+    return found
+
+
+_MOST_BAUD_DIGITS = 9
+
+
+def baud_in(text: str) -> int | None:
+    """The baud in a text from a file; None if it is not a number."""
+    legible = text.isascii() and text.isdecimal() and len(text) <= _MOST_BAUD_DIGITS
+    return int(text) if legible else None
 
 
 class Part(NamedTuple):

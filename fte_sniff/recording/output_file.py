@@ -2,7 +2,8 @@
 
 A lock (flock) keeps a second program from replacing a file that is being written. A file gets its
 name once its head is written (O_TMPFILE), so none is ever empty; what it replaces stays until then.
-On file systems without O_TMPFILE (FAT, some network file systems) it has its name at once.
+On file systems without O_TMPFILE (FAT, some network file systems) it has its name at once. So it
+has on Windows, where an open file cannot get another name: what it replaces is moved aside.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from pathlib import Path
 from typing import Final
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
-from fte_sniff.recording.file_lock import lock, locked
+from fte_sniff.platform import POSIX, open_flags
+from fte_sniff.recording.disk_wait import DiskWait
+from fte_sniff.recording.file_identity import FileIdentity, delete_own, sync_folder
+from fte_sniff.recording.file_lock import in_use, lock, locked
 from fte_sniff.recording.mcap.append_file import (
     AppendFile,
     AppendTarget,
@@ -69,8 +73,22 @@ def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:
     )
 
 
-def stopped_by_limit(path: object, limit: str, rows: int, *, deletes_oldest: bool) -> FileError:
-    """The error for a recording that reached a limit, and that had no older file to delete."""
+def stopped_by_limit(
+    path: object, limit: str, rows: int, *, deletes_oldest: bool, undeleted: str = ""
+) -> FileError:
+    """The error for a recording that reached a limit, and that had no older file to delete.
+
+    `undeleted` names an older file that could not be deleted, and why.
+    """
+    if undeleted:
+        return FileError(
+            "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows), and "
+            "{undeleted}; free space, or change the limit",
+            limit=limit,
+            path=path,
+            rows=rows,
+            undeleted=undeleted,
+        )
     if deletes_oldest:
         return FileError(
             "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows), and no "
@@ -114,6 +132,7 @@ class OutputPath:
         self.path = path
         self._existing = existing
         self._replaced: int | None = None
+        self._aside: Path | None = None
         self._made: Path | None = None
         try:
             if path.is_dir():
@@ -125,13 +144,17 @@ class OutputPath:
                     path=path,
                 )
             if existing is Existing.REPLACE and path.exists():
-                self._replaced = locked(path)
-                self.descriptor, self._made = _temporary(path, self._replaced)
+                if POSIX:
+                    self._replaced = locked(path)
+                    self.descriptor, self._made = _temporary(path, self._replaced)
+                else:
+                    self._aside = _moved_aside(path)
+                    self.descriptor, self._made = _new(path, Existing.REFUSE)
             else:
                 self.descriptor, self._made = _new(path, existing)
                 self.path = self._made or path
         except OSError as error:
-            self._unlock_replaced()
+            self._restore_replaced()
             raise unwritable(path, error) from error
 
     def commit(self) -> None:
@@ -142,18 +165,34 @@ class OutputPath:
             self._made.replace(self.path)
         self._made = self.path
         self._unlock_replaced()
+        if self._aside is not None:
+            with suppress(OSError):
+                self._aside.unlink()
+            self._aside = None
+        sync_folder(self.path.parent)
 
     def discard(self) -> None:
         """Delete the file; a file that it was to replace is kept."""
+        own = os.fstat(self.descriptor)
+        if not POSIX:
+            os.close(self.descriptor)  # an open file cannot be deleted there
         if self._made is not None:
-            with suppress(OSError):
-                self._made.unlink()
-        self.close()
+            delete_own(self._made, own)
+        self._restore_replaced()
+        if POSIX:
+            os.close(self.descriptor)
 
     def close(self) -> None:
         """Close the file, which also unlocks it."""
         self._unlock_replaced()
         os.close(self.descriptor)
+
+    @property
+    def identity(self) -> FileIdentity | None:
+        """What the file is; None if it was deleted, or cannot be read."""
+        with suppress(OSError):
+            return None if self.is_deleted else FileIdentity.of(self.descriptor)
+        return None
 
     @property
     def is_deleted(self) -> bool:
@@ -171,6 +210,11 @@ class OutputPath:
             return self.is_deleted
         return not os.path.samestat(found, os.fstat(self.descriptor))
 
+    def _restore_replaced(self) -> None:
+        self._unlock_replaced()
+        if self._aside is not None:
+            self._aside.replace(self.path)
+
     def _unlock_replaced(self) -> None:
         if self._replaced is not None:
             os.close(self._replaced)
@@ -182,12 +226,13 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
     if existing is not Existing.NUMBER and wanted.exists():
         raise FileExistsError
     with suppress(OSError):  # other errors appear again below
-        descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(wanted.parent, open_flags("O_TMPFILE", "O_RDWR", "O_CLOEXEC"), 0o666)
         lock(descriptor, wanted)
         return descriptor, None
     for path in file_names(wanted, existing):
         with suppress(FileExistsError):
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            flags = open_flags("O_RDWR", "O_CREAT", "O_EXCL", "O_CLOEXEC")
+            descriptor = os.open(path, flags, 0o666)
             # Not removed if another program locked it first: that one replaces it.
             lock(descriptor, path)
             return descriptor, path
@@ -198,7 +243,7 @@ def _link(descriptor: int, wanted: Path, existing: Existing) -> Path:
     for path in file_names(wanted, existing):
         with suppress(FileExistsError):
             # `dst_dir_fd` makes Python call linkat, which follows the link in /proc.
-            folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
+            folder = os.open(path.parent, open_flags("O_DIRECTORY", "O_CLOEXEC"))
             try:
                 os.link(f"/proc/self/fd/{descriptor}", path.name, dst_dir_fd=folder)
             finally:
@@ -207,11 +252,21 @@ def _link(descriptor: int, wanted: Path, existing: Existing) -> Path:
     raise FileExistsError
 
 
+def _moved_aside(path: Path) -> Path:
+    """The new name of a file that is to be replaced, which fails while a program has it open."""
+    aside = path.with_name(f".fte-sniff-{path.name}.old")
+    try:
+        path.replace(aside)
+    except PermissionError as error:
+        raise in_use(path) from error
+    return aside
+
+
 def _temporary(path: Path, replaced: int) -> tuple[int, Path]:
     """A locked descriptor of a new file in the same folder, and its name."""
     descriptor, name = tempfile.mkstemp(".part", ".fte-sniff-", path.parent)
     with suppress(OSError):  # some file systems have no modes
-        os.fchmod(descriptor, stat.S_IMODE(os.fstat(replaced).st_mode))
+        Path(name).chmod(stat.S_IMODE(os.fstat(replaced).st_mode))
     lock(descriptor, path)
     return descriptor, Path(name)
 
@@ -230,20 +285,22 @@ STDOUT = Path("-")
 class StreamOutput:
     """Standard output, a pipe or a device, with the interface of `OutputPath`."""
 
+    identity = None
     is_gone = is_deleted = False
     """Unused: writing to a stream without a reader fails."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, wait: DiskWait | None = None) -> None:
         """Open it; raises FileError if it cannot be opened, or is a terminal."""
         self.path = path
-        self._pipe = NamedPipe(path) if path != STDOUT and path.is_fifo() else None
+        self._pipe = NamedPipe(path, wait) if path != STDOUT and path.is_fifo() else None
         self._descriptor = -1
         if self._pipe is not None:
             self.target: Stream = self._pipe
             return
         try:
             is_stdout = path == STDOUT
-            self._descriptor = os.dup(1) if is_stdout else os.open(path, os.O_WRONLY | os.O_NOCTTY)
+            flags = open_flags("O_WRONLY", "O_NOCTTY")
+            self._descriptor = os.dup(1) if is_stdout else os.open(path, flags)
         except OSError as error:
             raise unwritable(path, error) from error
         if os.isatty(self._descriptor):
@@ -252,7 +309,7 @@ class StreamOutput:
                 f"{path} is a terminal, which cannot show a recording; name a file with -o, or "
                 "redirect standard output to a program or a file"
             )
-        self.target = Stream(self._descriptor)
+        self.target = Stream(self._descriptor, wait)
 
     @property
     def waits_for_reader(self) -> bool:
@@ -283,13 +340,15 @@ def is_stream(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
-def open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
-    """Open the output of a recording, and the target of its bytes.
+def open_output(
+    path: Path, existing: Existing, wait: DiskWait | None = None
+) -> tuple[OutputPath | StreamOutput, AppendTarget]:
+    """Open the output of a recording, and the target of its bytes; `wait` counts its waits.
 
     Raises FileError as `OutputPath` and `StreamOutput`.
     """
     if is_stream(path):
-        stream = StreamOutput(path)
+        stream = StreamOutput(path, wait)
         return stream, stream.target
     output = OutputPath(path, existing)
-    return output, AppendFile(output.descriptor)
+    return output, AppendFile(output.descriptor, wait)

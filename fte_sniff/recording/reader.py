@@ -31,8 +31,9 @@ from fte_sniff.recording.mcap.reader import (
     read_summary,
 )
 from fte_sniff.recording.mcap.records import HEAD, MAGIC, RecordError, parse, records_in, unpack
-from fte_sniff.recording.messages.codec import ChannelReaders
+from fte_sniff.recording.messages.codec import NOTHING, ChannelReaders, Definitions
 from fte_sniff.recording.messages.columns import Losses
+from fte_sniff.recording.messages.definitions import LostDefinitions, lost_definitions
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
@@ -40,12 +41,12 @@ from fte_sniff.recording.metadata import (
     PROGRAM,
     PortFacts,
     Selection,
+    baud_in,
     gap_from_metadata,
     selection_from_metadata,
 )
 from fte_sniff.row_batch import Codebook, RowBatch
 
-_MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024
 """Bytes read ahead: enough for the message indexes between two chunks."""
 _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
@@ -88,18 +89,27 @@ class RecordingReader:
         """Messages that the last pass found and could not read."""
         self.chunks = 0
         """Chunks that the last pass read."""
+        self.nothing_read: FileError | None = None
+        """Why the last pass read no row, although the file has data; None if it did, or has none.
+        """
+        self._lost: LostDefinitions | None = None
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe() if stream is None else self._copy_of(stream)
         with self._open() as stream:
             self._identity = _identity(stream)
+            self.version = file_version(os.fstat(stream.fileno()))
+            """What changes when the file does, read before its summary."""
             self.size = os.fstat(stream.fileno()).st_size
             """Bytes of the file when it was opened."""
             self._read_start(stream)
 
     @property
     def ports(self) -> tuple[PortFacts, ...]:
-        """The ports named at the start of the file and in its summary, each once."""
-        found = {}
+        """The ports named at the start of the file and in its summary, each once.
+
+        Of a file with damaged definitions, those that its other records name.
+        """
+        found = {port.name: port for port in self._lost.ports} if self._lost else {}
         for channel in self._channels.values():
             if channel.topic in TOPIC_BY_NAME:
                 facts = self._port_of(channel)
@@ -201,7 +211,7 @@ class RecordingReader:
                 yield from reader.read(records)
             finally:
                 self._damage |= dict.fromkeys((*records.losses, *reader.found.lost))
-        self._finish(reader, records, whole=span.everything)
+        self._finish(reader, channels, records, whole=span.everything)
         self._check_topics(reader, channels, cut=bool(records.ending or records.losses))
 
     def read(self, rows: RowRange) -> RowBatch:
@@ -209,7 +219,7 @@ class RecordingReader:
 
         Raises FileError if the file cannot be read any more, or has changed.
         """
-        channels = ChannelReaders(self._port_name, rows.definitions)
+        channels = self._channel_readers(rows.definitions)
         reader = BatchReader(channels, Codebook(), rows.span)
         try:
             records = list(self._records_of(rows))
@@ -262,7 +272,7 @@ class RecordingReader:
 
     def _known_channels(self) -> ChannelReaders:
         """The definitions in the summary, if a checksum protects it."""
-        channels = ChannelReaders(self._port_name)
+        channels = self._channel_readers(NOTHING)
         if self._summary is not None and self._summary.guarded:
             for schema in self._summary.schemas:
                 channels.define(schema, trusted=True)
@@ -270,10 +280,21 @@ class RecordingReader:
                 channels.define(channel, trusted=True)
         return channels
 
-    def _finish(self, reader: BatchReader, records: RecordStream, *, whole: bool) -> None:
+    def _channel_readers(self, known: Definitions) -> ChannelReaders:
+        if self._lost is None:
+            return ChannelReaders(self._port_name, known)
+        return ChannelReaders(self._port_name, known, self._lost.get)
+
+    def _finish(
+        self, reader: BatchReader, channels: ChannelReaders, records: RecordStream, *, whole: bool
+    ) -> None:
         found = reader.found
         self._ending = records.ending or (None if whole else self._ending)
         self._losses = found.losses.lines
+        if self._lost is not None:
+            defined = {channel.id: channel for channel in channels.channels}
+            self._losses += tuple(self._lost.doubts(defined))
+        self.nothing_read = self._nothing_read(reader, records, whole=whole)
         if not whole:
             return
         self.times = found.times or self.times
@@ -293,6 +314,27 @@ class RecordingReader:
                 "{missing} of {count} messages are missing", missing=missing, count=count
             )
             self._losses += (text,)
+
+    def _nothing_read(
+        self, reader: BatchReader, records: RecordStream, *, whole: bool
+    ) -> FileError | None:
+        """See `nothing_read`; of a part of the file, only if nothing else was skipped."""
+        found, is_indexed = reader.found, self._summary is not None and self._summary.guarded
+        if found.rows or (not whole and (is_indexed or found.times is not None)):
+            return None
+        if self.count is not None:
+            has_lost = found.messages - found.unreadable < self.count
+        else:
+            has_lost = records.has_lost_data or bool(found.lost) or bool(found.unreadable)
+        if not has_lost:
+            return None
+        why = next((loss for loss in (*self.losses, self.ending) if loss), "")
+        return FileError(
+            "{path}: no row in it could be read, although it has data: {why}; try another copy of "
+            "the file",
+            path=self.path,
+            why=why,
+        )
 
     def _check_topics(self, reader: BatchReader, channels: ChannelReaders, *, cut: bool) -> None:
         """Refuse a file of which nothing could be read, at the end of a pass."""
@@ -379,6 +421,9 @@ class RecordingReader:
             )
         if self._summary is not None:
             self._use_summary(self._summary)
+        if not known:
+            facts = self.metadata.get(PROGRAM, {})
+            self._lost = lost_definitions(stream, facts, is_ours=self._is_ours)
 
     def _use_summary(self, summary: Summary) -> None:
         self._channels.update((channel.id, channel) for channel in summary.channels)
@@ -405,9 +450,7 @@ class RecordingReader:
         return channel.metadata.get("port", self.path.name)
 
     def _port_of(self, channel: Channel) -> PortFacts:
-        baud = channel.metadata.get("baud", "")
-        legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
-        return PortFacts(self._port_name(channel), int(baud) if legible else None)
+        return PortFacts(self._port_name(channel), baud_in(channel.metadata.get("baud", "")))
 
 
 def _count_in(statistics: Statistics) -> int | None:
@@ -420,6 +463,14 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
     """Device and inode: the same for a file that has grown."""
     found = os.fstat(stream.fileno())
     return found.st_dev, found.st_ino
+
+
+FileVersion = tuple[int, int, int, int]
+
+
+def file_version(found: os.stat_result) -> FileVersion:
+    """Device, inode, size and time of the last change of a file."""
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 SUFFIX = ".mcap"

@@ -20,6 +20,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row, iso_time
+from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.metadata import (
     END_NAME,
     GAP_NAME,
@@ -118,6 +119,8 @@ class Recorder:
         Raises FileError if the file cannot be made, or the disk has too little space for it.
         """
         self._options = options or RecordingOptions()
+        self.disk_wait = DiskWait()
+        """How long writing has waited for the disk."""
         self._ports, self._facts = tuple(ports), dict(facts or {})
         window = self._options.trigger_window
         self._trigger = Trigger(select, window) if select and window else None
@@ -284,7 +287,8 @@ class Recorder:
             self._gaps[-1] = self._gaps[-1].including(entry.t_ns or 0, not is_event)
 
     def _open(self, path: Path, existing: Existing, facts: Mapping[str, str]) -> RecordingWriter:
-        return RecordingWriter(path, self._ports, self._facts | dict(facts), existing=existing)
+        facts = self._facts | dict(facts)
+        return RecordingWriter(path, self._ports, facts, existing=existing, wait=self.disk_wait)
 
     def _open_next(self) -> RecordingWriter:
         path, existing = self._files.next_path()
@@ -296,7 +300,7 @@ class Recorder:
         with suppress(FileError):  # it failed already
             writer.close()
         self._writer = None
-        self._files.closed(writer.path, writer.flushed_rows)
+        self._files.closed(writer.path, writer.identity, writer.flushed_rows)
         self._is_disk_full = _is_disk_full(failure)
         self._note(writer, failure)
         unflushed = writer.unflushed
@@ -341,7 +345,9 @@ class Recorder:
         except FileError:
             with suppress(FileError, OSError):
                 writer.close()
-                writer.path.unlink()
+            with suppress(OSError):
+                if writer.identity is not None:
+                    writer.identity.delete(writer.path)
             raise
         return writer
 
@@ -385,7 +391,7 @@ class Recorder:
             # Otherwise all rows are flushed, and the file is valid.
             if writer.is_gone:
                 self._note(writer, failure)
-        self._files.closed(writer.path, writer.flushed_rows)
+        self._files.closed(writer.path, writer.identity, writer.flushed_rows)
         self._go_on(following)
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
@@ -411,7 +417,11 @@ class Recorder:
             with suppress(FileError):  # all rows are flushed, and the file is valid
                 writer.close()
             failure = stopped_by_limit(
-                writer.path, limit, writer.flushed_rows, deletes_oldest=self._deletes_oldest
+                writer.path,
+                limit,
+                writer.flushed_rows,
+                deletes_oldest=self._deletes_oldest,
+                undeleted=self._files.undeleted or "",
             )
             self._fail(writer, failure)
             return

@@ -11,7 +11,7 @@ from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import Gap, GapKind, iso_time
 from fte_sniff.recording.batch_reader import RowRange
 from fte_sniff.recording.mcap.records import MAGIC
-from fte_sniff.recording.metadata import PROGRAM, library_name
+from fte_sniff.recording.metadata import PORTS_NAME, PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputPath
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import BulkWriter
@@ -108,6 +108,8 @@ class Repair:
                 damage.lost_bytes += lost.stop - lost.start
         if not damage.messages and not reader.metadata and not reader.ports:
             raise FileError(f"{self._path}: {_NO_CHUNK}")
+        if reader.nothing_read is not None and not damage.messages:
+            raise FileError(f"{reader.nothing_read}; there is nothing to repair")
         damage.chunks = reader.chunks
         damage.unreadable_messages = reader.unreadable
         damage.lost_messages = reader.lost_messages
@@ -136,6 +138,7 @@ class Repair:
             kept = {
                 (one.name, frozenset(one.metadata.items())): (one.name, one.metadata)
                 for one in reader.all_metadata
+                if one.name != PORTS_NAME
             }
             kept.pop((PROGRAM, frozenset(own.items())), None)
             writer.close([(REPAIR_NAME, self._facts()), *kept.values()])

@@ -8,13 +8,15 @@ name_00001.mcap  name_00002.mcap ...   with --rotate or --on-full rotate-oldest
 from __future__ import annotations
 
 import os
+import shutil
 from dataclasses import dataclass
 from enum import StrEnum
 from glob import escape
 from itertools import count
 from pathlib import Path
 
-from fte_sniff.errors import FileError, TranslatableText, unwritable
+from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
+from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.output_file import Existing, file_names, is_stream
 
 DEFAULT_FLUSH_S = 1.0
@@ -93,9 +95,7 @@ _FREE_SHARE = 10
 @dataclass(frozen=True, slots=True)
 class _ClosedFile:
     path: Path
-    size: int
-    identity: tuple[int, ...]
-    """Inodes are reused, so also size and time of the last change."""
+    identity: FileIdentity
     rows: int
 
 
@@ -112,6 +112,8 @@ class FileRetention:
         self._existing = existing
         self._number = 0
         self._closed: list[_ClosedFile] = []
+        self.undeleted: TranslatableText | None = None
+        """The oldest file that could not be deleted at the last attempt, and why."""
         self.deleted_files = self.deleted_rows = 0
         """The files that were deleted for space, and the rows in them."""
         self.are_regular = not is_stream(path)
@@ -175,18 +177,19 @@ class FileRetention:
         path = next(name for name in names if replaces or not os.path.lexists(name))
         return path, Existing.REPLACE if replaces else Existing.REFUSE
 
-    def closed(self, path: Path, rows: int) -> None:
-        """Register a closed file; ignored if it no longer exists."""
+    def closed(self, path: Path, identity: FileIdentity | None, rows: int) -> None:
+        """Register a closed file; ignored if the path does not lead to it any more."""
         try:
-            found = path.stat()
+            is_there = identity is not None and identity.is_at(path)
         except OSError:
-            return
-        self._closed.append(_ClosedFile(path, found.st_size, _identity(found), rows))
+            is_there = True  # it takes space, and `delete_oldest` says why it cannot be deleted
+        if is_there and identity is not None:
+            self._closed.append(_ClosedFile(path, identity, rows))
 
     @property
     def closed_bytes(self) -> int:
         """Size of the closed files that were not deleted."""
-        return sum(file.size for file in tuple(self._closed))
+        return sum(file.identity.size for file in tuple(self._closed))
 
     @property
     def oldest(self) -> Path | None:
@@ -210,17 +213,27 @@ class FileRetention:
         return ""
 
     def delete_oldest(self, keep: int = 0) -> bool:
-        """Delete the capture's oldest closed file; False if at most `keep` are left."""
-        while len(self._closed) > keep:
-            oldest = self._closed.pop(0)
+        """Delete the capture's oldest closed file; False if at most `keep` can be deleted.
+
+        A file that another program replaced or moved is left alone, and counts no more. One that
+        cannot be deleted still counts, and `undeleted` says why.
+        """
+        self.undeleted = None
+        for oldest in self._closed[: len(self._closed) - keep]:
             try:
-                if _identity(oldest.path.lstat()) == oldest.identity:
-                    oldest.path.unlink()
-                    self.deleted_files += 1
-                    self.deleted_rows += oldest.rows
-                    return True
-            except OSError:
+                is_deleted = oldest.identity.delete(oldest.path)
+            except OSError as error:
+                self.undeleted = self.undeleted or TranslatableText(
+                    "{path} cannot be deleted: {reason}",
+                    path=oldest.path,
+                    reason=reason_of(error),
+                )
                 continue
+            self._closed.remove(oldest)
+            if is_deleted:
+                self.deleted_files += 1
+                self.deleted_rows += oldest.rows
+                return True
         return False
 
     def _name(self, number: int) -> Path:
@@ -237,20 +250,16 @@ class FileRetention:
     def _disk(self) -> tuple[int, int] | tuple[None, None]:
         """Total and free bytes; None if unknown."""
         try:
-            found = os.statvfs(self._path.parent)
+            found = shutil.disk_usage(self._path.parent)
         except OSError:
             return None, None
-        return found.f_blocks * found.f_frsize, found.f_bavail * found.f_frsize
+        return found.total, found.free
 
 
 def _numbered(path: Path) -> Path | None:
     """The first existing file of a sequence of this name."""
     pattern = f"{escape(path.stem)}_[0-9][0-9][0-9][0-9][0-9]{path.suffix}"
     return min(path.parent.glob(pattern), default=None)
-
-
-def _identity(found: os.stat_result) -> tuple[int, ...]:
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def size_text(size: int) -> str:

@@ -20,19 +20,24 @@ import numpy as np
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
+from fte_sniff.platform import open_flags
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.disk_wait import DiskWait
+from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
 from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
-from fte_sniff.recording.messages.schema import Topic
+from fte_sniff.recording.messages.schema import Topic, table_crc
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
+    PORTS_NAME,
     PROGRAM,
     PortFacts,
     early_facts,
     library_name,
+    ports_to_metadata,
     recording_facts,
 )
 from fte_sniff.recording.output_file import (
@@ -73,6 +78,9 @@ def begin_recording(
         Metadata(PROGRAM, encodable_items(recording_facts(ports, facts))),
         channels.schemas(),
         [channel for port in ports for channel in channels.of_port(port)],
+        lambda: Metadata(
+            PORTS_NAME, encodable_items(ports_to_metadata(channels.ports, table_crc()))
+        ),
     )
     return file, ColumnPacker(channel_id)
 
@@ -91,6 +99,7 @@ class RecordingWriter:
         facts: Mapping[str, str] | None = None,
         *,
         existing: Existing = Existing.REFUSE,
+        wait: DiskWait | None = None,
     ) -> None:
         """Create the file, with the schemas and channels of all ports in it.
 
@@ -100,6 +109,7 @@ class RecordingWriter:
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
+            wait: counts how long writing waits for the disk.
 
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
@@ -113,12 +123,14 @@ class RecordingWriter:
         """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
         self.failure: FileError | None = None
         """Why the recording stopped; None while it goes on."""
+        self.identity: FileIdentity | None = None
+        """What the file is once it is closed; None if it was deleted, or is not a regular file."""
         self.is_gone = False
         """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
         self._metadata: list[Metadata] = []
-        self._output, target = open_output(path, existing)
+        self._output, target = open_output(path, existing, wait)
         self._closed = False
         try:
             self._file, self._packer = begin_recording(target, ports, facts or {})
@@ -214,6 +226,7 @@ class RecordingWriter:
                     self._file.close()
             finally:
                 self._closed = True
+                self.identity = self._output.identity
                 self._output.close()  # some network file systems report write errors only now
         except OSError as error:
             raise self._stop(error) from error
@@ -290,7 +303,7 @@ class BulkWriter:
         if isinstance(path, int):
             self._descriptor = os.dup(path)
         else:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+            self._descriptor = os.open(path, open_flags("O_WRONLY", "O_CREAT", "O_TRUNC"), 0o666)
         try:
             self._file, self._packer = begin_recording(
                 Stream(self._descriptor), list(known.values()), facts or {}

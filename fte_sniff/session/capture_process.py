@@ -13,10 +13,10 @@ from itertools import groupby
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from fte_sniff.capture.bridge import BridgeSource
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
+from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Change, Recorder
@@ -171,7 +171,8 @@ class CaptureLoop:
         self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
         self._flush_ns = 0
         self._lost: PortEvent | None = None
-        self._writing_since_s: float | None = None
+        self._writing: tuple[float, float] | None = None
+        """When the write under way began, and how long writing had waited for the disk by then."""
         self._is_ending = False
         self._turns = 0
         outbox.progress = self._progress
@@ -287,20 +288,25 @@ class CaptureLoop:
     def _record(self, do: Callable[[Recorder], None]) -> None:
         if self._recorder is None:
             return
-        self._writing_since_s = time.monotonic()
+        self._writing = time.monotonic(), self._recorder.disk_wait.seconds
         try:
             do(self._recorder)
         finally:
-            self._writing_since_s = None
+            self._writing = None
         if changes := self._recorder.changes():
             self._outbox.put(changes=changes)
 
     def _progress(self) -> WriteProgress:
-        since_s, recorder = self._writing_since_s, self._recorder
+        writing, recorder = self._writing, self._recorder
+        took_s = waited_s = 0.0
+        if writing is not None and recorder is not None:
+            took_s = time.monotonic() - writing[0]
+            waited_s = recorder.disk_wait.seconds - writing[1]
         return WriteProgress(
             recorder.unflushed_rows if recorder is not None else 0,
             self._source.waiting,
-            since_s is not None and time.monotonic() - since_s >= SLOW_S,
+            took_s >= SLOW_S,
+            0 < took_s / 2 <= waited_s,
             self._is_ending or self._source.end is not None,
             recorder.size if recorder is not None else 0,
             recorder.fired if recorder is not None else None,
@@ -329,8 +335,12 @@ _SWITCH_EVERY_S = 0.0005
 
 def _ending_signals() -> list[signal.Signals]:
     """The signals that end a capture; a SIGHUP that is ignored, as with nohup, stays ignored."""
-    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return [signal.SIGTERM] if ignored else [signal.SIGTERM, signal.SIGHUP]
+    return [
+        number
+        for number in ENDING_SIGNALS
+        if number != signal.SIGINT
+        and not (number in HANG_UP and signal.getsignal(number) is signal.SIG_IGN)
+    ]
 
 
 def capture(plan: CapturePlan, view: Connection) -> None:
@@ -339,7 +349,8 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
     # A service manager sends it to all processes of a service; the view passes it on.
-    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    for number in signals("SIGUSR1"):
+        signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
@@ -356,17 +367,17 @@ def capture(plan: CapturePlan, view: Connection) -> None:
 def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connection) -> None:
     if plan.outlives_view:
         # A closed terminal ends the view only.
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    if view.poll() and not isinstance(source, BridgeSource):
+        for number in HANG_UP:
+            signal.signal(number, signal.SIG_IGN)
+    if view.poll() and source.device is None:
         # Any message means STOP. Nothing was captured, so no file is created or replaced.
         # (A bridge may have forwarded bytes by now; they are recorded.)
         _send(view, Ended())
         return
     # From here on the result is a recording, possibly empty: the port was open, no byte arrived.
     recorder = _recorder(plan, _facts(plan, clock, source))
-    device = source.device if isinstance(source, BridgeSource) else None
     path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
-    _send(view, Started(path, device, waits))
+    _send(view, Started(path, source.device, waits))
     when_gone = (lambda: None) if plan.outlives_view else source.stop
     obeyed = {STOP: source.stop, DROP: source.drop}
     obeyed[ROTATE] = recorder.rotate if recorder is not None else lambda: None

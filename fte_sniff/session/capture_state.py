@@ -48,6 +48,8 @@ class WriteProgress:
     """Bytes that were read and are in no row yet."""
     is_slow: bool = False
     """Whether a write takes long."""
+    waits_for_disk: bool = False
+    """Whether that is because of the disk, and not of a busy processor."""
     is_end: bool = False
     bytes: int = 0
     """Size of all files."""
@@ -190,17 +192,18 @@ class CaptureState:
         return " + ".join(self.names)
 
     @property
-    def is_disk_slow(self) -> bool:
-        """Whether the end waits for the disk."""
+    def is_write_slow(self) -> bool:
+        """Whether the end waits for a write."""
         return self.progress.is_slow and self.progress.is_end
 
     @property
     def backlog(self) -> str | None:
         """What the end waits for; None if nothing."""
-        if self.is_disk_slow:
-            return TranslatableText(
-                "the disk is slow: {what} are not written yet", what=self.progress.remaining
-            )
+        if self.is_write_slow:
+            what = self.progress.remaining
+            if self.progress.waits_for_disk:
+                return TranslatableText("the disk is slow: {what} are not written yet", what=what)
+            return TranslatableText("the processor is busy: {what} are not written yet", what=what)
         if self.leftover:
             return TranslatableText(
                 "writing received data: {bytes:,} bytes left", bytes=self.leftover

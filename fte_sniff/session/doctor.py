@@ -17,7 +17,6 @@ import ctypes
 import os
 import shutil
 import sys
-import termios
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -57,6 +56,7 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.capture.uart_errors import UNAVAILABLE
 from fte_sniff.errors import PortError, printable, reason_of
+from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import Direction, LineErrorCounts, framer
 from fte_sniff.session.framer_hash import library_name
 
@@ -186,7 +186,7 @@ def folder_finding(folder: Path) -> Finding:
 
 def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Finding]:
     """Check that the terminal can show the screen of `live`; `encoding` is that of stdout."""
-    term = environment.get("TERM", "")
+    term = environment.get("TERM", "") if POSIX else "not used by Windows"
     if term in ("", "dumb", "unknown"):
         what = f"TERM is {term!r}: the screen cannot be drawn"
         yield warn("terminal", what, "export TERM=xterm-256color, or use live --plain")
@@ -194,7 +194,7 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
         yield ok("terminal", f"TERM is {term}")
     if encoding.lower().replace("-", "") != "utf8":
         what = f"its encoding is {encoding}: some characters cannot be shown"
-        yield warn("terminal", what, "export LC_ALL=C.UTF-8")
+        yield warn("terminal", what, "export LC_ALL=C.UTF-8" if POSIX else "set PYTHONUTF8=1")
 
 
 def framer_finding(folder: Path, *, compiled: bool) -> Finding:
@@ -223,6 +223,8 @@ _TIMEX_SIZE = 512
 
 def clock_state() -> int | None:
     """Call adjtimex without changing anything; None if the system has no such call."""
+    if not POSIX:
+        return None
     try:
         adjtimex = ctypes.CDLL(None, use_errno=True).adjtimex
     except (OSError, AttributeError):
@@ -425,7 +427,7 @@ class LineListener:
         try:
             # pyserial also switches the error marks off.
             self._port.baudrate = baud
-        except (OSError, ValueError, termios.error):
+        except (OSError, ValueError, TerminalError):
             return None
         for _ in self._reads(_SETTLE_S, _UNLIMITED):
             pass

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.tally import RowModel
 from fte_sniff.errors import FileError, FteSniffError, RecordingWarning, printable
-from fte_sniff.protocol import Gap
+from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.input_reading import ANOTHER, InputReading, ReadingCounts
 from fte_sniff.session.inputs import Input, Progress, RecordingInput
 
@@ -118,6 +118,10 @@ class FileResult(Generic[Model]):
     """By port, as the file names them."""
     bauds: dict[str, int] = field(default_factory=dict)
     """By port, at the end."""
+    lost: frozenset[str] = frozenset()
+    """Ports that are lost at the end."""
+    found: frozenset[str] = frozenset()
+    """Ports that were found again, but not lost in this file before."""
     interrupted: bool = False
     """Whether Ctrl-C came before all rows were read."""
 
@@ -133,11 +137,12 @@ def count_file(
     interrupts: DelayedInterrupt | None = None,
     progress: Progress | None = None,
     bauds: Mapping[str, int] | None = None,
+    lost: Iterable[str] = (),
 ) -> FileResult[Model]:
     """Do one job; raises FteSniffError as `Input.batches`.
 
     With `interrupts`, Ctrl-C ends the job with the rows so far. `bauds` are those at its start, by
-    port, where they differ from what the file names.
+    port, where they differ from what the file names; `lost` are the ports that are lost there.
     """
     one = job.open()
     wanted = _compiled(job.filter_text)
@@ -145,15 +150,22 @@ def count_file(
     result = FileResult(job.make_model(), reading.counts)
     result.model.begin(one.name)
     result.named_bauds = {port.name: port.baud for port in one.ports if port.baud}
+    reading.detector.lost |= set(lost)
+    for port in lost:
+        result.model.observe_change(Gap(GapKind.PORT, port=port, port_lost=True))
     try:
         _count_rows(result, reading, one, bauds or {}, interrupts)
     except KeyboardInterrupt:
         if interrupts is None:
             raise
         result.interrupted = True
+    if reading.unreadable and not reading.tally.rows:
+        raise reading.unreadable[0]
     result.counts = reading.counts
     if isinstance(one, RecordingInput):
         result.part, result.ends = one.part, one.ends
+    result.lost = frozenset(reading.detector.lost)
+    result.found = frozenset(reading.detector.found)
     return result
 
 
@@ -211,11 +223,15 @@ class FileMerger(Generic[Model]):
     def add(self, job: FileJob[Model], result: FileResult[Model]) -> None:
         """Add the next file."""
         before = self._before
-        if before is None or not result.follows(before):
-            self.model.observe_change(Gap(ANOTHER[0], reason=ANOTHER[1]))
-        if before is not None and (bauds := _bauds_in_force(before, result)):
-            # The next file of a capture names the baud of the beginning, not of the end.
-            result = count_file(job, bauds=bauds)
+        lost = result.found  # if the file before it is not read
+        if before is not None and result.follows(before):
+            lost |= before.lost
+        else:
+            self.model.observe_change(Gap(ANOTHER[0], reason=ANOTHER[1], port_lost=False))
+        # The next file of a capture names the baud of the beginning, not of the end.
+        bauds = {} if before is None else _bauds_in_force(before, result)
+        if bauds or lost:
+            result = count_file(job, bauds=bauds, lost=sorted(lost))
         self.model.merge(result.model)
         self._reading.include(result.counts)
         self._before = replace(result, model=self.model)

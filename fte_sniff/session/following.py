@@ -119,6 +119,8 @@ class FollowedInput(RecordingInput):
         if not following.stopped and following.ended is None:
             self._find_successor()
         self._note_end(span, note, self._troubles, some=self._has_rows)
+        if self.failure is None:
+            self.failure = self._growing.nothing_read
         if self.successor is None and self.failure is None and following.ended is not None:
             note(following.ended)
 

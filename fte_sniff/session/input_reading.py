@@ -145,6 +145,11 @@ class InputReading:
             yield batch
 
     @property
+    def detector(self) -> GapDetector:
+        """The gaps of the input that is read, or was read last."""
+        return self._last.detector
+
+    @property
     def counts(self) -> ReadingCounts:
         """What is known so far about its inputs."""
         return ReadingCounts(
@@ -195,6 +200,8 @@ class InputReading:
             changes += [StreamChange(0, gap) for gap in gaps]
         elif not one.follows(succession.before):
             changes.append(detector.interrupt(*ANOTHER))
+            if succession.before is not None:
+                detector.lost.clear()
         succession.before, read = one, 0
         for batch in one.batches(self.span, self.notes.append, open_inputs):
             if batch.after_gap:

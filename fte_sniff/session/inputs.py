@@ -30,6 +30,7 @@ from fte_sniff.session.log_rows import decided_spans, rows_of_log, rows_of_spans
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.formats.log_reader import LogReader
+    from fte_sniff.formats.parquet import ParquetRows
     from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
@@ -219,6 +220,23 @@ class Input(ABC):
             UsageError: a span is given, and rows have no times.
         """
 
+    def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
+        """Only rows of the span; if there are none, note the times of the input."""
+        tally, found = Tally(), 0
+        for rows in batches:
+            if len(rows) and InputBatch(rows).times is None:
+                raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
+            tally.update(rows)
+            if isinstance(rows, list):
+                inside: Rows = [row for row in rows if span.contains(row)]
+            else:
+                inside = span.select(rows)
+            found += len(inside)
+            yield inside
+        if not found and tally.first_ns is not None and tally.last_ns is not None:
+            held = f"{tally.rows:,} rows"
+            note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
+
 
 class RecordingInput(Input):
     """A recording."""
@@ -302,6 +320,7 @@ class RecordingInput(Input):
             some = some or bool(len(found.rows))
             yield found
         self._note_end(span, note, troubles, some=some)
+        self.failure = self.reader.nothing_read
 
     def _batches_of(self, ranges: Iterable[tuple[RowRange, RowBatch]]) -> Iterator[InputBatch]:
         for passage, rows in ranges:
@@ -388,9 +407,12 @@ class LogInput(Input):
         names = [self.name] if self._log is None else self._log.form.ports(self._log.name)
         return [PortFacts(name) for name in names]
 
-    def explain(self) -> list[str]:
-        """Where a text log has its bytes, times and directions, one line each."""
-        return ["raw bytes"] if self._log is None else self._log.form.explain()
+    def explain(self) -> Iterable[str]:
+        """Where a text log has its bytes, times and directions, one line each.
+
+        Raises InputTextError after the candidates of a log that is refused.
+        """
+        return ["raw bytes"] if self._log is None else self._log.explain()
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
@@ -412,22 +434,42 @@ class LogInput(Input):
             self.position += len(chunk.data)
             yield chunk
 
-    def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
-        """Only rows of the span; if there are none, note the times of the input."""
-        tally, found = Tally(), 0
-        for rows in batches:
-            if len(rows) and InputBatch(rows).times is None:
-                raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
-            tally.update(rows)
-            if isinstance(rows, list):
-                inside: Rows = [row for row in rows if span.contains(row)]
-            else:
-                inside = span.select(rows)
-            found += len(inside)
-            yield inside
-        if not found and tally.first_ns is not None and tally.last_ns is not None:
-            held = f"{tally.rows:,} rows"
-            note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
+
+class ParquetInput(Input):
+    """A Parquet file that `decode` wrote."""
+
+    def __init__(self, rows: ParquetRows, name: str) -> None:
+        super().__init__(name)
+        self._rows = rows
+        self.size, self.count = size_of(Path(name)), rows.count
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows; reads the column of times."""
+        return self._rows.times()
+
+    @property
+    def first_ns(self) -> int | None:
+        """The time of its first row."""
+        times = self._rows.times()
+        return None if times is None else times[0]
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports of its rows."""
+        from fte_sniff.recording.metadata import PortFacts
+
+        return [PortFacts(name) for name in self._rows.ports()]
+
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
+        """Read its rows; see `Input`."""
+        rows, read = self._rows.batches(), 0
+        for found in rows if span is None else self._within(span, rows, note):
+            read += len(found)
+            self.position = (self.size or 0) * read // max(1, self._rows.count)
+            yield InputBatch(found)
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:

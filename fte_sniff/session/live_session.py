@@ -39,7 +39,7 @@ _KILLED = TranslatableText(
     "recording so far are kept",
     seconds=END_WITHIN_S,
 )
-_ENDED_EARLY = TranslatableText("the capture was ended while the disk was still writing")
+_ENDED_EARLY = TranslatableText("the capture was ended while it was still writing")
 _UNEXPECTED = TranslatableText(
     "the capture process ended unexpectedly; what it had recorded is kept"
 )
@@ -159,9 +159,9 @@ class LiveSession:
     def hurry(self) -> None:
         """Do not wait for what `CaptureState.backlog` reports; returns at once.
 
-        Waiting bytes are counted as an overrun; a capture that waits for the disk is killed.
+        Waiting bytes are counted as an overrun; a capture whose write takes long is killed.
         """
-        if self.state.is_disk_slow:
+        if self.state.is_write_slow:
             self._killed = _ENDED_EARLY
             self._process.kill()
         elif self.state.leftover:

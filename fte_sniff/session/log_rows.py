@@ -110,6 +110,11 @@ _MOST_HELD: Final = 1_000_000
 """Rows that wait for another stream, about 50 MB."""
 _FAR_NS: Final = 10**9
 """A fall of times where the clock was set back."""
+_LOW: Final = 0.5
+"""Share of the bytes of a log in frames, from which on it is not low."""
+_MANY_BYTES: Final = 100
+_SWAPPED: Final = 0.9
+"""Of the frames of both directions, how many go the other way if the wires are swapped."""
 _WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.FEEDBACK)}
 """By label, what the host, which writes the log, does with the frames, and their direction."""
 
@@ -124,16 +129,22 @@ def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None
     streams, failed = _Streams(log), None
     try:
         for block in log.read():
-            streams.append(block)
-            yield from streams.drain()
+            size = streams.size
+            if block is None:
+                streams.end_frames()
+            else:
+                streams.append(block)
+            if streams.size > size:
+                yield from streams.drain()
     except InputTextError as error:
         failed = InputTextError(f"{log.where}{error}")
     yield from streams.drain(final=True)
     if failed is not None:
         raise failed
     if not streams.size:
-        raise FileError(f"{log.where}is empty; there is nothing to decode")
-    for text in (*streams.notes(ends=log.options.whole), *log.form.notes()):
+        raise log.nothing_read()
+    notes = streams.notes(sampled=log.form.share, ends=log.options.whole)
+    for text in (*notes, *log.notes()):
         note(f"{log.where}{text}")
 
 
@@ -152,6 +163,8 @@ class _Stream:
         one of its bytes can have begun at the earliest; int64, shape (4, lines)."""
         self._first = False
         """Whether the first byte of each line began at its time."""
+        self._ended = 0
+        """Bytes up to the last gap of the log."""
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
         self.frames = Counter[int]()
@@ -173,6 +186,12 @@ class _Stream:
             t_ns = None if log.start_ns is None else self._clock_ns
             self._framer.push(Chunk(self.port, t_ns, new.data[start:stop]))
         self._size += size
+
+    def end_frame(self) -> None:
+        """End the frame: the next bytes may not follow the last ones."""
+        if self._size > self._ended:
+            self._ended = self._size
+            self._framer.finish()
 
     def _append_lines(self, new: StreamBytes) -> dict[int, int]:
         """Append the columns of lines; returns the pauses before them, by offset in the data."""
@@ -259,8 +278,16 @@ class _Streams:
             self._streams.setdefault(new.port, _Stream(new.port, self)).append(new)
             self.size += len(new.data)
 
-    def notes(self, *, ends: bool) -> Iterator[str]:
-        """Which directions frames contradict, and if `ends`, which streams end within a frame."""
+    def end_frames(self) -> None:
+        """End each stream's frame: its next bytes may not follow the last ones."""
+        for stream in self._streams.values():
+            stream.end_frame()
+
+    def notes(self, *, sampled: float | None, ends: bool) -> Iterator[str]:
+        """Which directions frames contradict; if `ends`, which streams end within a frame.
+
+        Also whether few bytes are in frames, other than in a sample of which a share was `sampled`.
+        """
         known = [(own, *_WAYS[own.label]) for own in self._streams.values() if own.label in _WAYS]
         against = [
             (own.frames[header], f"{word}, header {header:02X} says {says}")
@@ -268,12 +295,24 @@ class _Streams:
             for header, says in DIRECTION_OF_HEADER.items()
             if says is not way and own.frames[header]
         ]
+        wrong, total = (
+            sum(more for more, _ in against),
+            sum(own.frames.total() for own, *_ in known),
+        )
         if against:
-            count = f"{sum(more for more, _ in against):,} of"
-            count += f" {sum(own.frames.total() for own, *_ in known):,} frames"
+            both = len({word for _, word, _ in known}) > 1 and wrong > _SWAPPED * total
+            swapped = "otherwise the wires are swapped"
+            otherwise = swapped if both else "or a label names no direction"
             yield (
-                f"{count} go the other way than the log says ({against[0][1]}): this is normal"
-                " in the log of a tap; otherwise the wires are swapped"
+                f"{wrong:,} of {total:,} frames go the other way than the log says"
+                f" ({against[0][1]}): this is normal in the log of a tap; {otherwise}"
+            )
+        in_frames = FRAME_LENGTH * sum(own.frames.total() for own in self._streams.values())
+        if sampled is not None and self.size >= _MANY_BYTES and in_frames < _LOW * self.size:
+            yield (
+                f"only {in_frames / self.size:.0%} of the bytes read are in frames"
+                f" ({sampled:.0%} in its sample); another form may be right: --explain shows what"
+                " is read, --form and --input-regex choose"
             )
         for stream in self._streams.values() if ends else ():
             where = "" if len(self._streams) == 1 else f"{stream.port.rpartition(':')[2]} "

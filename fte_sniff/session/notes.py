@@ -2,9 +2,12 @@
 
 A line of the file is a note; the files of one capture share it, also after rotation:
 
-{"time": "2026-01-31T12:00:00.033000000Z", "port": "/dev/ttyUSB0", "offset": 4890, "text": "stall"}
+{"time": "2026-01-31T12:00:00.033000000Z", "port": "/dev/ttyUSB0", "offset": 4890, "text": "stall",
+"capture": "2026-01-31T12:00:00.000000000Z"}
 
-Where that file cannot be written, a file in the user's state folder takes its place.
+`capture` is when the capture began, where the recording says it: a recording that replaces another
+has rows with the same ports and offsets. Where that file cannot be written, a file in the user's
+state folder takes its place. Several programs may write notes at once: each locks the folder.
 """
 
 from __future__ import annotations
@@ -15,18 +18,20 @@ import stat
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
+from itertools import zip_longest
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 from platformdirs import user_state_path
 
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import FileError, TranslatableText, reason_of
 from fte_sniff.protocol import Row, iso_time
+from fte_sniff.recording.file_lock import locked_folder
 from fte_sniff.session.save import replace_text
 
 if TYPE_CHECKING:
@@ -39,6 +44,9 @@ MOST_TEXT: Final = 500
 
 _MOST_BYTES: Final = 10_000_000
 """Largest notes file that is read."""
+
+_PATIENCE_S: Final = 5.0
+"""How long the notes of another program are waited for."""
 
 
 class RowKey(NamedTuple):
@@ -61,6 +69,8 @@ class Note:
     offset: int
     """Of the row's first byte in the port's stream."""
     text: str = ""
+    capture: str | None = None
+    """When its capture began, as the recording says it; None if that is unknown."""
 
     @property
     def key(self) -> RowKey:
@@ -76,7 +86,11 @@ class Note:
         """The line of the file."""
         time = None if self.t_ns is None else iso_time(self.t_ns)
         entry = {"time": time, "port": self.port, "offset": self.offset, "text": self.text}
-        return json.dumps(entry, ensure_ascii=False)
+        if self.capture is not None:
+            entry["capture"] = self.capture
+        line = json.dumps(entry, ensure_ascii=False)
+        # A name of a file that is not UTF-8 has half characters.
+        return line if line.isascii() or _is_utf8(line) else json.dumps(entry)
 
     @classmethod
     def parse(cls, line: str) -> Note:
@@ -84,12 +98,22 @@ class Note:
         found = json.loads(line)
         match found:
             case {"time": str() | None as time, "port": str(port), "offset": int(offset)} if (
-                isinstance(found.get("text", ""), str) and not isinstance(offset, bool)
+                isinstance(found.get("text", ""), str)
+                and isinstance(found.get("capture"), str | None)
+                and not isinstance(offset, bool)
             ):
                 t_ns = None if time is None else time_ns(time)
                 if time is None or t_ns is not None:
-                    return cls(t_ns, port, offset, found.get("text", ""))
+                    return cls(t_ns, port, offset, found.get("text", ""), found.get("capture"))
         raise ValueError("no note")
+
+
+def _is_utf8(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def capture_path(file: Path) -> Path:
@@ -111,26 +135,46 @@ def _fallback_path(capture: Path | None) -> Path:
     return _state_folder() / "notes" / f"{name}{NOTES_SUFFIX}"
 
 
+def capture_start(file: Path) -> str | None:
+    """When the capture of a recording began, as it says; None if it is not a recording."""
+    from fte_sniff.recording.metadata import PROGRAM, part_of
+    from fte_sniff.recording.reader import RecordingReader
+
+    with suppress(FileError):
+        part = part_of(RecordingReader(file).metadata.get(PROGRAM, {}))
+        return None if part is None else part.start
+    return None
+
+
+_Entries: TypeAlias = dict[tuple[str | None, RowKey], Note]
+"""The notes of a file, by capture and row."""
+
+
 class _NotesFile:
     """The notes of one capture, in the file beside it and that in the state folder."""
 
-    def __init__(self, capture: Path | None) -> None:
+    def __init__(self, capture: Path | None, start: str | None) -> None:
+        self._start = start
         self.paths = [_fallback_path(capture)]
         if capture is not None:
             self.paths.insert(0, capture.with_name(capture.name + NOTES_SUFFIX))
         self.damaged: dict[Path, str] = {}
         """Files that are never written, each with what is wrong."""
         self.written: Path | None = None
+        self.said: Path | None = None
+        """The file that the user knows."""
 
     def read(self) -> dict[RowKey, Note]:
-        """The notes of both files."""
+        """The notes of both files on this capture, and those that name no capture."""
         found: dict[RowKey, Note] = {}
         for path in reversed(self.paths):
-            found |= self._read(path)
+            entries = self._read(path)
+            for start in (None, self._start):
+                found |= {key: note for (own, key), note in entries.items() if own == start}
         return found
 
-    def _read(self, path: Path) -> dict[RowKey, Note]:
-        found: dict[RowKey, Note] = {}
+    def _read(self, path: Path) -> _Entries:
+        found: _Entries = {}
         number = 0
         try:
             if not stat.S_ISREG(path.stat().st_mode):
@@ -139,11 +183,11 @@ class _NotesFile:
                 content = file.read(_MOST_BYTES + 1)
             if len(content) > _MOST_BYTES:
                 raise ValueError("too large")
-            for line in content.decode("utf-8").splitlines():
+            for line in content.decode("utf-8").split("\n"):
                 number += 1
                 if line.strip():
                     note = Note.parse(line)
-                    found[note.key] = note
+                    found[note.capture, note.key] = note
         except (FileNotFoundError, NotADirectoryError):
             pass
         except OSError as error:
@@ -161,34 +205,39 @@ class _NotesFile:
         """Apply changes to the file that can be written; returns what went wrong, if anything."""
         why: str | None = None
         for path in self.paths:
-            found = self._read(path)
-            if path in self.damaged:
-                continue
-            notes = {**found, **changes}
-            lines = [note.line() for note in notes.values() if note is not None]
             try:
-                if lines or found:
-                    replace_text(path, "".join(f"{line}\n" for line in lines), 0o666)
+                self._change(path, changes)
             except OSError as error:
                 why = TranslatableText(
                     "the notes are not saved: {path}: {why}", path=path, why=reason_of(error)
                 )
                 continue
+            if path in self.damaged:
+                continue
             self.written = path
-            self._remove_from_others(path, changes)
+            for other in self.paths:  # it was written when this one could not be
+                if other != path and other.exists():
+                    with suppress(OSError):
+                        self._change(other, dict.fromkeys(changes))
             return None
         return why or TranslatableText("the notes are not saved")
 
-    def _remove_from_others(self, written: Path, changes: Mapping[RowKey, Note | None]) -> None:
-        """Remove the changed notes from a file that was written when the other could not be."""
-        for path in self.paths:
-            if path == written or path in self.damaged:
-                continue
-            found = self._read(path)
-            kept = [note for key, note in found.items() if key not in changes]
-            if len(kept) < len(found):
-                with suppress(OSError):
-                    replace_text(path, "".join(f"{note.line()}\n" for note in kept), 0o666)
+    def _change(self, path: Path, changes: Mapping[RowKey, Note | None]) -> None:
+        """Apply changes to a file that is not damaged; raises OSError."""
+        folder = path.resolve().parent
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked_folder(folder, _PATIENCE_S):
+            before = self._read(path)
+            if path in self.damaged:
+                return
+            notes = before.copy()
+            for key, note in changes.items():
+                notes.pop((None, key), None)
+                notes.pop((self._start, key), None)
+                if note is not None:
+                    notes[self._start, key] = replace(note, capture=self._start)
+            if notes != before:
+                replace_text(path, "".join(f"{note.line()}\n" for note in notes.values()), 0o666)
 
 
 class RowOrigins:
@@ -232,19 +281,23 @@ class RowOrigins:
 class Notes:
     """The notes on the rows of a view."""
 
-    def __init__(self, inputs: Sequence[Path] = ()) -> None:
-        """Read the notes of the captures to which the inputs belong; none for unrecorded rows."""
-        paths = [capture_path(file) for file in inputs]
-        captures: list[Path | None] = [*dict.fromkeys(paths)] or [None]
-        self.origins = RowOrigins([captures.index(path) for path in paths])
-        self._files = [_NotesFile(capture) for capture in captures]
+    def __init__(self, inputs: Sequence[Path] = (), starts: Sequence[str | None] = ()) -> None:
+        """Read the notes of the captures to which the inputs belong; none for unrecorded rows.
+
+        `starts` says of each input when its capture began, see `capture_start`.
+        """
+        named = [*zip_longest(map(capture_path, inputs), starts)]
+        captures = [*dict.fromkeys(named)] or [(None, None)]
+        self.origins = RowOrigins([captures.index(one) for one in named])
+        self._files = [_NotesFile(capture, start) for capture, start in captures]
         self.notes: dict[RowKey, Note] = {
             key._replace(capture=number): note
             for number, one in enumerate(self._files)
             for key, note in one.read().items()
         }
         self._changes: dict[RowKey, Note | None] = {}
-        self._lock = Lock()
+        """What is not saved."""
+        self._lock, self._saving = Lock(), Lock()
 
     @property
     def damage(self) -> list[str]:
@@ -255,6 +308,15 @@ class Notes:
     def written(self) -> list[Path]:
         """Files that were written."""
         return [one.written for one in self._files if one.written is not None]
+
+    def news(self, capture: int = 0) -> Path | None:
+        """The file in which the notes on a capture are or will be; None if that was said before."""
+        own = self._files[capture]
+        path = own.written or next((path for path in own.paths if path not in own.damaged), None)
+        if path == own.said:
+            return None
+        own.said = path
+        return path
 
     def set(self, note: Note, capture: int = 0) -> None:
         """Add or replace a note on a row of a capture; `save` writes it."""
@@ -273,15 +335,24 @@ class Notes:
             self._changes[key] = changed
 
     def save(self) -> str | None:
-        """Write the changes; returns what went wrong, if anything. Any thread may call it."""
+        """Write the changes; returns what went wrong, if anything. Any thread may call it.
+
+        Changes that cannot be written are kept, and tried again by the next call.
+        """
         trouble: str | None = None
-        with self._lock:
+        with self._saving:
+            with self._lock:
+                taken, self._changes = self._changes, {}
             by_file: dict[int, dict[RowKey, Note | None]] = {}
-            for key, note in self._changes.items():
-                by_file.setdefault(key.capture, {})[key._replace(capture=0)] = note
-            self._changes = {}
+            for key, note in taken.items():
+                by_file.setdefault(key.capture, {})[key] = note
             for capture, changes in by_file.items():
-                trouble = self._files[capture].write(changes) or trouble
+                own = {key._replace(capture=0): note for key, note in changes.items()}
+                why = self._files[capture].write(own)
+                if why is not None:
+                    trouble = why
+                    with self._lock:
+                        self._changes = {**changes, **self._changes}
         return trouble
 
 

@@ -20,6 +20,7 @@ from fte_sniff.formats.writers import (
     RowWriter,
     row_writer,
 )
+from fte_sniff.platform import open_flags
 from fte_sniff.protocol import Gap, PortEvent
 
 if TYPE_CHECKING:
@@ -66,20 +67,23 @@ class Sink(Protocol):
         """Close the file as it is."""
 
 
-def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Sink:
+def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource) -> Sink:
     """Create the file, or replace it; None is standard output, for text formats.
+
+    Raw bytes and recordings can go to an open descriptor, which is not closed.
 
     Gaps and selections of the source are read on closing. Raises OSError if the file cannot be
     created.
     """
     match form:
-        case OutputFormat.PARQUET if path is not None:
+        case OutputFormat.PARQUET if isinstance(path, Path):
             return ParquetSink(path)
         case OutputFormat.MCAP if path is not None:
             return _RecordingSink(path, source)
         case OutputFormat.RAW if path is not None:
             return RawSink(path)
         case _:
+            assert not isinstance(path, int)
             return _TextSink(form, path, ports=len(source.ports) > 1)
 
 
@@ -124,8 +128,8 @@ def write_rows(writer: RowWriter, rows: Rows) -> None:
 class RawSink:
     """Writes the bytes of the rows."""
 
-    def __init__(self, path: Path) -> None:
-        self._stream = path.open("wb")
+    def __init__(self, path: Path | int) -> None:
+        self._stream = open(path, "wb", closefd=not isinstance(path, int))  # noqa: SIM115
         self.ports: set[str] = set()
         """The ports of the rows; nothing in the file separates them."""
 
@@ -324,7 +328,7 @@ def replace_text(path: Path, text: str, mode: int = 0o600) -> None:
     path = path.resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+    flags = open_flags("O_WRONLY", "O_CREAT", "O_TRUNC")
     try:
         with os.fdopen(os.open(temporary, flags, mode), "w", encoding="utf-8") as file:
             file.write(text)
@@ -412,7 +416,7 @@ def _check_descriptors(count: int) -> None:
     opened: list[int] = []
     try:
         for _ in range(count):
-            opened.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+            opened.append(os.open(os.devnull, os.O_RDONLY))
     finally:
         for descriptor in opened:
             os.close(descriptor)
@@ -497,7 +501,7 @@ class ParquetSink:
 class _RecordingSink:
     """Writes a recording; each row must have a time."""
 
-    def __init__(self, path: Path, source: ExportSource) -> None:
+    def __init__(self, path: Path | int, source: ExportSource) -> None:
         from fte_sniff.recording.metadata import PART_FACTS, PortFacts
         from fte_sniff.recording.writer import BulkWriter
 

@@ -16,9 +16,15 @@ from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
-from fte_sniff.errors import RecordingWarning, UsageError, printable
+from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
 from fte_sniff.recording.batch_reader import TimeRange
-from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
+from fte_sniff.recording.reader import (
+    FileVersion,
+    RecordingReader,
+    file_version,
+    recordings_in,
+    start_of,
+)
 from fte_sniff.row_batch import Codebook, RowBatch
 
 _TIME = "time"
@@ -98,7 +104,8 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
     AND, skips the chunks before it. A file is opened when the query reaches it, and skipped if its
-    summary shows that the filter holds for none of its times, or for none of its ports.
+    summary, as it is then, shows that the filter holds for none of its times, or for none of its
+    ports.
     Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
     `collect(engine="streaming")` and the `sink_` methods.
 
@@ -130,7 +137,8 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
         left = limit
         for number, one in enumerate(files):
             own = added[number : number + 1]
-            if limit is None and one.is_skipped(wanted, first_ns, last_ns, own):
+            may_skip = limit is None and wanted is not None
+            if may_skip and one.current().is_skipped(wanted, first_ns, last_ns, own):
                 continue
             make = _maker(names, wanted, own)
             reader = RecordingReader(one.path)
@@ -153,14 +161,25 @@ class _ScannedFile:
     """No row is before the first or after the second, nanoseconds since 1970 UTC."""
     ports: tuple[str, ...]
     """Empty if the summary does not show them."""
+    version: FileVersion
+    """That of the file whose summary this is."""
 
     @classmethod
     def of(cls, reader: RecordingReader) -> _ScannedFile:
         start = start_of(reader)
         if reader.span_ns is None:
-            return cls(reader.path, start, _EVER, ())
+            return cls(reader.path, start, _EVER, (), reader.version)
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
-        return cls(reader.path, start, reader.span_ns, tuple(ports))
+        return cls(reader.path, start, reader.span_ns, tuple(ports), reader.version)
+
+    def current(self) -> _ScannedFile:
+        """This file with the summary that it has now; raises FileError if it is not there."""
+        try:
+            if file_version(self.path.stat()) == self.version:
+                return self
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+        return _ScannedFile.of(RecordingReader(self.path))
 
     def is_skipped(
         self, wanted: pl.Expr | None, first_ns: int, last_ns: int, added: pl.DataFrame

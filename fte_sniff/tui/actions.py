@@ -31,6 +31,7 @@ from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import PICTURE_SUFFIXES, ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import LANGUAGES, _, error_text, set_language, switch_language, theme_after
 from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
@@ -63,6 +64,7 @@ class ScreenActions(App[None]):
         self._table = RowTable(store, self._header, options.choices.view)
         captures = 1 if options.notes is None else options.notes.origins.captures
         self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
+        self._focus = Focus(self, self._table, self._header, self._panes.top)
         main = Vertical(self._header, self._table, self._panes.top, id="main")
         self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()
@@ -83,11 +85,8 @@ class ScreenActions(App[None]):
 
     def action_top(self) -> None:
         """Show one line for each kind and motor in place of the table, or the table again."""
-        top = self._panes.top
-        top.display = not top.display
-        self._header.display = self._table.display = not top.display
-        (top if top.display else self._table).focus()
-        if top.display and self._panes.explains_row:
+        self._focus.show_top(not self._panes.top.display)
+        if self._panes.top.display and self._panes.explains_row:
             self._panes.close()
         self.call_after_refresh(self._panes.redraw)
 
@@ -203,11 +202,6 @@ class ViewActions(ScreenActions):
         if self._panes.explains_row:
             self._table.stop_following()
 
-    def action_row_pane(self, name: str) -> None:
-        """Show a pane about the table's row, and the table in place of the top view."""
-        self.action_top()
-        self.action_pane(name)
-
     def action_grow_pane(self, by: int) -> None:
         """Move the divider between the table and the pane."""
         self._body.grow(by)
@@ -309,9 +303,11 @@ class ExportActions(ScreenActions):
     def __init__(self, feed: Feed, options: StartOptions, source: BlockSource | None) -> None:
         super().__init__(feed, options, source)
         self._save_job: SaveJob | None = None
-        self._save_field = SaveField(ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
+        self._save_field = SaveField(
+            self._focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save
+        )
         self._picture_field = SaveField(
-            PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
+            self._focus, PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
         )
 
     def action_copy_text(self) -> None:

@@ -10,13 +10,12 @@ from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
-from textual.actions import ActionParseResult
+from textual.actions import ActionParseResult, parse
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
-from textual.drivers.linux_driver import LinuxDriver
-from textual.events import Event, InputEvent, Key, Resize
+from textual.events import Event, InputEvent, Key, MouseDown, Resize
 from textual.filter import LineFilter
 
 from fte_sniff.analysis.feed import Feed
@@ -24,6 +23,7 @@ from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.platform import POSIX
 from fte_sniff.session.notes import Place, RowKey
 from fte_sniff.tui.actions import ExportActions, ViewActions
 from fte_sniff.tui.find_actions import FindActions
@@ -33,20 +33,16 @@ from fte_sniff.tui.keys import (
     HANDLING,
     INTERRUPT,
     LEAVING,
-    NEED_TABLE,
-    TABLE_ACTIONS,
-    TABLE_PANES,
     UNDERSTANDING,
+    WHERE,
     bindings,
 )
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.prompt import PromptLine
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewUpdate
 
 LOW = 16
@@ -103,12 +99,9 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         yield KeyLine()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Whether a key may act now: an open field and the help page have their own keys."""
-        if action == "pane" and self._panes.top.display and parameters[0] in TABLE_PANES:
-            return False
-        if action not in TABLE_ACTIONS:
-            return True
-        return len(self.screen_stack) == 1 and not isinstance(self.focused, PromptLine)
+        """Whether a key may act now."""
+        where = WHERE.get((action, parameters))
+        return where is None or self._focus.allows(where)
 
     async def run_action(
         self,
@@ -118,9 +111,10 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     ) -> bool:
         """Run the action of a key, and remove the answer to the key before."""
         before = self._notice.answer
-        name = action.partition("(")[0] if isinstance(action, str) else action[1]
-        if name in NEED_TABLE and self._panes.top.display and self.check_action(name, ()):
-            self.action_top()
+        _target, name, parameters = parse(action) if isinstance(action, str) else action
+        where = WHERE.get((name, parameters))
+        if where is not None:
+            self._focus.prepare(where)
         done = await super().run_action(action, default_namespace, namespaces)
         if done:
             self._notice.remove_answer(before)
@@ -152,7 +146,13 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def get_driver_class(self) -> type[Driver]:
         """Our driver in place of Textual's for Linux."""
         driver = super().get_driver_class()
-        return Terminal if driver is LinuxDriver else driver
+        if POSIX:
+            from textual.drivers.linux_driver import LinuxDriver
+
+            from fte_sniff.tui.terminal import Terminal
+
+            return Terminal if driver is LinuxDriver else driver
+        return driver
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """The filter that removes colours, where NO_COLOR is set."""
@@ -160,7 +160,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
 
     def on_mount(self) -> None:
         """Start to poll, a file at its first row; quit on signals."""
-        self._table.focus()
+        self._focus.start()
         if self._warnings:
             self._notice.warn("; ".join(map(_, self._warnings)))
         self.tick()
@@ -343,6 +343,10 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def _close_for(self, failure: FteSniffError) -> None:
         self.failure = failure
         self.exit()
+
+    def on_mouse_down(self, event: MouseDown) -> None:
+        """Leave an open field where the rows behind it are clicked."""
+        self._focus.clicked(event.widget)
 
     @on(Pane.Resized)
     def _on_pane_resized(self) -> None:

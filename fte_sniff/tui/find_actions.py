@@ -11,8 +11,6 @@ from datetime import UTC, tzinfo
 from functools import partial
 from time import monotonic
 
-from textual import on
-
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.analysis.row_store import BlockSource, RowStore
@@ -27,7 +25,6 @@ from fte_sniff.tui.actions import ScreenActions
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import (
     FILTER_NAME,
     GOTO,
@@ -160,6 +157,7 @@ class FindActions(ScreenActions):
         super().__init__(feed, options, source)
         self._saved_filters = dict(options.choices.filters)
         self._filter_field = FilterField(
+            self._focus,
             self._model.store,
             options.row_filter.text if options.row_filter else "",
             self._saved_filters,
@@ -167,10 +165,10 @@ class FindActions(ScreenActions):
             self._set_filter,
             self._ask_filter_name,
         )
-        self._name_field = PromptField(FILTER_NAME, str, self._name_filter)
-        self._note_field = PromptField(NOTE, str, self._write_note)
-        self._search_field = PromptField(SEARCH, Search.parse, self._search)
-        self._goto_field = PromptField(GOTO, parse_goal, self._go)
+        self._name_field = PromptField(self._focus, FILTER_NAME, str, self._name_filter)
+        self._note_field = PromptField(self._focus, NOTE, str, self._write_note)
+        self._search_field = PromptField(self._focus, SEARCH, Search.parse, self._search)
+        self._goto_field = PromptField(self._focus, GOTO, parse_goal, self._go)
         self._earlier_filters: list[str] = []
         """Filters before the current one, the latest last; an empty one shows all rows."""
         self._notes = options.notes
@@ -315,6 +313,9 @@ class FindActions(ScreenActions):
                 self._notes.remove(note, self._capture_at(index))
             else:
                 self._notes.set(note, self._capture_at(index))
+                if path := self._notes.news(self._capture_at(index)):
+                    text = _("marks and notes are saved in {path}", path=printable(str(path)))
+                    self._inform(text)
             self._start_worker("notes", self._save_notes)
 
     def _capture_at(self, index: int) -> int:
@@ -412,10 +413,12 @@ class FindActions(ScreenActions):
         self._model.set_filter(parse_filter(line) if line else None, self._table.near)
         self._table.sync()
 
-    @on(TopView.Chosen)
-    def _on_line_chosen(self, event: TopView.Chosen) -> None:
-        self._add_condition(event.condition)
-        self.action_top()
+    def action_choose(self) -> None:
+        """Show the rows of the line under the cursor of the top view, by a filter."""
+        condition = self._panes.top.condition
+        if condition is not None:
+            self._add_condition(condition)
+            self._focus.show_top(False)
 
     def _ask_filter_name(self, _line: str) -> None:
         self._name_field.open()
@@ -468,7 +471,6 @@ class FindActions(ScreenActions):
         if self._table.search is not None:
             # While the end is followed, all rows are above.
             by = -1 if self._table.viewport.following else 1
-            self._table.stop_following()
             self._find(self._table.search, self._table.last_index, by)
 
     def _find(self, search: Search, start: int, by: int) -> None:

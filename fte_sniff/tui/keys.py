@@ -8,18 +8,45 @@ opened.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import Enum
 from typing import cast
 
+from textual import actions
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 
 from fte_sniff.tui.i18n import _, later
 
 
-def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
-    """A binding with its text in the key line, if it is shown there, and in the help."""
-    return Binding(
+class Where(Enum):
+    """Where an action of the key table may act."""
+
+    ROWS = "rows"
+    """On the table, which first comes back in place of the top view."""
+    VIEW = "view"
+    """On the table and on the top view."""
+    ANYWHERE = "anywhere"
+    """Also while a field or a page is open."""
+
+
+@dataclass(frozen=True)
+class Command(Binding):
+    """A key of the key table, and where its action may act."""
+
+    where: Where = Where.VIEW
+
+
+def _key(
+    keys: str,
+    action: str,
+    short: str,
+    meaning: str,
+    display: str | None = None,
+    where: Where = Where.VIEW,
+) -> Command:
+    """A command with its text in the key line, if it is shown there, and in the help."""
+    return Command(
         keys,
         action,
         short or meaning,
@@ -27,45 +54,64 @@ def _key(keys: str, action: str, short: str, meaning: str, display: str | None =
         key_display=display,
         priority=True,
         tooltip=meaning,
+        where=where,
     )
 
 
-MOVING: tuple[Binding, ...] = (
-    _key("up,k", "move(-1)", "", "one row up; leaves the end", "up k"),
-    _key("down,j", "move(1)", "", "one row down", "down j"),
-    _key("pageup,ctrl+u", "page(-1)", "", "one page up", "pgup ^u"),
-    _key("pagedown,ctrl+d", "page(1)", "", "one page down", "pgdn ^d"),
-    _key("home,g", "first", "", "the first row", "home g"),
-    _key("end,G", "follow", "Follow", "the last row, and follow what comes, also after enter", "G"),
-    _key("left,h", "aside(-1)", "", "columns to the left", "left h"),
-    _key("right,l", "aside(1)", "", "columns to the right", "right l"),
+def _row_key(
+    keys: str, action: str, short: str, meaning: str, display: str | None = None
+) -> Command:
+    """A command on rows: the table comes back first."""
+    return _key(keys, action, short, meaning, display, Where.ROWS)
+
+
+MOVING: tuple[Command, ...] = (
+    _row_key("up,k", "move(-1)", "", "one row up; leaves the end", "up k"),
+    _row_key("down,j", "move(1)", "", "one row down", "down j"),
+    _row_key("pageup,ctrl+u", "page(-1)", "", "one page up", "pgup ^u"),
+    _row_key("pagedown,ctrl+d", "page(1)", "", "one page down", "pgdn ^d"),
+    _row_key("home,g", "first", "", "the first row", "home g"),
+    _row_key(
+        "end,G", "follow", "Follow", "the last row, and follow what comes, also after enter", "G"
+    ),
+    _row_key("left,h", "aside(-1)", "", "columns to the left", "left h"),
+    _row_key("right,l", "aside(1)", "", "columns to the right", "right l"),
 )
 
-FINDING: tuple[Binding, ...] = (
+OPENING = Binding("enter", "app.pane('detail')", show=False, priority=True)
+"""A key of the table alone: the top view has its own."""
+
+FINDING: tuple[Command, ...] = (
     _key("f", "filter", "Filter", "filter the rows: motor = 1 AND rpm > 500", "f"),
     _key("F", "unfilter", "", "show all rows again", "F"),
-    _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
-    _key("E", "fault(-1)", "", "the previous row with a fault", "E"),
-    _key("a", "raised(1)", "Flags", "the next row whose ERROR or ONLINE is not all in order", "a"),
-    _key("A", "raised(-1)", "", "the previous row whose ERROR or ONLINE is not all in order", "A"),
-    _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
-    _key("n", "again(1)", "", "the next hit of the search", "n"),
-    _key("N", "again(-1)", "", "the previous hit of the search", "N"),
-    _key("x", "only", "", "show only rows that are like this one in a cell", "x"),
-    _key("X", "without", "", "hide rows that are like this one in a cell", "X"),
+    _row_key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
+    _row_key("E", "fault(-1)", "", "the previous row with a fault", "E"),
+    _row_key(
+        "a", "raised(1)", "Flags", "the next row whose ERROR or ONLINE is not all in order", "a"
+    ),
+    _row_key(
+        "A", "raised(-1)", "", "the previous row whose ERROR or ONLINE is not all in order", "A"
+    ),
+    _row_key(
+        "slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"
+    ),
+    _row_key("n", "again(1)", "", "the next hit of the search", "n"),
+    _row_key("N", "again(-1)", "", "the previous hit of the search", "N"),
+    _row_key("x", "only", "", "show only rows that are like this one in a cell", "x"),
+    _row_key("X", "without", "", "hide rows that are like this one in a cell", "X"),
     _key("backspace", "filter_before", "", "return to the previous filter", "backspace"),
-    _key("m", "mark", "", "mark the row, or remove its mark", "m"),
-    _key("number_sign", "note", "", "write a note on the row; an empty one removes it", "#"),
-    _key("u", "to_mark(1)", "", "the next marked row", "u"),
-    _key("U", "to_mark(-1)", "", "the previous marked row", "U"),
-    _key("o", "landmark(1)", "", "the next lost port or gap", "o"),
-    _key("O", "landmark(-1)", "", "the previous lost port or gap", "O"),
-    _key(
+    _row_key("m", "mark", "", "mark the row, or remove its mark", "m"),
+    _row_key("number_sign", "note", "", "write a note on the row; an empty one removes it", "#"),
+    _row_key("u", "to_mark(1)", "", "the next marked row", "u"),
+    _row_key("U", "to_mark(-1)", "", "the previous marked row", "U"),
+    _row_key("o", "landmark(1)", "", "the next lost port or gap", "o"),
+    _row_key("O", "landmark(-1)", "", "the previous lost port or gap", "O"),
+    _row_key(
         "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
     ),
 )
 
-HANDLING: tuple[Binding, ...] = (
+HANDLING: tuple[Command, ...] = (
     _key(
         "space,p",
         "pause",
@@ -75,26 +121,26 @@ HANDLING: tuple[Binding, ...] = (
     ),
     _key("less_than_sign", "speed(-1)", "", "play more slowly, down to 0.1×", "<"),
     _key("greater_than_sign", "speed(1)", "", "play faster, up to 100×", ">"),
-    _key("v", "select", "", "select rows from here to the cursor, for y, Y and w", "v"),
-    _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
-    _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
+    _row_key("v", "select", "", "select rows from here to the cursor, for y, Y and w", "v"),
+    _row_key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
+    _row_key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
     _key("w", "save", "Save", "save the selected rows, or all that are shown, to a file", "w"),
     _key("P", "picture", "", "save a screenshot as SVG or HTML", "P"),
-    _key("t", "times", "", "times: UTC, local, since the first row, since a mark", "t"),
-    _key("d", "changes", "", "highlight bytes that changed, dim the others", "d"),
-    _key("C", "columns", "", "choose columns, their order and widths", "C"),
+    _row_key("t", "times", "", "times: UTC, local, since the first row, since a mark", "t"),
+    _row_key("d", "changes", "", "highlight bytes that changed, dim the others", "d"),
+    _row_key("C", "columns", "", "choose columns, their order and widths", "C"),
     _key("ctrl+t", "theme", "", "switch the theme: dark, light, with more contrast", "^t"),
     _key("ctrl+p", "palette", "", "find a command by its name", "^p"),
     _key("escape", "dismiss", "", "cancel: a save, selection, search, notice or pane", "esc"),
 )
 """Change the view, copy and save."""
 
-UNDERSTANDING: tuple[Binding, ...] = (
-    _key("enter,i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
-    _key("right_square_bracket", "field(1)", "", "look at the next field of the row", "]"),
-    _key("left_square_bracket", "field(-1)", "", "look at the previous field", "["),
-    _key("R", "related", "", "from a command to its answer, or back", "R"),
-    _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
+UNDERSTANDING: tuple[Command, ...] = (
+    _row_key("i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
+    _row_key("right_square_bracket", "field(1)", "", "look at the next field of the row", "]"),
+    _row_key("left_square_bracket", "field(-1)", "", "look at the previous field", "["),
+    _row_key("R", "related", "", "from a command to its answer, or back", "R"),
+    _row_key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
     _key("M", "pane('motors')", "Motors", "target and feedback of each motor", "M"),
     _key("T", "top", "Top", "one line for each kind and motor, in place of the table", "T"),
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
@@ -111,8 +157,8 @@ UNDERSTANDING: tuple[Binding, ...] = (
 )
 """Panes; the key of the open pane closes it."""
 
-TOP: tuple[Binding, ...] = (
-    _key("enter", "choose", "Rows", "the rows of this kind and motor, as a filter", "enter"),
+TOP: tuple[Command, ...] = (
+    _key("enter", "app.choose", "Rows", "the rows of this kind and motor, as a filter", "enter"),
     _key("full_stop", "sort(1)", "Sort", "sort by the next column", "."),
     _key("comma", "sort(-1)", "", "sort by the previous column", ","),
     _key("I", "reverse", "Reverse", "sort the other way round", "I"),
@@ -120,38 +166,20 @@ TOP: tuple[Binding, ...] = (
     _key("down,j", "move_line(1)", "", "one line down", "down j"),
     _key("pageup,ctrl+u", "page_lines(-1)", "", "one page up", "pgup ^u"),
     _key("pagedown,ctrl+d", "page_lines(1)", "", "one page down", "pgdn ^d"),
-    Binding("i", "app.row_pane('detail')", show=False, priority=True),
-    Binding("b", "app.row_pane('bytes')", show=False, priority=True),
 )
 
-LEAVING: tuple[Binding, ...] = (
+LEAVING: tuple[Command, ...] = (
     _key("question_mark", "help", "Help", "all keys and signs", "?"),
     _key("q", "leave", "Quit", "close the pane; quit; a recording is stopped by a second q", "q"),
     _key("Q,ctrl+q", "quit", "", "quit at once, and print where the recording is", "Q ^q"),
     _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
 
-UNBOUND: tuple[Binding, ...] = (
+UNBOUND: tuple[Command, ...] = (
     _key("", "language", "", "switch the language: English, Chinese"),
-    _key("", "events", "", "show or hide the lines of port events and gaps"),
-    _key("", "notes", "", "list all marks and notes"),
+    _row_key("", "events", "", "show or hide the lines of port events and gaps"),
+    _row_key("", "notes", "", "list all marks and notes"),
 )
-
-TABLE_ACTIONS = frozenset(
-    binding.action.partition("(")[0]
-    for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *UNBOUND, *LEAVING)
-)
-"""Actions that are off while a field or the help page is open."""
-
-TABLE_PANES = ("detail", "bytes")
-
-NEED_TABLE = frozenset(
-    (
-        *("fault", "raised", "search", "again", "only", "without", "mark", "to_mark", "goto"),
-        *("select", "copy_text", "copy", "columns", "times", "field", "related"),
-    )
-)
-"""Actions that bring the table back in place of the top view."""
 
 SHOWN_FIRST: tuple[str, ...] = (
     "help",
@@ -246,10 +274,20 @@ CHOOSING = (
     *_MOVES,
 )
 
-INTERRUPT = Binding(
-    "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or quit"
+INTERRUPT = replace(
+    _key("ctrl+c", "interrupt", "", "copy a selection, or quit", where=Where.ANYWHERE),
+    description="Quit",
 )
 """Quits, but copies where text is selected in a field."""
+
+WHERE: Mapping[tuple[str, tuple[object, ...]], Where] = {
+    actions.parse(command.action)[1:]: command.where
+    for command in (
+        *(*MOVING, *FINDING, *HANDLING, *UNDERSTANDING),
+        *(*TOP, *LEAVING, *UNBOUND, INTERRUPT),
+    )
+}
+"""Where an action may act, by its name and parameters."""
 
 SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Move", MOVING),

@@ -28,17 +28,16 @@ from fte_sniff.protocol import (
     COLUMNS,
     FAULT_MEANINGS,
     VALUE_FIELDS,
-    Status,
     status_of,
 )
-from fte_sniff.protocol.row_schema import short_names_of
+from fte_sniff.protocol.columns import short_names_of
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
 from fte_sniff.tui.keys import CHOOSING, PICKING, SECTIONS, bindings, key_names, translate_keys
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
     DELTA,
-    MARKS,
     MAX_WIDTH,
     MIN_WIDTH,
     ORDER,
@@ -54,7 +53,6 @@ from fte_sniff.tui.table.columns import (
 from fte_sniff.tui.table.painter import (
     BAR_EVENT,
     BAR_MARKED,
-    BAR_MARKS,
     BAR_RAISED,
     EVENT_SIGN,
     Sign,
@@ -320,7 +318,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
 
 
 EVENT_MEANING = later("a port event, or rows that are missing: not a row")
-RAISED = later("ERROR or ONLINE reports that a motor is not in order")
+RAISED = later("ERROR is not 00, or ONLINE is not 0F")
 
 Pair: TypeAlias = tuple[str | Text, str]
 """A key or a name, with a style if it has one, and its meaning."""
@@ -329,7 +327,7 @@ Pair: TypeAlias = tuple[str | Text, str]
 FRAMING = (
     ("header", later("first byte: AA to the controller, 55 from it")),
     ("cmd", later("the kind of the frame")),
-    ("reserve", later("always 00 in the protocol's examples")),
+    ("reserve", later("bytes without a meaning")),
     ("tail", later("last byte: EE")),
 )
 
@@ -355,13 +353,13 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     """Sections of the page: a heading and its pairs."""
     for heading, keys in SECTIONS:
         yield _(heading), [(key_names(key), _(key.tooltip)) for key in keys]
-    signs = [(MARKS[status], status.value) for status in Status]
+    signs = [(look.mark, status.value) for status, look in LOOKS.items()]
     signs.append((RAISED_MARK, _(RAISED)))
     signs.append((ORDER_MARK, _(UNCERTAIN_ORDER)))
     signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
     signs.append((EVENT_SIGN, _(EVENT_MEANING)))
     yield _("Signs of rows"), signs
-    in_bar = [(BAR_MARKS[status], status.value) for status in BAR_MARKS]
+    in_bar = [(look.bar_mark, status.value) for status, look in LOOKS.items() if look.bar_mark]
     in_bar += [(BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
     in_bar.append((BAR_EVENT, _(EVENT_MEANING)))
     yield _("Signs in the scroll bar"), in_bar
@@ -371,7 +369,7 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     yield (
         _("Faults"),
         [
-            (f"{MARKS[status_of((fault,))]} {fault}", _(meaning))
+            (f"{LOOKS[status_of((fault,))].mark} {fault}", _(meaning))
             for fault, meaning in FAULT_MEANINGS.items()
         ],
     )

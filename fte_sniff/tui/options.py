@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
+from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView
@@ -76,7 +77,7 @@ class StartOptions:
     save_place: Callable[[Place], None] | None = None
     keep_rows: int = DEFAULT_BOUND
     """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
-    signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+    signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Signals that close the screen and restore the terminal; others are left alone."""
     line_setup: LineSetup = DEFAULT_SETUP
     language: str = "en"

@@ -16,7 +16,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.timer import Timer
-from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
@@ -24,6 +23,7 @@ from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.errors import FilterError, FteSniffError
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.save import DEFAULT_NAME, free_path
+from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.modals import LineList, list_line
@@ -38,33 +38,33 @@ class History:
     """Earlier lines, the newest last, and the line that is being typed."""
 
     def __init__(self) -> None:
-        self._lines: list[str] = []
+        self.lines: list[str] = []
         self._current = 0
         self._typed = ""
 
     def append(self, line: str) -> None:
         """Keep a line; a known one moves to the end."""
-        if line in self._lines:
-            self._lines.remove(line)
+        if line in self.lines:
+            self.lines.remove(line)
         if line:
-            self._lines.append(line)
-        self._current = len(self._lines)
+            self.lines.append(line)
+        self._current = len(self.lines)
 
     @property
     def is_older(self) -> bool:
         """Whether an earlier line is shown."""
-        return self._current < len(self._lines)
+        return self._current < len(self.lines)
 
     def newest_first(self) -> Iterator[str]:
         """All lines, the newest first."""
-        return reversed(self._lines)
+        return reversed(self.lines)
 
     def go(self, by: int, typed: str) -> str:
         """The line `by` steps newer (or older, negative) than the current one."""
-        if self._current == len(self._lines):
+        if self._current == len(self.lines):
             self._typed = typed
-        self._current = min(max(0, self._current + by), len(self._lines))
-        return self._typed if self._current == len(self._lines) else self._lines[self._current]
+        self._current = min(max(0, self._current + by), len(self.lines))
+        return self._typed if self._current == len(self.lines) else self.lines[self._current]
 
 
 Check: TypeAlias = Callable[[str], object]
@@ -94,8 +94,8 @@ class PromptLine(Input):
     def __init__(self, field: PromptField) -> None:
         super().__init__(compact=True)
         translate_keys(self)
-        self.history = History()
         self.can_focus = False
+        self.history = History()
         self._field = field
 
     async def on_key(self, event: events.Key) -> None:
@@ -104,7 +104,7 @@ class PromptLine(Input):
         By default, a key that is no text acts only after it has bubbled up to the app, and later
         text overtakes it. Keys after the line was submitted go back to the app.
         """
-        if not self.can_focus:
+        if not self._field.is_open:
             event.prevent_default().stop()
             self.app.post_message(events.Key(event.key, event.character))
         elif not event.is_printable:
@@ -126,11 +126,6 @@ class PromptLine(Input):
         if not self._field.pick(typed=True):
             self.value = self.value or self._field.default
             self.cursor_position = len(self.value)
-
-    def on_blur(self) -> None:
-        """Leave where another widget was clicked, but not where the terminal lost the focus."""
-        if self.can_focus and self.app.app_focus:
-            self._field.close()
 
     async def action_submit(self) -> None:
         """Insert the chosen candidate, or submit the line."""
@@ -163,13 +158,13 @@ class Prompt:
 class PromptField(Vertical):
     """A labelled input that is checked while the user types."""
 
-    def __init__(self, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
+    def __init__(self, focus: Focus, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
         self._prompt, self._check, self._on_submit = prompt, check, on_submit
         translate_keys(self)
-        self._line = PromptLine(self)
-        self._focused_before: Widget | None = None
+        self._focus = focus
+        self.line = PromptLine(self)
         self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
@@ -184,50 +179,45 @@ class PromptField(Vertical):
     def translate(self) -> None:
         """Show the label and the keys in the current language."""
         self._label.update(self._label_text)
-        for node in (self, self._line):
+        for node in (self, self.line):
             translate_keys(node)
 
     def compose(self) -> ComposeResult:
         """The label, the input and, below, the verdict."""
         with Horizontal(classes="asked"):
             yield self._label
-            yield self._line
+            yield self.line
         yield self._verdict
 
     @property
     def is_open(self) -> bool:
         """Whether the user is typing a line."""
-        return self._line.can_focus
+        return self._focus.has_open(self)
 
     def open(self, line: str | None = None) -> None:
         """Show the field with a line, or that in effect, and focus its input."""
-        self._line.placeholder = self.example
+        self.line.placeholder = self.example
         self.display = True
         self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
-        self._line.value = self.current if line is None else line
+        self.line.value = self.current if line is None else line
         if line:
-            self._line.cursor_position = len(line)
-        self._judge(self._line.value)
-        self._focused_before = self.screen.focused
-        self._line.can_focus = True
-        # At once and not by a message, since the next key may have been typed already.
-        self.screen.set_focus(self._line)
+            self.line.cursor_position = len(line)
+        self._judge(self.line.value)
+        self._focus.open(self)
 
     def close(self) -> None:
         """Return the focus, and show the line in effect; without one, hide the field."""
-        if self.is_open:
-            self._line.can_focus = False
-            self.screen.set_focus(self._focused_before)
+        self._focus.close(self)
         self.set_class(False, "-asking")
         self._stop_patience()
-        self._line.value = self.current
+        self.line.value = self.current
         self.display = bool(self.current)
 
     def set_current(self, line: str) -> None:
         """Set the line in effect; the previous one is in the history."""
-        self._line.history.append(self.current)
-        self._line.history.append(line)
+        self.line.history.append(self.current)
+        self.line.history.append(line)
         self.current = line
         self.close()
 
@@ -261,7 +251,7 @@ class PromptField(Vertical):
         """Forward a valid line and close; an invalid one can be corrected."""
         line = line or self.default
         if self._judge(line):
-            self._line.history.append(line)
+            self.line.history.append(line)
             self._on_submit(line)
             self.close()
 
@@ -420,6 +410,7 @@ class FilterField(PromptField):
 
     def __init__(
         self,
+        focus: Focus,
         store: RowStore,
         current: str,
         saved: Mapping[str, str],
@@ -432,7 +423,7 @@ class FilterField(PromptField):
         It suggests `saved` filters, by name, and the time that `cursor_ns` returns. `on_save`
         receives a filter to be saved by name.
         """
-        super().__init__(FILTER, parse_filter, on_submit)
+        super().__init__(focus, FILTER, parse_filter, on_submit)
         self._store, self._saved, self._cursor_ns, self._on_save = store, saved, cursor_ns, on_save
         self._count = Static(classes="shown")
         self._count_text = ""
@@ -480,7 +471,7 @@ class FilterField(PromptField):
 
     def action_save(self) -> None:
         """Apply a valid filter, and ask for its name."""
-        line = self._line.value.strip()
+        line = self.line.value.strip()
         if line and self._judge(line):
             self.submit(line)
             self._on_save(line)
@@ -541,7 +532,7 @@ class FilterField(PromptField):
         return self._values[column].counts
 
     def _suggest(self) -> None:
-        line = self._line
+        line = self.line
         if not self.is_open:
             return
         candidates = self._candidates(line.value, line.cursor_position)
@@ -562,7 +553,7 @@ class FilterField(PromptField):
         ]
         earlier = [
             Candidate(text, _("earlier"))
-            for text in self._line.history.newest_first()
+            for text in self.line.history.newest_first()
             if typed in text.lower() and text not in (line, *self._saved.values())
         ][:MOST_EARLIER]
         found = completions(line, cursor, self._cursor_ns(), self._observed)
@@ -586,15 +577,15 @@ class FilterField(PromptField):
     def pick(self, *, typed: bool = False) -> bool:
         """Insert the candidate under the cursor, or with `typed`, that of the typed word."""
         chosen = self._dropdown.chosen
-        cursor, value = self._line.cursor_position, self._line.value
+        cursor, value = self.line.cursor_position, self.line.value
         if chosen is None and typed and self._dropdown.display:
             first = self._dropdown.candidates[0]
             chosen = first if value[first.start : cursor].strip() else None
         if chosen is None:
             return False
         before = value[: chosen.start] + chosen.text + " "
-        self._line.value = before + (value[cursor:].lstrip() if chosen.start else "")
-        self._line.cursor_position = len(before)
+        self.line.value = before + (value[cursor:].lstrip() if chosen.start else "")
+        self.line.cursor_position = len(before)
         # At once: the next key may be typed already, and is for the line.
         self._dropdown.highlighted = None
         return True
@@ -641,9 +632,14 @@ class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
 
     def __init__(
-        self, prompt: Prompt, suffixes: Iterable[str], check: Check, on_submit: OnSubmit
+        self,
+        focus: Focus,
+        prompt: Prompt,
+        suffixes: Iterable[str],
+        check: Check,
+        on_submit: OnSubmit,
     ) -> None:
-        super().__init__(prompt, check, on_submit)
+        super().__init__(focus, prompt, check, on_submit)
         self._suffixes = suffixes
 
     @property
@@ -654,7 +650,7 @@ class SaveField(PromptField):
     @property
     def default(self) -> str:
         """The suggested name."""
-        return self._line.placeholder
+        return self.line.placeholder
 
     @property
     def hint(self) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from datetime import UTC, tzinfo
-from functools import cache
+from functools import cache, reduce
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from rich.cells import cell_len
@@ -24,7 +25,7 @@ from fte_sniff.protocol import (
     Row,
     spaced_hex,
 )
-from fte_sniff.protocol.row_schema import short_feedback, value_heads
+from fte_sniff.protocol.columns import short_feedback, value_heads
 from fte_sniff.protocol.spec import NUM_OFFSET
 from fte_sniff.tui.i18n import _, later
 
@@ -52,7 +53,7 @@ def value_parts(row: Row, width: int | None = None) -> list[ValuePart]:
         parts = [
             (head + _number(field, value), field)
             for head, (field, value) in zip(heads, values, strict=True)
-            if field.defined_bits is None or value != field.default
+            if field.legal_bits is None or value != field.default
         ]
         if width is None or sum(len(text) + 1 for text, _field in parts) <= width + 1:
             break
@@ -72,12 +73,12 @@ def first_fitting(texts: Iterable[str], width: int) -> str:
 def _flag_bytes(name: str) -> tuple[tuple[int, int | None], ...]:
     """Offset and default of each flag byte of the kind of that name."""
     fields = KIND_BY_NAME[name].fields
-    return tuple((one.start, one.default) for one in fields if one.defined_bits is not None)
+    return tuple((one.start, one.default) for one in fields if one.legal_bits is not None)
 
 
 def frame_values(kind: FrameKind, raw: bytes, width: int) -> str:
     """The values of a frame in at most `width` cells, without the motor and the flags."""
-    shown = [field.start != NUM_OFFSET and field.defined_bits is None for field in kind.fields]
+    shown = [field.start != NUM_OFFSET and field.legal_bits is None for field in kind.fields]
     values = [field.read(raw) for field in kind.fields]
     forms = (
         " ".join(
@@ -100,7 +101,7 @@ def is_raised(row: Row) -> bool:
 
 
 def _number(field: Field, value: int) -> str:
-    return f"{value}" if field.defined_bits is None else f"{value:02X}"
+    return f"{value}" if field.legal_bits is None else f"{value:02X}"
 
 
 def short_kind(name: str, width: int) -> str:
@@ -150,7 +151,21 @@ def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
 def _detail(text: str) -> str:
     """The text in the language of the screen; of one from a file, the parts that are known."""
     shown = _(text)
-    return shown if shown != text else "; ".join(map(_, text.split("; ")))
+    if shown != text:
+        return shown
+    parts = map(_known, text.split("; "))
+    return reduce(lambda one, other: _("{one}; {other}", one=one, other=other), parts)
+
+
+_SETTINGS = re.compile(r"(\d+) baud 8N1, DTR (\w+), RTS (\w+)")
+"""`PortSettings` in a recording."""
+
+
+def _known(part: str) -> str:
+    if found := _SETTINGS.fullmatch(part):
+        form = later("{baud} baud 8N1, DTR {dtr}, RTS {rts}")
+        return _(form, baud=found[1], dtr=_(found[2]), rts=_(found[3]))
+    return _(part)
 
 
 def event_words(kind: PortEventKind) -> str:

@@ -24,6 +24,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
+from fte_sniff.platform import POSIX
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.session.replay import Playback
 from fte_sniff.tui.i18n import _
@@ -318,8 +319,8 @@ class PollInterval:
 
     def start(self, callback: Callable[[], object]) -> None:
         """Call back when a live feed has data, but not too often; needs a running event loop."""
-        if not isinstance(self._feed, LiveFeed):
-            return
+        if not (POSIX and isinstance(self._feed, LiveFeed)):
+            return  # the event loop of Windows cannot wait for pipes
         loop, descriptor = asyncio.get_running_loop(), self._feed.descriptor
 
         def listen() -> None:

@@ -1,18 +1,19 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import SCHEMA, row_frame, value_type
+from fte_sniff.analysis.dataframe import SCHEMA, column_dtype, row_frame
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
     ColumnType,
     Damage,
     Fault,
-    Field,
     Frame,
     Row,
     record,
@@ -70,6 +71,6 @@ def test_a_port_name_that_is_no_text_is_shown_with_a_mark() -> None:
 @pytest.mark.parametrize("size", [1, 2, 4])
 def test_a_field_of_each_size_and_sign_has_a_column_type(size: int, signed: bool) -> None:
     low = -(1 << 8 * size - 1) if signed else 0
-    field = Field("f", 2, size, low, low + (1 << 8 * size) - 1, "", "a field", "f")
-    column = pl.Series([field.low, field.high], dtype=value_type(field))
-    assert column.to_list() == [field.low, field.high]
+    ends = [low, low + (1 << 8 * size) - 1]
+    of_field = replace(COLUMN_BY_NAME["rpm"], bits=8 * size, signed=signed)
+    assert pl.Series(ends, dtype=column_dtype(of_field)).to_list() == ends

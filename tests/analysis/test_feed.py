@@ -54,10 +54,17 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
     assert detector.changes(rows_at([10, 20, 30]), events) == [
-        StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p")),
+        StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p", port_lost=True)),
         StreamChange(2, BaudChange("p", 1200)),
-        StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p")),
+        StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p", port_lost=True)),
     ]
+    found = [PortEvent(95, name, PortEventKind.FOUND_AGAIN, "") for name in "qp"]
+    assert [
+        change.what.port_lost
+        for change in detector.changes(rows_at([99]), found)
+        if isinstance(change.what, Gap)
+    ] == [True, False]
+    assert (detector.lost, detector.found) == (set(), {"q"})
 
 
 def test_rows_that_a_slow_view_missed_are_a_gap_before_the_next_batch() -> None:

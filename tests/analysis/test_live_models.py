@@ -114,17 +114,20 @@ def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     st.integers(1, 20),
     st.integers(1, 20),
     st.lists(st.integers(0, 40), max_size=4).map(sorted),
+    st.lists(st.sampled_from([None, True, False]), min_size=41, max_size=41),
     st.integers(0, 39),
 )
-def test_no_measurement_spans_a_gap(
-    count: int, budget: int, every: int, places: list[int], look: int
+def test_no_measurement_spans_a_gap_or_a_lost_port(
+    count: int, budget: int, every: int, places: list[int], lost: list[bool | None], look: int
 ) -> None:
     rows = _rows(count)
     store = RowStore(1000, 7)
     following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 9):
         gaps = [place for place in places if start <= place < start + 9]
-        following.add_changes([StreamChange(at, Gap(GapKind.DAMAGE)) for at in gaps])
+        following.add_changes(
+            [StreamChange(at, Gap(GapKind.PORT, port_lost=lost[at])) for at in gaps]
+        )
         store.append(rows[start : start + 9])
         following.step(budget)
     while not following.step(budget):
@@ -136,7 +139,7 @@ def test_no_measurement_spans_a_gap(
         expected, codebook = Motors(), Codebook()
         for row in range(look + 1):
             if row in places:
-                expected.interrupt()
+                expected.interrupt(lost[row])
             expected.observe(RowBatch.from_rows(rows[row : row + 1], codebook))
         motors = following.motors_at(look)
         assert motors is not None

@@ -116,12 +116,19 @@ def simple_answer(rows: list[Row], number: int, motor: int, end: int) -> Command
     return CommandAnswer(motor, state, number)
 
 
-@given(ROWS, st.lists(st.integers(1, 60), unique=True, max_size=3).map(sorted))
-def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], gaps: list[int]) -> None:
+@given(
+    ROWS,
+    st.lists(st.integers(1, 60), unique=True, max_size=3).map(sorted),
+    st.lists(st.integers(0, 3), unique=True),
+)
+def test_answers_are_those_of_a_search_row_by_row(
+    rows: list[Row], gaps: list[int], which: list[int]
+) -> None:
     store = RowStore(block_rows=7)
     store.append(rows)
     gaps = [gap for gap in gaps if gap < len(rows)]
-    relations = RowRelations(store, gaps)
+    lost = {gap for number, gap in enumerate([0, *gaps]) if number in which}
+    relations = RowRelations(store, gaps, lost)
     answered: dict[int, CommandAnswer] = {}
     for number, row in enumerate(rows):
         end = next((gap for gap in gaps if gap > number), len(rows))
@@ -130,6 +137,12 @@ def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], gaps: list[in
             for motor in MOTORS
             if is_to(row, motor) and row.raw[1] != 0
         ]
+        if max(gap for gap in [0, *gaps] if gap <= number) in lost:
+            unknown = (AnswerState.UNANSWERED, AnswerState.WAITING)
+            wanted = [
+                replace(one, state=AnswerState.UNKNOWN) if one.state in unknown else one
+                for one in wanted
+            ]
         assert relations.answers(number) == wanted
         answered |= {one.answer: one for one in wanted if one.answer is not None}
     for number in range(len(rows)):

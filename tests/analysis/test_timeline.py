@@ -6,8 +6,20 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.timeline import ALL_MOTORS, Series, Timeline
-from fte_sniff.protocol import KINDS, MOTORS, Direction, Frame, Row
+from fte_sniff.analysis.usual_range import limits, medians, points_of_median
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    KINDS,
+    MOTORS,
+    Direction,
+    Frame,
+    Gap,
+    GapKind,
+    Row,
+    encode,
+)
 from fte_sniff.row_batch import RowBatch
 from tests.analysis.pieces import PORTS
 
@@ -127,3 +139,30 @@ def test_memory_is_bounded_and_the_spike_stays() -> None:
     assert len(found) <= 50_000
     assert (54_321_000, 3000) in found
     assert (found[0], found[-1]) == ((0, 100), (99_999_000, 100))
+
+
+@given(st.lists(st.booleans(), min_size=2, max_size=30), st.integers(1, 7))
+def test_a_break_is_at_the_last_row_before_each_gap(gaps: list[bool], size: int) -> None:
+    rows = [
+        Frame(
+            "a", 10 * number, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5}), 1000 + number
+        )
+        for number in range(len(gaps))
+    ]
+    timeline, gap = Timeline(), Gap(GapKind.PORT)
+    for start in range(0, len(rows), size):
+        part = gaps[start : start + size]
+        changes = [StreamChange(at, gap) for at, ends in enumerate(part) if ends]
+        timeline.observe(RowBatch.from_rows(rows[start : start + size]), changes)
+    assert timeline.breaks == [999 + at for at, ends in enumerate(gaps) if ends and at]
+
+
+def test_a_long_capture_with_many_flipped_bits_keeps_its_usual_range() -> None:
+    """In 40,000 reports of which 5 % are wrong, some wrong ones are neighbours."""
+    values = 1000 * np.sin(np.arange(40_000) / 300)
+    wrong = np.random.default_rng(1).random(len(values)) < 0.05
+    values[wrong] += 16_384
+    low, high = limits(medians(values, points_of_median(len(values))))
+    assert -2100 < low < -1000
+    assert 1000 < high < 2100
+    assert limits(medians(values))[1] > 10_000

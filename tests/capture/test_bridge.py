@@ -8,7 +8,6 @@ import struct
 import subprocess
 import termios
 import threading
-import time
 from dataclasses import dataclass, field
 
 import pytest
@@ -28,9 +27,9 @@ from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+from tests.waiting import BOUND_S, while_waiting
 
 CLOCK = Clock.tied()
-BOUND_S = 60.0
 _TIOCGEXCL = 0x80045440
 
 
@@ -86,9 +85,9 @@ def opened(kept, baud=115200):
 def from_far(pty, count):
     """What has come to the controller's side, `count` bytes of it."""
     found = b""
-    deadline = time.monotonic() + BOUND_S
+    awaited = while_waiting(lambda: f"{count} bytes after {found!r}")
     while len(found) < count:
-        assert time.monotonic() < deadline, found
+        next(awaited)
         found += pty.arrived(0.1)
     return found
 
@@ -235,7 +234,7 @@ def test_a_host_program_that_does_not_read_holds_up_nothing_and_is_told(bridges,
         until(lambda: kept.kinds(HOST) == ["opened"])
         sent = random.Random(3).randbytes(2 * HOST_BUFFER_BYTES)
         pty.send(sent)
-        until(lambda: len(kept.data(pty.device)) == len(sent), BOUND_S)
+        until(lambda: len(kept.data(pty.device)) == len(sent))
         assert kept.data(pty.device) == sent
         until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on"])
         assert "does not read" in kept.events(HOST)[1].detail
@@ -414,9 +413,9 @@ class Bridged:
 
     def until(self, wire, *kinds):
         """Take items until a wire's events are these."""
-        deadline = time.monotonic() + BOUND_S
+        awaited = while_waiting(lambda: f"{kinds} of {wire}; there are {self.kinds}")
         while self.kinds[wire] != list(kinds):
-            assert time.monotonic() < deadline, self.kinds
+            next(awaited)
             self._take(next(self._items))
 
     def rest(self):

@@ -28,6 +28,7 @@ from tests.rfc2217_server import (
     answer_to,
     serving,
 )
+from tests.waiting import BOUND_S
 
 CLOCK = Clock.tied()
 
@@ -181,7 +182,7 @@ def test_a_socket_is_bridged_both_ways():
         url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
         bridge = Bridge(url).open(CLOCK)
         client, _ = listening.accept()
-        with client, bridge, serial.Serial(bridge.device, 115200, timeout=30) as host:
+        with client, bridge, serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
             host.write(b"there")
             assert client.recv(5, socket.MSG_WAITALL) == b"there"
             client.sendall(b"back")
@@ -191,7 +192,7 @@ def test_a_socket_is_bridged_both_ways():
 def test_an_rfc2217_port_is_bridged_both_ways_and_its_baud_follows(server, pty, until):
     with (
         Bridge(server.url).open(CLOCK) as bridge,
-        serial.Serial(bridge.device, 19200, timeout=30) as host,
+        serial.Serial(bridge.device, 19200, timeout=BOUND_S) as host,
     ):
         host.write(b"\xfe\xff\xff\x00")
         until(lambda: server.data == b"\xfe\xff\xff\x00")

@@ -23,6 +23,7 @@ from fte_sniff.protocol import (
     Framer,
     encode,
 )
+from tests.waiting import BOUND_S
 
 ALONE = SimulationParameters(host="off", rate=1000)
 
@@ -35,7 +36,7 @@ def device():
         thread.start()
         yield bridge.device
         bridge.stop()
-        thread.join(60)
+        thread.join(BOUND_S)
         assert not thread.is_alive()
 
 

@@ -13,9 +13,6 @@ from tests.cli.forked import Program
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
-RUN_BOUND_S = 120.0
-"""How long a run may take at most, on the slowest machine."""
-
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -29,10 +26,11 @@ def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def environment(settings_file: Path) -> dict[str, str]:
     """Ours, with nothing in it that changes how the program writes."""
     state = str(settings_file.parent / "state")
-    return _plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
+    return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
 
-def _plain_environment() -> dict[str, str]:
+def plain_environment() -> dict[str, str]:
+    """Ours, without what changes how the program writes."""
     # What is compiled is kept, so that not every start compiles the program anew.
     dropped = ("NO_COLOR", "COLUMNS", "LC_ALL", "LC_MESSAGES", "PYTHONDONTWRITEBYTECODE")
     kept = {key: value for key, value in os.environ.items() if key not in dropped}
@@ -42,7 +40,7 @@ def _plain_environment() -> dict[str, str]:
 @pytest.fixture(scope="session")
 def program() -> Iterator[Program]:
     """The program, loaded once for all that `run` runs."""
-    with Program(_plain_environment(), ROOT) as program:
+    with Program(plain_environment(), ROOT) as program:
         yield program
 
 
@@ -53,8 +51,9 @@ def run(tmp_path: Path, environment: dict[str, str], program: Program) -> Run:
     def run(*arguments: str | Path, stdin: str | bytes = "") -> subprocess.CompletedProcess[str]:
         data = stdin.encode() if isinstance(stdin, str) else stdin
         words = [str(argument) for argument in arguments]
-        code, output, errors = program.run(words, data, tmp_path, environment, RUN_BOUND_S)
-        return subprocess.CompletedProcess(words, code, output.decode(), errors.decode())
+        ended = program.run(words, data, tmp_path, environment)
+        output, errors = ended.output.decode(), ended.errors.decode()
+        return subprocess.CompletedProcess(words, ended.code, output, errors)
 
     return run
 

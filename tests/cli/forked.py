@@ -7,7 +7,7 @@ tests of that start the program anew, as `processes.py` does.
     test           Program             loaded once        the program
      | --streams, request--> | ------------fork-------------> |
      | <------number-------- |                                |
-     | <------exit code----- | <------------end-------------- |
+     | <--exit code, usage-- | <------------end-------------- |
 """
 
 from __future__ import annotations
@@ -16,20 +16,22 @@ import gc
 import json
 import os
 import pkgutil
+import resource
 import runpy
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import fte_sniff
+from tests.waiting import BOUND_S
 
 MOST = 1 << 17
 """Bytes of a request at most."""
@@ -37,21 +39,34 @@ THREADS = "OPENBLAS_NUM_THREADS"
 Request = dict[str, Any]
 
 
+class Ended(NamedTuple):
+    """A run that has ended."""
+
+    code: int
+    output: bytes
+    errors: bytes
+    cpu_s: float
+    """Processor time of the run, without loading the program."""
+    peak_bytes: int
+    """Most memory that it had, with that of the loaded program."""
+
+
 class Program:
     """The program, loaded and waiting to be run again and again, one run at a time."""
 
-    def __init__(self, environment: Mapping[str, str], root: Path) -> None:
+    def __init__(self, environment: Mapping[str, str], root: Path, before: str = "") -> None:
         """Load it.
 
         Args:
             environment: what an interpreter begins with.
             root: where `tests` lies.
+            before: Python source that is executed before it is loaded.
         """
         # Its streams are pipes as those of its runs are: what a stream is, it learns but once.
         self._near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with far:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.cli.forked", str(far.fileno())],
+                [sys.executable, "-m", "tests.cli.forked", str(far.fileno()), before],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -70,7 +85,7 @@ class Program:
         trace: TracebackType | None,
     ) -> None:
         self._near.close()
-        self._process.communicate(timeout=60)
+        self._process.communicate(timeout=BOUND_S)
 
     def run(
         self,
@@ -78,19 +93,24 @@ class Program:
         stdin: bytes,
         folder: Path,
         environment: Mapping[str, str],
-        bound_s: float,
-    ) -> tuple[int, bytes, bytes]:
-        """Run it to its end; the exit code, and what it wrote to stdout and stderr."""
+        code: str | None = None,
+    ) -> Ended:
+        """Run it to its end, or Python code with the same arguments in its place."""
         with ExitStack() as stack:
             pipes = [os.pipe() for _ in range(3)]
             (given, give), (out, put_out), (err, put_err) = pipes
             theirs = [given, put_out, put_err]
-            request = {"argv": arguments, "folder": str(folder), "environment": dict(environment)}
+            request = {
+                "argv": arguments,
+                "folder": str(folder),
+                "environment": dict(environment),
+                "code": code,
+            }
             socket.send_fds(self._near, [json.dumps(request).encode()], theirs)
             for descriptor in theirs:
                 os.close(descriptor)
             number = int(self._answer())
-            late = threading.Timer(bound_s, os.kill, (number, signal.SIGKILL))
+            late = threading.Timer(BOUND_S, os.kill, (number, signal.SIGKILL))
             late.start()
             stack.callback(late.cancel)
             written = [b"", b""]
@@ -103,9 +123,9 @@ class Program:
             _take(out, written, 0)
             for thread in threads:
                 thread.join()
-            code = int(self._answer())
-            assert not late.finished.is_set(), f"{arguments} takes longer than {bound_s} s"
-        return code, *written
+            status, cpu_s, peak_bytes = json.loads(self._answer())
+            assert not late.finished.is_set(), f"waited {BOUND_S} s for the end of {arguments}"
+        return Ended(status, *written, cpu_s, peak_bytes)
 
     def _answer(self) -> bytes:
         answer = self._near.recv(MOST)
@@ -135,13 +155,13 @@ def _load() -> None:
     gc.freeze()
 
 
-def _next_run(control: socket.socket) -> Request | None:
+def _next_run(control: socket.socket, fork: Callable[[], int]) -> Request | None:
     """Wait for requests; each returns in a process of its own, and None in this one at the end."""
     while True:
         asked, theirs, _, _ = socket.recv_fds(control, MOST, 3)
         if not asked:
             return None
-        number = os.fork()
+        number = fork()
         if not number:
             control.close()
             for descriptor, theirs_now in enumerate(theirs):
@@ -152,19 +172,28 @@ def _next_run(control: socket.socket) -> Request | None:
         for descriptor in theirs:
             os.close(descriptor)
         control.send(str(number).encode())
-        _, status = os.waitpid(number, 0)
-        control.send(str(os.waitstatus_to_exitcode(status)).encode())
+        blocked = sys.modules["resource"]
+        sys.modules["resource"] = resource  # wait4 needs it, and `before` may remove it
+        _, status, used = os.wait4(number, 0)
+        sys.modules["resource"] = blocked
+        code, cpu_s = os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime
+        control.send(json.dumps([code, cpu_s, 1024 * used.ru_maxrss]).encode())
 
 
 def _main() -> None:
+    fork = os.fork  # `before` may remove it
+    exec(sys.argv[2], {})
     _load()
-    request = _next_run(socket.socket(fileno=int(sys.argv[1])))
+    request = _next_run(socket.socket(fileno=int(sys.argv[1])), fork)
     if request is not None:
         os.chdir(request["folder"])
         os.environ.clear()
         os.environ.update(request["environment"])
         sys.argv = ["fte-sniff", *request["argv"]]
-        runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+        if request["code"] is not None:
+            exec(request["code"], {"__name__": "__main__"})
+        else:
+            runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

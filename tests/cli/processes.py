@@ -7,18 +7,16 @@ import select
 import subprocess
 import sys
 import tty
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from time import monotonic
 
 from fte_sniff.recording.reader import RecordingReader
+from tests.waiting import BOUND_S, while_waiting
+from tests.waiting import wait_until as wait_until
 
 PROGRAM = (sys.executable, "-m", "fte_sniff")
 FRAME = bytes.fromhex("AA0000000000000000EE")
-BOUND_S = 30.0
-"""Seconds that any step may take at most, on the slowest machine."""
-
 Process = subprocess.Popen[bytes]
 
 
@@ -67,12 +65,11 @@ def children_of(pid: int) -> list[int]:
 def first_output(process: Process, far: int) -> bytes:
     """Send frames until the program prints; returns its first output."""
     assert process.stdout is not None
-    deadline = monotonic() + BOUND_S
-    while monotonic() < deadline:
+    for _ in while_waiting(lambda: "the first output"):
         os.write(far, FRAME)
         if select.select([process.stdout], [], [], 0.05)[0]:
-            return os.read(process.stdout.fileno(), 1 << 16)
-    raise AssertionError("no output")
+            break
+    return os.read(process.stdout.fileno(), 1 << 16)
 
 
 def ended(process: Process) -> tuple[int, str, str]:
@@ -84,13 +81,13 @@ def ended(process: Process) -> tuple[int, str, str]:
 def until(process: Process, wanted: bytes) -> bytes:
     """Standard output up to `wanted`."""
     assert process.stdout is not None
-    found, deadline = b"", monotonic() + BOUND_S
+    found = b""
+    awaited = while_waiting(lambda: f"{wanted!r} after {found!r}")
     while wanted not in found:
-        left = deadline - monotonic()
-        assert left > 0, found
-        if select.select([process.stdout], [], [], left)[0]:
+        next(awaited)
+        if select.select([process.stdout], [], [], 1.0)[0]:
             more = os.read(process.stdout.fileno(), 1 << 16)
-            assert more, found
+            assert more, f"the output ended before {wanted!r}: {found!r}"
             found += more
     return found
 
@@ -107,14 +104,6 @@ def holding(file: Path) -> list[int]:
     return found
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait until the condition holds, at most BOUND_S."""
-    deadline = monotonic() + BOUND_S
-    while not condition():
-        assert monotonic() < deadline, "timed out"
-        select.select([], [], [], 0.01)
-
-
 def stderr_until(process: Process, wanted: str) -> str:
     """Standard error up to the line that contains `wanted`; standard output is drained.
 
@@ -122,9 +111,10 @@ def stderr_until(process: Process, wanted: str) -> str:
     """
     assert process.stdout is not None
     assert process.stderr is not None
-    found, deadline = b"", monotonic() + BOUND_S
+    found = b""
+    awaited = while_waiting(lambda: f"{wanted!r} after {found!r}")
     while not (wanted.encode() in found and found.endswith(b"\n")):
-        assert monotonic() < deadline, found
+        next(awaited)
         for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
             if stream is process.stderr:
                 found += os.read(stream.fileno(), 1)

@@ -55,7 +55,8 @@ class Terminal:
         """
         start, deadline = len(self.drawn), monotonic() + BOUND_S
         while not all(text.encode() in self.drawn[start:] for text in wanted):
-            assert self._draw(deadline - monotonic()), self.drawn[-2000:]
+            drawn = self._draw(deadline - monotonic())
+            assert drawn, f"waited for {wanted} after {self.drawn[-2000:]!r}"
 
     def ended_by(self, *keys: str) -> int:
         """Type the keys in turn, each after the program has drawn, until it ends; the exit code."""

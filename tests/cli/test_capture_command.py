@@ -15,7 +15,6 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import monotonic
 from typing import IO
 
 import pytest
@@ -43,6 +42,7 @@ from tests.cli.processes import (
     wire,
 )
 from tests.recording.conftest import file_size_limit
+from tests.waiting import while_waiting
 
 SIM = "sim://?seed=1&rate=1000"
 
@@ -50,14 +50,14 @@ SIM = "sim://?seed=1&rate=1000"
 def test_a_storm_of_signals_is_one(environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
-        deadline = monotonic() + BOUND_S
-        while process.poll() is None:
+        for _ in while_waiting(lambda: "the end"):
+            if process.poll() is not None:
+                break
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 process.send_signal(number)
             # What it prints must go on; its pipe is not what holds it up here.
             if process.stdout and select.select([process.stdout], [], [], 0.001)[0]:
                 os.read(process.stdout.fileno(), 1 << 16)
-            assert monotonic() < deadline
         code, _, errors = ended(process)
     assert code == 0, errors
     told = errors.splitlines()
@@ -127,8 +127,9 @@ def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
 ) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         assert process.stdout is not None
-        size = fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
-        wait_until(lambda: bytes_waiting(process.stdout) == size)
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+        # The pipe holds one page: a write that does not fit behind the first waits for ever.
+        wait_until(lambda: bytes_waiting(process.stdout) > 0)
         process.terminate()
         assert process.wait(BOUND_S) == 0
         _, _, errors = ended(process)
@@ -149,8 +150,9 @@ def test_outputs_that_nobody_reads_do_not_hold_up_the_end(environment, tmp_path:
         cwd=tmp_path,
     ) as process:
         assert process.stdout is not None
-        size = fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
-        wait_until(lambda: bytes_waiting(process.stdout) == size)
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+        # The pipe holds one page: a write that does not fit behind the first waits for ever.
+        wait_until(lambda: bytes_waiting(process.stdout) > 0)
         process.terminate()
         assert process.wait(BOUND_S) == 0
 
@@ -262,6 +264,7 @@ int fdatasync(int descriptor) {
     const char *slow = getenv("SLOW_WHILE"), *delay = getenv("DELAY_MS");
     if (delay) usleep(1000 * atoi(delay));
     while (slow && access(slow, F_OK) == 0) {
+        if (getenv("BUSY")) continue;
         close(creat("sync-waits", 0600));
         usleep(20000);
     }
@@ -285,10 +288,12 @@ def slow_syncs(folder: Path, **settings: str) -> dict[str, str]:
 
 
 @contextmanager
-def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Process, Path]]:
+def recording_on_a_slow_disk(
+    environment, folder: Path, **settings: str
+) -> Iterator[tuple[Process, Path]]:
     """A program that records, whose syncs last as long as the second value exists."""
     slow = folder / "slow"
-    preloaded = environment | slow_syncs(folder, SLOW_WHILE=str(slow))
+    preloaded = environment | slow_syncs(folder, SLOW_WHILE=str(slow), **settings)
     with started(preloaded, folder, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         slow.touch()
@@ -302,6 +307,21 @@ def test_what_came_during_a_slow_flush_is_flushed_together(environment, tmp_path
         code, _, errors = ended(process)  # a flush for each 0.05 s would take a minute
     assert code == 0, errors
     assert f"{len(list(RecordingReader(tmp_path / 'x.mcap'))):,} rows, " in errors
+
+
+@pytest.mark.parametrize("is_busy", [False, True])
+def test_a_busy_processor_is_not_reported_as_a_slow_disk(
+    environment, tmp_path: Path, is_busy: bool
+) -> None:
+    settings = {"BUSY": "1"} if is_busy else {}
+    with recording_on_a_slow_disk(environment, tmp_path, **settings) as (process, slow):
+        process.send_signal(signal.SIGINT)
+        told = stderr_until(process, " are not written yet; Ctrl-C drops them")
+        slow.unlink()
+        code, _, errors = ended(process)
+    assert code == 0, errors
+    assert ("the processor is busy: " in told) == is_busy
+    assert ("the disk is slow: " in told) == (not is_busy)
 
 
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
@@ -327,7 +347,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Pa
     assert "recorded to" not in errors
     *_, summary, last = errors.splitlines()
     found = re.fullmatch(
-        "fte-sniff: the capture was ended while the disk was still writing; "
+        "fte-sniff: the capture was ended while it was still writing; "
         r"up to ([\d,]+) rows(?: and ([\d,]+) bytes not yet in rows)? are not in x\.mcap",
         last,
     )

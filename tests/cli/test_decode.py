@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import warnings
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -258,7 +259,7 @@ def test_output_to_a_named_pipe(
         with (tmp_path / "copy").open("wb") as copy:
             reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=copy)
             assert run(*words, "-o", "link").returncode == 0
-            assert reader.wait(60) == 0
+            assert reader.wait(BOUND_S) == 0
         assert run(*words, "-o", "file").returncode == 0
         if form is OutputFormat.MCAP:
             assert len(list(RecordingReader(tmp_path / "copy"))) == 1200
@@ -600,7 +601,7 @@ def test_decode_prints_what_is_expected(expected: Path, environment: dict[str, s
         cwd=ROOT,
         env=environment,
         capture_output=True,
-        timeout=60,
+        timeout=BOUND_S,
         check=True,
     )
     assert done.stdout == expected.read_bytes()
@@ -635,16 +636,17 @@ def recorded(
     path: Path,
     rows: list[Row],
     facts: dict[str, str] | None = None,
-    event: PortEvent | None = None,
+    events: Sequence[PortEvent] = (),
     baud: int = 115_200,
 ) -> Path:
     """A recording with a chunk for every twenty rows."""
     with RecordingWriter(path, [PortFacts("p", baud)], facts or {}) as writer:
         for at in range(0, len(rows), 20):
             writer.write(rows[at : at + 20])
-            if event is not None and event.t_ns < (rows[min(at + 20, len(rows)) - 1].t_ns or 0):
-                writer.write_event(event)
-                event = None
+            last_ns = rows[min(at + 20, len(rows)) - 1].t_ns or 0
+            while events and events[0].t_ns < last_ns:
+                writer.write_event(events[0])
+                events = events[1:]
             writer.flush()
     return path
 
@@ -694,8 +696,9 @@ def parts(folder: Path) -> list[Path]:
 
 
 def lost(path: Path) -> Path:
-    event = PortEvent(START + 20 * STEP - 1, "p", PortEventKind.LOST, "gone")
-    return recorded(path, [*rows_of(0, 20), *rows_of(40, 60)], event=event)
+    gone = PortEvent(START + 20 * STEP - 1, "p", PortEventKind.LOST, "gone")
+    back = PortEvent(START + 40 * STEP - 1, "p", PortEventKind.FOUND_AGAIN, "back")
+    return recorded(path, [*rows_of(0, 20), *rows_of(40, 60)], events=(gone, back))
 
 
 GAPS = {
@@ -827,3 +830,13 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
     words = "left out   an unknown number of rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None
+
+
+def test_raw_bytes_are_appended_to_redirected_output(tmp_path, environment):
+    with (tmp_path / "out").open("wb") as out:
+        out.write(b"before")
+    words = ("decode", SAMPLES / "clean.mcap", "--format", "raw", "-o", "-")
+    with (tmp_path / "out").open("ab") as out:
+        subprocess.run([*PROGRAM, *words], stdout=out, env=environment, check=True)
+    expected = b"before" + (SAMPLES / "clean.raw").read_bytes()
+    assert (tmp_path / "out").read_bytes() == expected

@@ -21,6 +21,7 @@ from benchmarks.uart import received
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 from tests.cli.conftest import Run
 from tests.cli.processes import PROGRAM, ended, first_output, started
+from tests.waiting import BOUND_S
 
 BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}
 FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
@@ -225,7 +226,7 @@ def test_a_working_folder_that_is_gone_is_a_finding(
     inside = "import os, sys; os.rmdir(os.getcwd()); os.execv(sys.executable, sys.argv[1:])"
     done = subprocess.run(
         [sys.executable, "-c", inside, *PROGRAM, "doctor"],
-        cwd=gone, env=environment, capture_output=True, text=True, timeout=60, check=False,
+        cwd=gone, env=environment, capture_output=True, text=True, timeout=BOUND_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (1, "")
     assert done.stdout.startswith("bad   folder: the working folder is gone  ->  cd ~\n")

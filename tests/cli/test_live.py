@@ -179,10 +179,7 @@ def test_a_killed_view_leaves_a_closed_file(run, environment, tmp_path: Path) ->
         process.kill()
         process.wait()
     # The capture process ends by itself once it finds that nobody listens.
-    deadline = monotonic() + BOUND_S
-    while (holders := holding(tmp_path / "x.mcap")) and monotonic() < deadline:
-        select.select([], [], [], 0.02)
-    assert holders == []
+    wait_until(lambda: holding(tmp_path / "x.mcap") == [])
     done = run("decode", "x.mcap")
     assert done.returncode == 0
     assert done.stdout.count("\n") > 1

@@ -7,12 +7,14 @@ import signal
 import socket
 import subprocess
 from pathlib import Path
-from time import monotonic
 
 import pytest
 from mcap.writer import Writer
 
-from tests.cli.processes import BOUND_S, first_output, started, wire
+from fte_sniff.cli.main import fte_sniff
+from fte_sniff.errors import FileError
+from tests.cli.processes import BOUND_S, first_output, started, wait_until, wire
+from tests.recording.conftest import unprivileged
 
 
 def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -105,10 +107,8 @@ def test_what_was_written_when_ctrl_c_came_stays_and_is_told(environment, tmp_pa
         assert process.stderr is not None
         process.stdin.write(9000 * b"AA 01 01 03 E8 00 00 00 00 EE\n")
         process.stdin.flush()
-        until = monotonic() + BOUND_S
         part = tmp_path / "part.csv.part"
-        while not (part.exists() and part.stat().st_size):
-            assert monotonic() < until
+        wait_until(lambda: part.exists() and part.stat().st_size)
         process.send_signal(signal.SIGINT)
         assert process.wait(BOUND_S) in (130, -signal.SIGINT)
         told = process.stderr.read().decode()
@@ -123,6 +123,98 @@ def test_a_command_that_is_nearly_right(run) -> None:
     refused(run("live", "--filtre", "sim://"), 2, "Did you mean", "'--filter'")
     assert "mean" not in run("quux").stderr
     assert "mean" not in run("live", "--theme", "sim://").stderr
+
+
+@pytest.mark.parametrize(
+    ("word", "suggested"),
+    [
+        ("record", "`fte-sniff live PORT`"),
+        ("plot", "`fte-sniff report FILE -o report.html`"),
+        ("plot", "`fte-sniff view FILE`"),
+        ("convert", "`fte-sniff decode FILE`"),
+    ],
+)
+def test_a_word_for_what_a_command_does_leads_to_it(run, word: str, suggested: str) -> None:
+    refused(run(word, "a.mcap"), 2, f"No such command '{word}'", suggested)
+
+
+def test_a_file_without_a_command_leads_to_view_and_decode(run, tmp_path: Path) -> None:
+    (tmp_path / "my log.txt").write_text("AA")
+    words = "`fte-sniff view 'my log.txt'`", "`fte-sniff decode 'my log.txt'`"
+    refused(run("my log.txt"), 2, "my log.txt is a file", *words)
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyUSB7", "/dev/serial/by-id/usb-1", "COM3", "sim://"])
+def test_a_port_without_a_command_leads_to_live(run, port: str) -> None:
+    refused(run(port), 2, f"{port} is a port", f"`fte-sniff live {port}`")
+
+
+@pytest.mark.parametrize("command", ["decode", "stats", "check"])
+def test_a_device_where_a_file_is_read_leads_to_live(run, command: str, tmp_path: Path) -> None:
+    leader, follower = os.openpty()
+    try:
+        name = os.ttyname(follower)
+        (tmp_path / "wire").symlink_to(name)
+        for port in (name, "wire", "/dev/ttyUSB7"):
+            words = f"{port} is a port, not a file; `fte-sniff live {port}` captures it"
+            refused(run(command, port), 2, words)
+    finally:
+        os.close(leader)
+        os.close(follower)
+
+
+def test_a_baud_rate_in_place_of_a_port_leads_to_the_option(run) -> None:
+    refused(run("live", "sim://", "115200"), 2, "115200 is not a port", "--baud 115200")
+    short = run("live", "sim://?rate=50", "-b", "9600", "--plain", "--count", "1", "--no-record")
+    assert short.returncode == 0, short.stderr
+
+
+def test_a_file_in_place_of_a_port_leads_to_view(run, samples: Path) -> None:
+    path = samples / "clean.mcap"
+    refused(run("live", path), 2, f"{path} is a file, not a port", f"`fte-sniff view {path}`")
+
+
+@pytest.mark.parametrize("text", ["motor = 1", "rpm>500", "kind IS NULL"])
+def test_a_filter_in_place_of_a_file_is_the_only_error(run, samples: Path, text: str) -> None:
+    done = run("decode", text, samples / "clean.mcap")
+    assert done.stdout == ""
+    refused(done, 2, f"there is no file '{text}'", f"--filter '{text}'")
+
+
+def test_a_file_may_be_named_like_a_filter(run, samples: Path, tmp_path: Path) -> None:
+    (tmp_path / "motor = 1.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    assert run("decode", "motor = 1.mcap", "--limit", "1").returncode == 0
+    refused(run("decode", "a=b.mcap"), 4, "there is no such file")
+
+
+@pytest.mark.parametrize("command", ["decode", "stats"])
+@pytest.mark.usefixtures("capsys")
+def test_a_file_without_permission_ends_with_4(tmp_path: Path, samples: Path, command: str) -> None:
+    secret, folder = tmp_path / "secret.mcap", tmp_path / "closed"
+    secret.write_bytes((samples / "clean.mcap").read_bytes())
+    folder.mkdir()
+    # Now all modules are loaded, wherever they are.
+    fte_sniff.main([command, str(secret)], standalone_mode=False)
+    secret.chmod(0)
+    folder.chmod(0)
+    try:
+        for path in (secret, folder / "a.raw"):
+            with unprivileged(), pytest.raises(FileError, match="no permission to read it"):
+                fte_sniff.main([command, str(path)], standalone_mode=False)
+    finally:
+        folder.chmod(0o700)
+    assert FileError.exit_code == 4
+
+
+def test_our_own_parquet_is_read_back(run, samples: Path) -> None:
+    source = samples / "damaged.mcap"
+    assert run("decode", source, "-o", "a.parquet").returncode == 0
+    for options in (["--format", "csv"], ["--format", "csv", "--from", "+1s"], ["--limit", "3"]):
+        there, back = run("decode", source, *options), run("decode", "a.parquet", *options)
+        assert back.stdout == there.stdout
+        assert back.returncode == 0
+    piped = run("decode", "-", "--input", "parquet", stdin=b"PAR1")
+    refused(piped, 2, "stdin: parquet is not read in sequence; name a file")
 
 
 @pytest.mark.parametrize("option", ["--duration", "--flush-every"])

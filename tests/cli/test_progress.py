@@ -115,7 +115,7 @@ def test_no_terminal_no_progress(
         env=environment,
         cwd=tmp_path,
         stderr=subprocess.PIPE,
-        timeout=2 * BOUND_S,
+        timeout=BOUND_S,
         check=True,
     )
     assert b"\r" not in done.stderr

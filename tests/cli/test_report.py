@@ -22,12 +22,22 @@ from selenium.webdriver.support.ui import WebDriverWait
 import fte_sniff
 from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.analysis.timeline import Timeline
+from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.report_page import ReportFacts, page
-from fte_sniff.protocol import KIND_BY_NAME, Frame, Gap, GapKind, encode
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Frame,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    encode,
+)
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.writer import BulkWriter
 from fte_sniff.row_batch import RowBatch
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
+from tests.waiting import BOUND_S
 
 MS = 1_000_000
 NOON_MS = 1_769_860_800_000
@@ -113,16 +123,61 @@ def shown(browser: webdriver.Chrome, page: Path) -> None:
     assert [one for one in browser.get_log("browser") if one["level"] == "SEVERE"] == []
 
 
+def show_full_range(browser: webdriver.Chrome) -> None:
+    count = int(browser.execute_script("return document.documentElement.dataset.drawn"))
+    browser.find_element(By.ID, "full").click()
+    drawn(browser, count + 1)
+
+
+def known(values: list[float | None]) -> list[float]:
+    """The values without the breaks of a line, which are NaN in the page and None here."""
+    return [value for value in values if value is not None]
+
+
+def y_axis(browser: webdriver.Chrome, plot: str) -> tuple[float, float]:
+    script = """
+        const {y_range} = Bokeh.documents[0].get_model_by_name(arguments[0]);
+        return [y_range.start, y_range.end];
+    """
+    start, end = browser.execute_script(script, plot)
+    return start, end
+
+
 @needs_browser
-def test_a_spike_of_one_row_is_visible_at_every_zoom(run, tmp_path, browser) -> None:
-    frames = [feedback(number, 3000 if number == 31_234 else 100) for number in range(50_000)]
+@pytest.mark.parametrize(("spike", "marker"), [(3000, "triangle"), (-3000, "inverted_triangle")])
+def test_an_outlier_is_a_mark_with_its_value_and_flattens_nothing(
+    run, tmp_path, browser, spike: int, marker: str
+) -> None:
+    def rpm(number: int) -> int:
+        return spike if number == 31_234 else 100 + number // 100 % 50
+
+    frames = [feedback(number, rpm(number)) for number in range(50_000)]
     page = made(run, tmp_path, recorded(tmp_path / "a.mcap", frames))
     shown(browser, page)
     spike_ms = (START_NS + 31_234 * MS) / 1e6
     for width in (None, 20_000, 500, 20):
         if width is not None:
             zoomed(browser, spike_ms - width / 3, spike_ms + width)
+        line, marks = source(browser, "rpm-1-actual"), source(browser, "rpm-1-outliers")
+        assert 100 <= min(known(line["y"])) <= max(known(line["y"])) < 150
+        assert (marks["value"], marks["marker"]) == ([spike], [marker])
+        assert abs(marks["x"][0] - spike_ms) < 0.01
+        low, high = y_axis(browser, "rpm-1")
+        assert 90 < low < high < 160
+
+
+@needs_browser
+def test_a_spike_of_one_row_is_visible_at_every_zoom(run, tmp_path, browser) -> None:
+    frames = [feedback(number, 3000 if number == 31_234 else 100) for number in range(50_000)]
+    page = made(run, tmp_path, recorded(tmp_path / "a.mcap", frames))
+    shown(browser, page)
+    show_full_range(browser)
+    spike_ms = (START_NS + 31_234 * MS) / 1e6
+    for width in (None, 20_000, 500, 20):
+        if width is not None:
+            zoomed(browser, spike_ms - width / 3, spike_ms + width)
         found = source(browser, "rpm-1-actual")
+        assert source(browser, "rpm-1-outliers")["x"] == []
         assert max(found["y"]) == 3000
         assert min(found["y"]) == 100
         at = found["x"][found["y"].index(3000)]
@@ -134,13 +189,14 @@ def test_a_narrow_range_has_exactly_the_rows(run, tmp_path, browser, samples) ->
     shown(browser, made(run, tmp_path, samples / "damaged.mcap"))
     asked = "kind = 'speed_feedback' AND motor = 2"
     rows = rows_of(run, samples / "damaged.mcap", asked)
+    show_full_range(browser)
     found = source(browser, "rpm-2-actual")
-    assert found["y"] == [row["rpm"] for row in rows]
+    assert known(found["y"]) == [row["rpm"] for row in rows]
     commands = rows_of(
         run, samples / "damaged.mcap", "direction = 'control' AND (motor = 2 OR motor IS NULL)"
     )
     assert 0 < len(source(browser, "rpm-2-commands")["x"]) <= len(commands)
-    targets = [value for value in source(browser, "rpm-2-target")["y"] if value is not None]
+    targets = known(source(browser, "rpm-2-target")["y"])
     speeds = [row["rpm"] for row in commands if row["kind"] == "speed"]
     assert targets[: len(speeds)] == speeds
 
@@ -182,6 +238,41 @@ def test_a_value_is_drawn_for_as_long_as_it_is_known(run, tmp_path, browser) -> 
     browser.find_element(By.XPATH, "//label[. = 'actual']").click()
     hidden = ["rpm-1-actual", "rpm-1-actual-dots"]
     WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(HIDDEN) == hidden)
+
+
+def command(number: int, rpm: int) -> Frame:
+    raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm})
+    return Frame("a", 10 * number, raw, START_NS + number * MS, (), 0)
+
+
+@needs_browser
+def test_a_target_with_a_flipped_bit_does_not_hold_the_one_before(run, tmp_path, browser) -> None:
+    frames = [command(50 * number, 29_000 if number == 20 else 500) for number in range(40)]
+    shown(browser, made(run, tmp_path, recorded(tmp_path / "a.mcap", frames)))
+    assert source(browser, "rpm-1-outliers")["value"] == [29_000]
+    line = source(browser, "rpm-1-target")
+    at = line["y"].index(None)
+    first = START_NS / 1e6
+    assert [round(x - first) for x in line["x"][at - 1 : at + 2]] == [1000, 1000, 1050]
+    assert set(known(line["y"])) == {500}
+
+
+@needs_browser
+@pytest.mark.parametrize("kind", [None, PortEventKind.LOST, PortEventKind.OVERRUN])
+def test_lines_end_at_a_silence_a_lost_port_and_a_gap(run, tmp_path, browser, kind) -> None:
+    """Without an event the silence is longer than a second; the target holds on in it."""
+    silence = 1500 if kind is None else 300
+    times = [*range(0, 500, 10), *range(490 + silence, 1000 + silence, 10)]
+    frames = [one for at in times for one in (command(at, at), feedback(at + 5, at))]
+    path, batch = tmp_path / "a.mcap", RowBatch.from_rows(frames)
+    events = [] if kind is None else [PortEvent(START_NS + 510 * MS, "a", kind, "gone")]
+    write_recording(path, [PortFacts("a")], [replace(batch, events=tuple(events))])
+    shown(browser, made(run, tmp_path, path))
+    line, target = source(browser, "rpm-1-actual"), source(browser, "rpm-1-target")
+    at = line["y"].index(None)
+    assert line["y"][at - 1 : at + 2] == [490, None, 490 + silence]
+    assert (None in target["y"]) is (kind is not None)
+    assert line["y"].count(None) == 1
 
 
 @needs_browser
@@ -384,6 +475,13 @@ def test_port_events_and_reasons_of_gaps_are_translated(run, tmp_path: Path) -> 
     assert "不在触发窗口内" in page
 
 
+def test_the_cards_of_a_chinese_report_are_chinese(run, tmp_path: Path, samples: Path) -> None:
+    page = made(run, tmp_path, samples / "damaged.mcap", "--lang", "zh").read_text()
+    cards = page.partition('<div class="cards">')[2].partition("\n</div>")[0]
+    labels = re.findall(r"<span>([^<0-9]+)", cards)
+    assert [label.strip() for label in labels] == ["行数", "时长", "正常", "可疑", "损坏"]
+
+
 @needs_browser
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -503,7 +601,7 @@ def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, sampl
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
-    assert "pip install 'fte-sniff[report]'" in done.stderr
+    assert f"`{install_command('report')}`" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -512,7 +610,7 @@ def test_the_page_goes_through_a_pipe_and_replaces_none(run, tmp_path: Path, sam
     with (tmp_path / "copy").open("wb") as copy:
         reader = subprocess.Popen(["cat", tmp_path / "pipe.pdf"], stdout=copy)
         done = run("report", samples / "clean.mcap", "-o", "pipe.pdf", "--force")
-        assert reader.wait(60) == 0
+        assert reader.wait(BOUND_S) == 0
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "pipe.pdf").is_fifo()
     assert (tmp_path / "copy").read_bytes().rstrip().endswith(b"</html>")

@@ -28,6 +28,8 @@ from tests.cli.processes import (
 
 LINE = "sim://?rate=500"
 SILENT = "sim://?host=off&wire=control"
+SILENCE_S = 3.0
+"""Fifteen times the interval at which a watchdog is fed here."""
 
 
 @pytest.fixture
@@ -131,7 +133,7 @@ def test_a_hung_capture_does_not_feed_the_watchdog(environment, tmp_path, manage
         assert manager.recv(100) == b"WATCHDOG=1"
         (capture,) = children_of(process.pid)
         subprocess.run(["kill", "-STOP", str(capture)], check=True)
-        manager.settimeout(3)
+        manager.settimeout(SILENCE_S)
         with suppress(TimeoutError):
             while manager.recv(100) == b"WATCHDOG=1":
                 pass
@@ -151,6 +153,16 @@ def script(tmp_path: Path) -> Callable[[str], None]:
         (tmp_path / "run").chmod(0o755)
 
     return make
+
+
+def test_a_file_whose_name_begins_with_a_hyphen_is_no_option(
+    environment, tmp_path: Path, script
+) -> None:
+    script('printf "%s\\n" "$@" >> done.txt')
+    words = ["live", LINE, "--headless", "--output=-x.mcap", "--on-file", "./run", "--count", "9"]
+    with started(environment, tmp_path, *words) as process:
+        assert ended(process)[0] == 0
+    assert (tmp_path / "done.txt").read_text() == "./-x.mcap\n"
 
 
 def test_a_command_runs_for_each_finished_file(environment, tmp_path: Path, script) -> None:

@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import pytest
@@ -29,6 +28,7 @@ from fte_sniff.tui.options import SHARES
 from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
+from tests.cost import grows_linearly
 
 WHOLE = """
 # mine
@@ -213,27 +213,31 @@ def test_what_is_no_settings_file_is_not_read(file: Path, make: Callable[[Path],
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "size"),
     [
-        "a" + ".a" * 20_000 + " = 1",
-        "[" + "a." * 20_000 + "a]",
-        f"x = '#'\n{'a.' * 5_000}a = 1\n" * 20,
-        f"{'a.' * 40}a = 1\n" * 11_000,
-        "\n".join(f"{'a.' * 30}a{n} = 1" for n in range(14_000)),
-        "[a]\n" + "\n".join(f"b{n}.c = {{ d = 1 }}" for n in range(40_000)),
-        "\n".join(f"[[a]]\nb = [{'[' * 50}{']' * 50}]" for n in range(8_000)),
+        (lambda size: "a" + ".a" * size + " = 1", 20_000),
+        (lambda size: "[" + "a." * size + "a]", 20_000),
+        (lambda size: f"x = '#'\n{'a.' * size}a = 1\n" * 20, 5_000),
+        (lambda size: f"{'a.' * 40}a = 1\n" * size, 11_000),
+        (lambda size: "\n".join(f"{'a.' * 30}a{n} = 1" for n in range(size)), 14_000),
+        (lambda size: "[a]\n" + "\n".join(f"b{n}.c = {{ d = 1 }}" for n in range(size)), 40_000),
+        (lambda size: "\n".join(f"[[a]]\nb = [{'[' * 50}{']' * 50}]" for n in range(size)), 8_000),
     ],
-    ids=len,
 )
-def test_a_file_that_is_slow_to_read_is_refused_or_read_within_seconds(
-    file: Path, text: str
+def test_four_times_the_settings_are_refused_or_take_four_times_the_time(
+    file: Path, text: Callable[[int], str], size: int
 ) -> None:
-    assert len(text) < 1_000_000
-    written(file, text)
-    start = process_time()
-    with suppress(FileError):
-        read_settings(file)
-    assert process_time() - start < 5
+    assert len(text(size)) < 1_000_000
+    part = file.with_name("part.toml")
+    written(file, text(size))
+    written(part, text(size // 4))
+
+    def read(path: Path) -> None:
+        with suppress(FileError):
+            read_settings(path)
+
+    # What is quadratic takes 16 times as long.
+    assert grows_linearly(lambda: read(part), lambda: read(file), most=8)
 
 
 @given(first=screens, second=screens)

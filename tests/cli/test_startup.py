@@ -174,7 +174,7 @@ def test_nothing_is_loaded_before_ctrl_c_is_seen_to() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=BOUND_S,
     )
     assert done.stdout.strip() == "['fte_sniff', 'fte_sniff.__main__']"
 
@@ -193,7 +193,7 @@ def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> N
         assert process.stdout is not None
         assert process.stdout.readline() == b"loading\n"
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=BOUND_S)
     assert process.returncode == -signal.SIGINT
     assert errors == b""
 

@@ -21,6 +21,7 @@ from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
+from tests.waiting import BOUND_S
 
 
 @pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])
@@ -200,7 +201,6 @@ def test_it_can_be_left_while_it_loads(
 
 LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
 FLUSHED_OFTEN = ("--flush-every", "0.1")
-END_S = 60.0
 """How long the end may take; on a quiet machine two seconds."""
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
@@ -224,7 +224,7 @@ def stands_still(recording: Path) -> None:
 
 def assert_all_is_well(run, screen: Terminal, recording: Path) -> None:
     """The program has ended, with all that it had started, and the recording is whole."""
-    assert screen.process.wait(END_S) in (0, -signal.SIGHUP)
+    assert screen.process.wait(BOUND_S) in (0, -signal.SIGHUP)
     wait_until(lambda: in_session(screen.process.pid) == [])
     assert_whole(run, recording)
 
@@ -318,7 +318,7 @@ def test_a_recording_that_is_kept_goes_on_without_its_terminal(
     with terminal(environment, tmp_path, *arguments, size=(200, 60), session=session) as screen:
         draws_much(screen)
         screen.close()
-        assert screen.process.wait(END_S) == -signal.SIGHUP
+        assert screen.process.wait(BOUND_S) == -signal.SIGHUP
         captures_on(recording)
         (capture,) = holding(recording)
         os.kill(capture, signal.SIGTERM)
@@ -454,4 +454,4 @@ def test_a_capture_is_told_apart_and_its_notes_are_kept(environment, tmp_path: P
     assert b"\a" in screen.drawn
     assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
     (line,) = (tmp_path / "x.mcap.notes.jsonl").read_text().splitlines()
-    assert set(json.loads(line)) == {"time", "port", "offset", "text"}
+    assert set(json.loads(line)) == {"time", "port", "offset", "text", "capture"}

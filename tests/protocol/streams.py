@@ -10,7 +10,7 @@ from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Direction, Fault, Field, FrameKind
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
 from fte_sniff.protocol.spec import FTE_FORMAT, NUM_OFFSET, FrameFormat
-from tests.protocol.oracle import UNAMBIGUOUS, legal_bytes
+from tests.protocol.oracle import LINES, UNLEARNED, Oracle
 
 _CALM_LINE = tuple(
     map(
@@ -156,12 +156,12 @@ def streams_of(name: str) -> st.SearchStrategy[bytes]:
 # Frames and nearly legal frames, for the predicates: each holds or nearly holds at many offsets
 
 
-def unambiguous_frame(seed: int) -> bytes:
-    """An unambiguous frame, and the bytes after it that decide this."""
+def unambiguous_frame(seed: int, line: Oracle = UNLEARNED) -> bytes:
+    """A frame that is unambiguous on a line, and the bytes after it that decide this."""
     random = Random(seed)
     while True:
         raw = draw_frame(random, PAYLOADS["ordinary"]) + bytes(4)
-        if UNAMBIGUOUS.match(raw):
+        if line.UNAMBIGUOUS.match(raw):
             return raw
 
 
@@ -182,9 +182,9 @@ def _legal(random: Random) -> bytearray:
         free = bytes(random.choices(IMITATING, k=FRAME_LENGTH))
     raw = bytearray(
         free[offset] if legal is None else random.choice(legal)
-        for offset, legal in enumerate(legal_bytes(kind))
+        for offset, legal in enumerate(random.choice(list(LINES.values())).legal_bytes(kind))
     )
-    if legal_bytes(kind)[NUM_OFFSET] is None and random.random() < 0.5:
+    if not kind.names_motor and random.random() < 0.5:
         raw[NUM_OFFSET] = 0
     return raw
 

@@ -107,6 +107,41 @@ def test_a_fault_in_a_frame_is_at_its_byte(text: str, field: str, fault: Fault, 
 
 
 @pytest.mark.parametrize(
+    ("text", "faults", "meaning", "note"),
+    [
+        ("AA 00 00 00 00 00 00 00 00 EE", (), "the protocol states no value", ""),
+        ("AA 01 01 03 E8 FF FF FF FF EE", (), "the protocol states no value", ""),
+        (
+            "AA 01 01 03 E8 00 00 00 05 EE",
+            (Fault.RESERVED_NONZERO,),
+            "the protocol states no value",
+            "expected 00 00 00 00 as on the rest of this line, found 00 00 00 05",
+        ),
+        ("55 01 01 03 E8 00 00 00 0F EE", (), "the protocol shows 00", ""),
+        (
+            "55 01 01 03 E8 00 01 00 0F EE",
+            (Fault.RESERVED_NONZERO,),
+            "the protocol shows 00",
+            "expected 00 00 as in the protocol, found 00 01",
+        ),
+    ],
+)
+def test_the_reserve_is_explained_by_what_the_document_states(
+    text: str, faults: tuple[Fault, ...], meaning: str, note: str
+) -> None:
+    reserve = named(dissect(Frame("p", 0, bytes.fromhex(text), None, faults)), "reserve")
+    assert meaning in reserve.meaning
+    assert (reserve.fault, reserve.note) == (faults[0] if faults else None, note)
+
+
+@pytest.mark.parametrize("speed", ["00 00", "00 0A", "FF F6", "00 EE", "80 00"])
+def test_a_move_to_the_side_has_its_erratum_without_a_fault(speed: str) -> None:
+    sideways = named(frame(f"AA 03 00 00 14 {speed} 00 00 EE"), "vy_cm_s")
+    assert sideways.fault is None
+    assert ("(erratum 3)" in sideways.note) == (speed != "00 00")
+
+
+@pytest.mark.parametrize(
     ("text", "fault", "field", "note"),
     [
         ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
@@ -125,7 +160,7 @@ def test_damage_names_the_byte_at_fault(text: str, fault: Fault, field: str, not
 def test_missing_and_extra_bytes_are_located() -> None:
     missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
     assert (missing.offsets, missing.raw) == (range(5, 5), b"")
-    assert "DATA[5:9] missing" in missing.meaning
+    assert "DATA[5] to DATA[8] missing" in missing.meaning
     extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
     assert extra.raw == b"\x12\x34"
     assert "2 bytes too many" in extra.meaning

@@ -19,50 +19,23 @@ from fte_sniff.protocol import (
     Framer,
     encode,
 )
-from tests.protocol.oracle import frame_faults, kind_faults, legal_bytes
-
-GOLDEN = [
-    ("AA 00 00 00 00 00 00 00 00 EE", "reset", {}),
-    ("AA 01 01 03 E8 00 00 00 00 EE", "speed", {"motor": 1, "rpm": 1000}),
-    ("AA 02 02 03 E8 00 00 27 10 EE", "position", {"motor": 2, "rpm": 1000, "pulses": 10000}),
-    (
-        "AA 03 00 00 0A 00 00 00 00 EE",
-        "mecanum",
-        {"vx_cm_s": 10, "vy_cm_s": 0, "wz_mrad_s": 0},
-    ),
-    (
-        "AA 03 00 00 14 00 0A 00 00 EE",
-        "mecanum",
-        {"vx_cm_s": 20, "vy_cm_s": 10, "wz_mrad_s": 0},
-    ),
-    (
-        "55 01 01 03 E8 00 00 00 0F EE",
-        "speed_feedback",
-        {"motor": 1, "rpm": 1000, "error": 0, "online": 15},
-    ),
-    (
-        "55 02 01 00 00 27 10 00 0F EE",
-        "position_feedback",
-        {"motor": 1, "pulses": 10000, "error": 0, "online": 15},
-    ),
-]
-"""PROTOCOL.md, "The document's own examples"."""
+from fte_sniff.protocol.spec import FTE_FORMAT
+from tests.protocol.document import EXAMPLES, Example
+from tests.protocol.oracle import LINES, UNLEARNED, kind_faults
 
 
-@pytest.mark.parametrize(("text", "kind", "values"), GOLDEN)
-def test_golden_vectors_encode(text: str, kind: str, values: dict[str, int]) -> None:
-    assert encode(KIND_BY_NAME[kind], values) == bytes.fromhex(text)
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.text)
+def test_examples_of_the_document_encode(example: Example) -> None:
+    assert encode(example.frame_kind, example.values) == example.raw
 
 
-@pytest.mark.parametrize(("text", "kind", "values"), GOLDEN)
-def test_golden_vectors_decode(text: str, kind: str, values: dict[str, int]) -> None:
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.text)
+def test_examples_of_the_document_decode(example: Example) -> None:
     framer = Framer("p")
-    rows = framer.feed(Chunk("p", None, bytes.fromhex(text))) + framer.flush()
-    assert len(rows) == 1
-    row = rows[0]
+    (row,) = framer.feed(Chunk("p", None, example.raw)) + framer.flush()
     assert isinstance(row, Frame)
-    assert row.kind is KIND_BY_NAME[kind]
-    assert (row.values, row.faults) == (values, ())
+    assert row.kind is example.frame_kind
+    assert (row.values, row.faults) == (example.values, ())
 
 
 @st.composite
@@ -71,7 +44,7 @@ def legal_frames(draw: st.DrawFn) -> tuple[FrameKind, dict[str, int], int, bytes
     kind = draw(st.sampled_from(KINDS))
     values = {}
     for field in kind.fields:
-        high = field.high if field.defined_bits is None else field.defined_bits
+        high = field.high if field.legal_bits is None else field.legal_bits
         values[field.name] = draw(st.integers(field.low, high))
     cmd = draw(st.sampled_from(kind.cmds))
     return kind, values, cmd, encode(kind, values, cmd)
@@ -128,9 +101,12 @@ def test_a_cmd_of_another_kind_is_named() -> None:
 @pytest.mark.parametrize(
     ("text", "faults"),
     [
-        ("AA 01 01 03 E8 00 00 00 01 EE", (Fault.RESERVED_NONZERO,)),
-        ("AA 00 00 01 00 00 00 00 00 EE", (Fault.RESERVED_NONZERO,)),
-        ("55 01 01 03 E8 00 00 10 0F EE", (Fault.UNDEFINED_FLAGS,)),
+        ("AA 01 01 03 E8 12 34 00 00 EE", ()),
+        ("AA 00 00 01 00 00 00 00 00 EE", ()),
+        ("55 01 01 03 E8 00 00 10 0F EE", ()),
+        ("55 02 01 03 E8 00 00 FF 0F EE", ()),
+        ("55 01 01 03 E8 00 00 00 1F EE", (Fault.UNDEFINED_FLAGS,)),
+        ("55 01 01 03 E8 00 01 00 0F EE", (Fault.RESERVED_NONZERO,)),
         ("55 01 01 03 E8 01 00 00 1F EE", (Fault.UNDEFINED_FLAGS, Fault.RESERVED_NONZERO)),
         ("55 00 01 03 E8 00 00 00 0F EE", (Fault.UNKNOWN_CMD,)),
         ("AA 04 01 03 E8 00 00 00 00 EE", (Fault.UNKNOWN_CMD,)),
@@ -141,7 +117,7 @@ def test_a_cmd_of_another_kind_is_named() -> None:
 )
 def test_what_one_frame_shows_by_itself(text: str, faults: tuple[Fault, ...]) -> None:
     raw = bytes.fromhex(text)
-    assert frame_faults(raw) == faults
+    assert UNLEARNED.frame_faults(raw) == faults
     framer = Framer("p")
     (row,) = framer.feed(Chunk("p", None, raw)) + framer.flush()
     assert isinstance(row, Frame)
@@ -155,10 +131,11 @@ def ranged(size: int, low: int, high: int, fault: Fault | None) -> Field:
 def test_a_value_out_of_range_has_the_fault_that_its_field_names() -> None:
     level = ranged(1, 0, 9, Fault.UNDEFINED_FLAGS)
     kind = FrameKind("level", Direction.CONTROL, (0x10,), (level,), range(4, 9), "a level")
-    assert kind_faults(bytes.fromhex("AA 10 00 09 00 00 00 00 00 EE"), kind) == ()
+    legal = FTE_FORMAT.legal_bytes(kind)
+    assert kind_faults(bytes.fromhex("AA 10 00 09 00 00 00 00 00 EE"), kind, legal) == ()
     raw = bytes.fromhex("AA 10 00 0A 00 00 00 00 00 EE")
-    assert kind_faults(raw, kind) == (Fault.UNDEFINED_FLAGS,)
-    assert legal_bytes(kind)[3] == bytes(range(10))
+    assert kind_faults(raw, kind, legal) == (Fault.UNDEFINED_FLAGS,)
+    assert legal[3] == bytes(range(10))
 
 
 @pytest.mark.parametrize(
@@ -177,13 +154,15 @@ def test_a_field_that_the_framer_could_not_judge_byte_by_byte_is_refused(
         ranged(size, low, high, fault)
 
 
-@given(st.sampled_from(KINDS), st.data())
+@given(st.sampled_from(KINDS), st.sampled_from(["unlearned", "00"]), st.data())
 def test_a_byte_is_legal_exactly_where_it_brings_no_fault(
-    kind: FrameKind, data: st.DataObject
+    kind: FrameKind, name: str, data: st.DataObject
 ) -> None:
-    legal = legal_bytes(kind)
+    legal = LINES[name].legal_bytes(kind)
     raw = bytearray(0 if fitting is None else fitting[0] for fitting in legal)
     offset = data.draw(st.integers(2, len(raw) - 2))
     raw[offset] = data.draw(st.integers(0, 255))
     fitting = legal[offset]
-    assert bool(kind_faults(raw, kind)) == (fitting is not None and raw[offset] not in fitting)
+    assert bool(kind_faults(raw, kind, legal)) == (
+        fitting is not None and raw[offset] not in fitting
+    )

@@ -119,6 +119,7 @@ def test_the_bytes_are_extracted_with_their_times(
         ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0\1\0\0\xff\xff\xff\xff", "shorter than it"),
         ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0", "without its header"),
         ("json", None, b"{", "no JSON"),
+        pytest.param("json", None, b"[" * 100_000 + b"]" * 100_000, "no JSON", id="nested"),
         ("json", None, b'{"a": 1}', "without one text of base64"),
         ("json", None, b'{"a": [256]}', "JSON without bytes"),
         ("json", None, b'{"a": "not base64"}', "JSON without bytes"),

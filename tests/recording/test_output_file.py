@@ -21,6 +21,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
+from tests.waiting import BOUND_S
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -208,7 +209,7 @@ _record(Path(sys.argv[1]), some_rows(60))
 @pytest.mark.parametrize("name", ["-", "/dev/stdout"])
 def test_standard_output_into_a_pipe(tmp_path: Path, make_rows: Rows, name: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", STANDARD, name], stdout=subprocess.PIPE, check=True, timeout=60
+        [sys.executable, "-c", STANDARD, name], stdout=subprocess.PIPE, check=True, timeout=BOUND_S
     )
     (tmp_path / "copy.mcap").write_bytes(done.stdout)
     assert list(RecordingReader(tmp_path / "copy.mcap")) == make_rows(60)

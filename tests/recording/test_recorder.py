@@ -26,13 +26,14 @@ from fte_sniff.recording.metadata import (
     PortFacts,
     gap_from_metadata,
     gap_to_metadata,
+    library_name,
 )
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
-from tests.recording.conftest import START, STEP, file_size_limit, some_rows
+from tests.recording.conftest import START, STEP, file_size_limit, some_rows, unprivileged
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
 ALL = RecordingOptions(min_free_bytes=0)
@@ -365,6 +366,67 @@ def test_a_file_that_replaced_ours_is_not_deleted(tmp_path: Path) -> None:
     assert not (tmp_path / "x_00002.mcap").exists()
     ours = [path for path in _files(tmp_path) if path != first]
     assert sum(path.stat().st_size for path in ours) < 100_000 + 40_000
+
+
+LIMITED = RecordingOptions(
+    min_free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, max_bytes=100_000
+)
+
+
+def _batches(numbers: range) -> list[list[Row]]:
+    return [some_rows(300, start=START + n * 300 * STEP) for n in numbers]
+
+
+def test_a_file_on_the_name_of_the_one_being_recorded_is_not_deleted(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=LIMITED)
+    other = tmp_path / "other"
+    other.write_bytes(b"precious")
+    _record(recorder, _batches(range(1)))
+    other.replace(recorder.path)
+    taken = recorder.path
+    _record(recorder, _batches(range(1, 12)))
+    recorder.close()
+    assert taken.read_bytes() == b"precious"
+    assert recorder.outcome.deleted_files > 0
+    assert recorder.outcome.first != taken
+    ours = [path for path in _files(tmp_path) if path != taken]
+    assert sum(path.stat().st_size for path in ours) < 100_000 + 40_000
+
+
+def test_files_that_are_touched_count_for_the_limit_and_are_deleted(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=LIMITED)
+    for batch in _batches(range(12)):
+        _record(recorder, [batch])
+        for path in _files(tmp_path):
+            os.utime(path, ns=(1, 1))
+    recorder.close()
+    assert not (tmp_path / "x_00001.mcap").exists()
+    assert sum(path.stat().st_size for path in _files(tmp_path)) < 100_000 + 40_000
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give its files away")
+def test_files_that_cannot_be_deleted_stop_the_recording_at_its_limit(tmp_path: Path) -> None:
+    """In a sticky folder, files of others can be read and not deleted."""
+    tmp_path.chmod(0o1777)
+    for parent in tmp_path.parents[:3]:
+        parent.chmod(parent.stat().st_mode | 0o011)
+    library_name()  # read once: the installed package may be closed to others
+    with unprivileged():
+        recorder = Recorder(tmp_path / "x.mcap", [PORT], options=LIMITED)
+        for batch in _batches(range(12)):
+            _record(recorder, [batch])
+            os.seteuid(0)
+            for path in _files(tmp_path):
+                os.chown(path, 0, 0)
+                path.chmod(0o644)
+            os.seteuid(65_534)
+        recorder.close()
+    failures = [str(change.failure) for change in recorder.changes() if change.failure]
+    assert len(failures) == 1
+    oldest = tmp_path / "x_00001.mcap"
+    assert f"{oldest} cannot be deleted: Operation not permitted" in failures[0]
+    assert oldest.exists()
+    assert sum(path.stat().st_size for path in _files(tmp_path)) < 100_000 + 40_000
 
 
 @pytest.mark.parametrize(

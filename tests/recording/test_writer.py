@@ -9,6 +9,8 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -21,12 +23,20 @@ from benchmarks.recording_kill import kill_one
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap import writer as mcap_file
-from fte_sniff.recording.messages.schema import TOPICS
-from fte_sniff.recording.metadata import PortFacts, host_facts
+from fte_sniff.recording.mcap.records import parse
+from fte_sniff.recording.messages.schema import TOPICS, table_crc
+from fte_sniff.recording.metadata import (
+    PORTS_NAME,
+    PortFacts,
+    host_facts,
+    ports_from_metadata,
+    ports_to_metadata,
+)
 from fte_sniff.recording.output_file import stopped_by_error
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
-from tests.recording.conftest import file_size_limit, unprivileged
+from tests.recording.conftest import file_size_limit, some_rows, unprivileged
+from tests.torture.damage import CHUNK, METADATA, records
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -395,3 +405,53 @@ def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
         assert left.missing == 0
         assert left.found <= left.written
         assert left.files > 1 or not rotates or left.written < 10_000
+
+
+def _copies(path: Path) -> list[tuple[int, list[PortFacts]]]:
+    """Offset and ports of each copy of the ports."""
+    content = path.read_bytes()
+    found = []
+    for opcode, start, end in records(content):
+        if opcode == METADATA:
+            one = parse(Metadata, content[start + 9 : end])
+            if one.name == PORTS_NAME:
+                found.append((start, ports_from_metadata(one.metadata, table_crc())))
+    return found
+
+
+def test_the_ports_are_repeated_at_twice_the_distance_each_time(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    rows = some_rows(2000)
+    with RecordingWriter(path, [PORT]) as writer:
+        for start in range(0, len(rows), 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+    copies = _copies(path)
+    chunks = [(start, end) for opcode, start, end in records(path.read_bytes()) if opcode == CHUNK]
+    assert all(ports == [PORT] for _, ports in copies)
+    assert chunks[0][1] < copies[0][0] < chunks[1][0]
+    assert 4 < len(copies) < 10
+    for (before, _), (place, _) in pairwise(copies):
+        assert 2 * before <= place < 2 * before + 2 * (chunks[-1][0] - chunks[-2][0])
+
+
+def test_a_port_that_is_added_later_is_repeated_too(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    rows = some_rows(400)
+    with RecordingWriter(path, [PORT]) as writer:
+        for start in range(0, len(rows), 20):
+            port = "later\udcff" if start >= 300 else PORT.name
+            writer.write([replace(row, port=port) for row in rows[start : start + 20]])
+            writer.flush()
+    later = [ports for _, ports in _copies(path) if len(ports) > 1]
+    assert later[1:]
+    assert all(ports == [PORT, PortFacts("later\\udcff")] for ports in later)
+
+
+def test_a_damaged_copy_of_the_ports_names_none() -> None:
+    items = ports_to_metadata([PORT, PortFacts("b")], 7)
+    assert ports_from_metadata(items, 7) == [PORT, PortFacts("b")]
+    assert ports_from_metadata(items, 8) == []
+    for name, value in items.items():
+        assert ports_from_metadata(items | {name: value + "x"}, 7) == []
+        assert ports_from_metadata({one: items[one] for one in items if one != name}, 7) == []

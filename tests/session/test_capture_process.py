@@ -21,6 +21,7 @@ from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, WriteProgress
 from tests.recording.conftest import entries_in
+from tests.waiting import BOUND_S
 
 MS = 1_000_000
 START_NS = 10**18
@@ -73,7 +74,7 @@ def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended
     while isinstance(message := theirs.recv(), RowsMessage):
         rows += message.rows
         events += message.events
-    closing.join(60)
+    closing.join(BOUND_S)
     return rows, events, ended
 
 
@@ -196,7 +197,7 @@ def rows(start: int, count: int) -> list[Frame]:
 def received(theirs) -> list:
     found = []
     while not found or not isinstance(found[-1], Ended):
-        assert theirs.poll(20)
+        assert theirs.poll(BOUND_S)
         found.append(theirs.recv())
     return found
 
@@ -234,7 +235,7 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
     closing = threading.Thread(target=outbox.close, args=(Ended(),))
     closing.start()
     batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
-    closing.join(60)
+    closing.join(BOUND_S)
     seen = [row for batch in batches for row in batch.rows]
     assert batches[-1].total_rows == total
     assert len(seen) + batches[-1].not_shown == total
@@ -248,5 +249,5 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     outbox = Outbox(ours, gone.set)
     theirs.close()
     outbox.put(rows(0, 1))
-    assert gone.wait(60)
+    assert gone.wait(BOUND_S)
     outbox.close(Ended())

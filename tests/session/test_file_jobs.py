@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.errors import FileError, InputTextError
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowBatch
@@ -111,6 +112,48 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
             found = measured(split, model, executor)
             assert numbers(found) == expected
     assert {one.row for one in found.verdicts() if one.row} <= held
+
+
+def sent(kind: str, t_ns: int, port: str, number: int) -> Row:
+    values = dict.fromkeys((field.name for field in KIND_BY_NAME[kind].fields), 1)
+    return Frame(port, 10 * number, encode(KIND_BY_NAME[kind], values), t_ns)
+
+
+def two_wires(lost: range, seconds: int = 10) -> list[Row | PortEvent]:
+    """A command on `a` and its answer on `b` every second, but none while `b` is lost, or later."""
+    found: list[Row | PortEvent] = []
+    for number in range(seconds):
+        t_ns = 10**18 + number * SECOND
+        found.append(sent("speed", t_ns, "a", number))
+        if number == lost.start:
+            found.append(PortEvent(t_ns + 1, "b", PortEventKind.LOST, "unplugged"))
+        if number not in lost and number != seconds - 2:
+            found.append(sent("speed_feedback", t_ns + SECOND // 100, "b", number))
+        if number == lost.stop - 1:
+            found.append(PortEvent(t_ns + SECOND // 2, "b", PortEventKind.FOUND_AGAIN, ""))
+    return found
+
+
+@pytest.mark.parametrize("cuts", [[], [7], [4, 11], [5, 8, 10], [3, 3, 20]])
+def test_commands_while_a_port_is_lost_are_not_unanswered(tmp_path: Path, cuts: list[int]) -> None:
+    steps = two_wires(range(2, 7))
+    ends = [0, *cuts, len(steps)]
+    parts = [steps[start:end] for start, end in pairwise(ends)]
+    paths = write_parts(tmp_path / "parts", parts)
+    rules = [Rule.parse(text) for text in ("unanswered() == 1", "delay(max) == 10")]
+    with ThreadPoolExecutor(2) as executor:
+        for one in (None, executor):
+            motor = measured(paths, None, one).answers.stats()[0]
+            counts = motor.commands, motor.pairing.answered, motor.pairing.unanswered
+            assert counts == (10, 4, 1)
+            assert all(found.result == "pass" for found in measured(paths, rules, one).verdicts())
+
+
+def test_a_file_that_begins_while_a_port_is_lost_is_read_so(tmp_path: Path) -> None:
+    steps = two_wires(range(2, 7))
+    after_loss = [one for one in steps if isinstance(one, Row) or "found" in one.kind][5:]
+    (path,) = write_parts(tmp_path / "parts", [after_loss])
+    assert measured([path], None).answers.stats()[0].pairing.unanswered == 1
 
 
 @pytest.mark.parametrize("rules", [None, ["delay(p95) < 20", "max_gap(motor = 1) < 1"]])

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.errors import FileError
 from fte_sniff.formats import text_blocks
 from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
@@ -146,3 +147,48 @@ def test_the_first_byte_of_a_line_began_at_its_stamp() -> None:
     reader = LogReader("x", LogOptions(start_ns=0), log)
     rows = [row for rows in rows_of_log(reader, lambda _: None) for row in rows]
     assert [row.t_ns for row in rows] == [1_000_000_000, 1_010_000_000, 1_020_000_000]
+
+
+def test_a_block_of_zeros_is_skipped_and_reported_and_no_frame_goes_on_behind_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "x.log"
+    before = "".join(line("TX", 20_000 * at, TX) for at in range(100)) + line("TX", 0, TX[:5])[:-1]
+    after = line("TX", 0, TX[5:]) + "".join(line("TX", 20_000 * at, TX) for at in range(100))
+    path.write_bytes(before.encode() + bytes(100_000) + after.encode())
+    for reader in (LogReader(str(path)), LogReader("x", None, BytesIO(path.read_bytes()))):
+        notes: list[str] = []
+        rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
+        assert sum(isinstance(row, Frame) for row in rows) == 200
+        assert b"".join(row.raw for row in rows) == TX * 201
+        (skipped,) = [note for note in notes if "NUL" in note]
+        assert f": 100,000 NUL bytes at offset {len(before):,} are skipped" in skipped
+
+
+@pytest.mark.parametrize("zeros", [100_000, 40_960])
+def test_a_log_that_begins_and_ends_with_zeros_is_read(tmp_path: Path, zeros: int) -> None:
+    path = tmp_path / "x.log"
+    content = "".join(line("TX", 20_000 * at, TX) for at in range(100))
+    path.write_bytes(bytes(zeros) + content.encode() + bytes(zeros))
+    notes: list[str] = []
+    rows = [row for rows in rows_of_log(LogReader(str(path)), notes.append) for row in rows]
+    assert len(rows) == 100
+    assert any(f"2 blocks of NUL bytes are skipped, {2 * zeros:,} bytes" in note for note in notes)
+
+
+def test_a_file_of_zeros_is_named_so(tmp_path: Path) -> None:
+    path = tmp_path / "x.log"
+    path.write_bytes(bytes(100_000))
+    with pytest.raises(FileError, match="no bytes to decode; 100,000 NUL bytes at offset 0 are"):
+        rows_of(LogReader(str(path)))
+
+
+def test_a_line_that_is_too_long_for_a_log_is_refused_by_its_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(text_blocks, "LONGEST_LINE", 3000)
+    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 1000)
+    path = tmp_path / "x.log"
+    path.write_text("opened\n" + f"Recv: {TX.hex(' ')} " * 500)
+    with pytest.raises(FileError, match=r"line 2 is longer than .* only if it is plain hex; write"):
+        rows_of(LogReader(str(path)))

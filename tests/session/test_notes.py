@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +24,12 @@ from fte_sniff.session.notes import (
     Place,
     RowKey,
     capture_path,
+    capture_start,
     located,
     read_place,
     save_place,
 )
+from tests.waiting import BOUND_S
 
 T_NS = 1_769_860_800_000_000_123
 
@@ -51,13 +56,31 @@ def beside(recording: Path) -> Path:
     st.text(),
     st.integers(0, 2**62),
     st.text(max_size=500),
+    st.none() | st.text(max_size=40),
 )
-def test_a_line_holds_a_whole_note(t_ns: int | None, port: str, offset: int, text: str) -> None:
-    note = Note(t_ns, port, offset, text)
+def test_a_line_holds_a_whole_note(
+    t_ns: int | None, port: str, offset: int, text: str, capture: str | None
+) -> None:
+    note = Note(t_ns, port, offset, text, capture)
     line = note.line()
     assert "\n" not in line
-    assert list(json.loads(line)) == ["time", "port", "offset", "text"]
+    names = ["time", "port", "offset", "text"] + ["capture"] * (capture is not None)
+    assert list(json.loads(line)) == names
     assert Note.parse(line) == note
+
+
+ODD_TEXTS = ["\u2028", "\x85", "\x0c\x1e", "\r\n", "\udcff", "收到"]
+
+
+@pytest.mark.parametrize("odd", ODD_TEXTS)
+def test_any_name_of_a_port_and_any_text_can_be_read_again(recording: Path, odd: str) -> None:
+    notes = Notes([recording])
+    for offset in range(3):
+        notes.set(Note(T_NS, f"a{odd}b", offset, f"c{odd}d"))
+    assert notes.save() is None
+    again = Notes([recording])
+    assert again.damage == []
+    assert [note.text for note in again.notes.values()] == [f"c{odd}d"] * 3
 
 
 @pytest.mark.parametrize(
@@ -85,6 +108,108 @@ def test_a_damaged_file_is_one_warning_and_is_not_overwritten(
     assert beside(recording).read_text() == f"{good}\n{line}\n"
     assert state in notes.written[0].parents
     assert set(Notes([recording]).notes) == {RowKey("p", 0), RowKey("p", 10)}
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from fte_sniff.session.notes import Note, Notes
+notes = Notes([Path(sys.argv[1])])
+sys.stdin.readline()
+for number in range(60):
+    notes.set(Note(None, sys.argv[2], number, "x"))
+    assert notes.save() is None
+"""
+
+
+def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
+    words = [sys.executable, "-c", WRITER, str(recording)]
+    writers = [subprocess.Popen([*words, port], stdin=subprocess.PIPE) for port in "pqr"]
+    for writer in writers:
+        assert writer.stdin is not None
+        writer.stdin.write(b"go\n")
+        writer.stdin.flush()
+    for writer in writers:
+        with writer:
+            assert writer.wait(BOUND_S) == 0
+    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(60)}
+    assert [path.name for path in recording.parent.glob("*run*")] == [beside(recording).name]
+
+
+def test_threads_that_save_the_same_notes_lose_none(recording: Path) -> None:
+    notes = Notes([recording])
+
+    def write(port: str) -> None:
+        for number in range(30):
+            notes.set(Note(None, port, number))
+            assert notes.save() is None
+
+    with ThreadPoolExecutor(3) as executor:
+        list(executor.map(write, "pqr"))
+    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(30)}
+
+
+def test_a_note_that_could_not_be_saved_is_saved_later(recording: Path, state: Path) -> None:
+    notes = Notes([recording])
+    beside(recording).mkdir()
+    state.write_text("no folder")
+    notes.set(Note(T_NS, "p", 0, "first"))
+    notes.set(Note(T_NS, "p", 10, "second"))
+    assert "not saved" in str(notes.save())
+    notes.set(Note(T_NS, "p", 10, "changed"))
+    assert "not saved" in str(notes.save())
+    state.unlink()
+    notes.set(Note(T_NS, "p", 20, "third"))
+    assert notes.save() is None
+    found = {key.offset: note.text for key, note in Notes([recording]).notes.items()}
+    assert found == {0: "first", 10: "changed", 20: "third"}
+
+
+def test_a_recording_that_replaces_another_has_no_notes_of_it(recording: Path) -> None:
+    starts = ["2026-01-31T12:00:00.000000000Z", "2026-02-01T12:00:00.000000000Z"]
+    for start in starts:
+        notes = Notes([recording], [start])
+        assert notes.notes == {}
+        notes.set(Note(T_NS, "p", 0, start))
+        assert notes.save() is None
+    for start in starts:
+        (found,) = Notes([recording], [start]).notes.values()
+        assert (found.text, found.capture) == (start, start)
+    both = Notes([recording.with_name("run_00001.mcap"), recording], starts)
+    assert {key.capture: note.text for key, note in both.notes.items()} == dict(enumerate(starts))
+
+
+def test_a_note_of_before_that_names_no_capture_is_found_and_replaced(recording: Path) -> None:
+    start = "2026-01-31T12:00:00.000000000Z"
+    beside(recording).write_text(f"{Note(T_NS, 'p', 0, 'old').line()}\n")
+    notes = Notes([recording], [start])
+    assert [note.text for note in notes.notes.values()] == ["old"]
+    notes.set(Note(T_NS, "p", 0, "new"))
+    assert notes.save() is None
+    assert [json.loads(line)["text"] for line in beside(recording).read_text().splitlines()] == [
+        "new"
+    ]
+
+
+def test_the_file_of_notes_is_said_once_and_again_where_it_changes(recording: Path) -> None:
+    notes = Notes([recording])
+    assert notes.news() == beside(recording)
+    notes.set(Note(T_NS, "p", 0))
+    assert notes.save() is None
+    assert notes.news() is None
+    beside(recording).unlink()
+    beside(recording).mkdir()
+    notes.set(Note(T_NS, "p", 10))
+    assert notes.save() is None
+    assert notes.news() == notes.written[0] != beside(recording)
+
+
+def test_the_start_of_a_capture_is_read_from_its_recording(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[2] / "samples" / "clean.mcap"
+    assert capture_start(sample) == "2026-01-31T12:00:00.000000000Z"
+    (tmp_path / "x.log").write_text("AA")
+    assert capture_start(tmp_path / "x.log") is None
+    assert capture_start(tmp_path / "none.mcap") is None
 
 
 def test_notes_of_two_screens_are_merged_and_removed(recording: Path) -> None:

@@ -10,7 +10,6 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from shutil import copy
-from time import monotonic
 
 import pytest
 from hypothesis import given
@@ -28,6 +27,7 @@ from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples
+from tests.waiting import BOUND_S, while_waiting
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 
@@ -41,13 +41,12 @@ def batches(count: int, size: int = 10) -> list[InputBatch]:
 
 def all_of(session: ReplaySession) -> list[Row]:
     rows: list[Row] = []
-    deadline = monotonic() + 60
-    while monotonic() < deadline:
+    for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()
         rows += update.rows
         if not update.state.running:
-            return rows
-    raise AssertionError("it does not end")
+            break
+    return rows
 
 
 def test_all_rows_come_in_order() -> None:
@@ -72,7 +71,7 @@ def test_reading_waits_for_the_view() -> None:
     session = ReplaySession(reading(), "file")
     rows = first_of(session)
     rows += session.poll().rows
-    assert enough.wait(60)
+    assert enough.wait(BOUND_S)
     assert len(read) <= MAX_READ_AHEAD + 3
     assert len(rows) + len(all_of(session)) == 10_000
 
@@ -92,11 +91,11 @@ def test_no_more_than_the_first_batch_is_read_before_it_was_taken() -> None:
 
 
 def first_of(session: ReplaySession) -> list[Row]:
-    deadline = monotonic() + 60
-    while monotonic() < deadline:
-        if rows := session.poll().rows:
-            return list(rows)
-    raise AssertionError("nothing comes")
+    rows: list[Row] = []
+    for _ in while_waiting(lambda: "the first rows"):
+        if rows := list(session.poll().rows):
+            break
+    return rows
 
 
 def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
@@ -104,8 +103,7 @@ def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
     made = batches(2)
     session = ReplaySession([made[0], InputBatch(made[1].rows, [lost])], "file")
     events: list[PortEvent] = []
-    deadline = monotonic() + 60
-    while monotonic() < deadline:
+    for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()
         events += update.events
         if not update.state.running:
@@ -130,17 +128,15 @@ def test_reading_rests_until_the_next_poll() -> None:
 
     def reading() -> Iterator[InputBatch]:
         for number, batch in enumerate(batches(5)):
-            assert gate.acquire(timeout=60)
+            assert gate.acquire(timeout=BOUND_S)
             read.put(number)
             yield batch
 
     session = ReplaySession(reading(), "file")
-    deadline = monotonic() + 60
-    while not session.poll().rows and monotonic() < deadline:
-        pass
+    first_of(session)
     session.poll()
     gate.release()
-    assert [read.get(timeout=60), read.get(timeout=60)] == [0, 1]
+    assert [read.get(timeout=BOUND_S), read.get(timeout=BOUND_S)] == [0, 1]
     session.rest()
     gate.release(3)
     came = []
@@ -150,14 +146,14 @@ def test_reading_rests_until_the_next_poll() -> None:
     # A read that is under way when it is paused may still arrive.
     assert came in ([], [2])
     all_of(session)
-    assert [read.get(timeout=60) for _ in range(3 - len(came))][-1] == 4
+    assert [read.get(timeout=BOUND_S) for _ in range(3 - len(came))][-1] == 4
 
 
 def test_a_session_that_was_stopped_does_not_rest_for_ever() -> None:
     session = ReplaySession(batches(100), "file")
     session.stop()
     session.rest()
-    session._thread.join(timeout=60)
+    session._thread.join(timeout=BOUND_S)
     assert not session._thread.is_alive()
 
 
@@ -168,7 +164,7 @@ def test_stop_ends_the_reading() -> None:
 
     session = ReplaySession(endless(), "file")
     session.stop()
-    session._thread.join(60)
+    session._thread.join(BOUND_S)
     assert not session._thread.is_alive()
 
 
@@ -178,8 +174,7 @@ def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
     session = ReplaySession((InputBatch(part) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
-    deadline = monotonic() + 60
-    while monotonic() < deadline:
+    for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()
         found += update.rows
         if not update.state.running:

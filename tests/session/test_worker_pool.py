@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -32,7 +31,7 @@ def die(code: int) -> None:
 
 def wait_in(folder: str) -> None:
     Path(folder, str(os.getpid())).touch()
-    time.sleep(BOUND_S)
+    signal.pause()
 
 
 def import_path() -> list[str]:

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.session.worker_process import start_worker
-
-BOUND_S = 30.0
+from tests.waiting import BOUND_S
 
 
 def send_import_path(connection: Connection) -> None:

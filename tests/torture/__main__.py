@@ -1,9 +1,10 @@
 """The self-attack: `python -m tests.torture --minutes 10 --seed N`.
 
 It attacks the installed program again and again, checks what docs/testing.md promises, prints how
-often each attack was tried and held, and exits with 1 if a promise was broken. Each failing case is
-stored with its files and the command that repeats it, `--case ATTACK:SEED`. A seed makes the same
-choices; the moment of a kill also depends on the machine.
+often each attack was tried and held, and exits with 1 if a promise was broken or an attack was
+never tried: each is tried once, however short the time. Each failing case is stored with its files
+and the command that repeats it, `--case ATTACK:SEED`. A seed makes the same choices; the moment of
+a kill also depends on the machine.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from itertools import count
+from itertools import chain, cycle
 from multiprocessing.queues import Queue
 from pathlib import Path
 from queue import Empty
@@ -26,12 +27,15 @@ from time import monotonic
 from traceback import format_exc
 from typing import TypeAlias
 
-from tests.torture import command_attacks, file_attacks, process_attacks
+from tests.torture import command_attacks, feature_attacks, file_attacks, process_attacks
 from tests.torture.case import ROOT, Case, PromiseError, SkippedError, adopt_orphans
 
 Attack: TypeAlias = Callable[[Case], None]
 Outcome: TypeAlias = tuple[str, int, str, str]
 """Attack, seed, `held`, `broken` or `skipped`, and why."""
+
+_STEP_S = 10.0
+"""How often it is checked that the workers live."""
 
 ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "mutate": (file_attacks.mutate, 4),
@@ -60,17 +64,27 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "two-recorders": (process_attacks.two_recorders, 1),
     "hostile-server": (process_attacks.hostile_server, 1),
     "few-files": (process_attacks.few_files, 2),
+    "power-cut": (process_attacks.power_cut, 1),
+    "rotate-oldest": (feature_attacks.rotate_oldest, 2),
+    "notes": (feature_attacks.notes, 1),
+    "scan": (feature_attacks.scan, 2),
+    "rules": (feature_attacks.rules, 3),
+    "follow": (feature_attacks.follow, 1),
+    "jobs": (feature_attacks.jobs, 2),
+    "on-file": (feature_attacks.on_file, 1),
+    "report-texts": (feature_attacks.report_texts, 1),
+    "two-damages": (feature_attacks.two_damages, 6),
 }
 """The attacks, and how many cases of each are in a round."""
 
 
 def cases(seed: int, only: str | None) -> Iterator[tuple[str, int]]:
-    """Attack and seed of each case, round by round, for ever."""
+    """Attack and seed of each case: each attack once, and then round by round, for ever."""
     names = [only] if only else [name for name, (_, share) in ATTACKS.items() for _ in range(share)]
     Random(0).shuffle(names)
-    for number in count():
+    for number, name in enumerate(chain([only] if only else ATTACKS, cycle(names))):
         digest = hashlib.sha256(f"{seed}:{number}".encode()).digest()
-        yield names[number % len(names)], int.from_bytes(digest[:4])
+        yield name, int.from_bytes(digest[:4])
 
 
 def play(attack: str, seed: int, keep: Path) -> Outcome:
@@ -109,7 +123,7 @@ def _work(
     adopt_orphans()
     until = monotonic() + 60 * arguments.minutes
     for at, (attack, seed) in enumerate(cases(arguments.seed, arguments.attack)):
-        if monotonic() > until:
+        if at >= (1 if arguments.attack else len(ATTACKS)) and monotonic() > until:
             break
         if at % jobs == number:
             outcomes.put(play(attack, seed, arguments.keep))
@@ -128,7 +142,7 @@ def _outcomes(arguments: argparse.Namespace) -> Iterator[Outcome]:
     running = len(workers)
     while running:
         try:
-            outcome = outcomes.get(timeout=10)
+            outcome = outcomes.get(timeout=_STEP_S)
         except Empty:
             if any(worker.is_alive() for worker in workers):
                 continue
@@ -155,7 +169,12 @@ def _parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m tests.torture", description="Attack fte-sniff."
     )
-    parser.add_argument("--minutes", type=float, default=1.0, help="how long; 1 by default")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=1.0,
+        help="1 by default; 0 for one of each attack",
+    )
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
     parser.add_argument("--attack", choices=ATTACKS, help="only this attack")
     parser.add_argument("--case", metavar="ATTACK:SEED", help="repeat one case")
@@ -192,7 +211,11 @@ def main() -> int:
         elif result == "broken":
             _report(outcome, arguments.keep)
     print(table(counts))
-    return int(any(one["broken"] for one in counts.values()))
+    asked = [arguments.attack] if arguments.attack else ATTACKS
+    never = [attack for attack in asked if not counts[attack]["held"] + counts[attack]["broken"]]
+    if never:
+        print(f"never tried: {', '.join(never)}")
+    return int(bool(never) or any(one["broken"] for one in counts.values()))
 
 
 if __name__ == "__main__":

@@ -6,15 +6,18 @@
  * FAULT_COUNT    how many calls are affected
  * FAULT_EFFECT   ENOSPC or EIO: the call fails; short: one byte less than half is written;
  *                delay: the call takes FAULT_DELAY_MS longer
+ * FAULT_SYNCED   a folder: each file is copied to it whenever it was synced
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/types.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -85,12 +88,35 @@ ssize_t writev(int descriptor, const struct iovec *parts, int count) {
     FAULTY("write", -1, REAL(writev)(descriptor, parts, effect == SHORT ? 1 : count));
 }
 
+/* Copies a file that was synced; the copy gets its name, the inode, when it is whole. */
+static int kept(int result, int descriptor) {
+    char link[64], part[PATH_MAX + 64], whole[PATH_MAX + 64], data[1 << 16];
+    const char *folder = getenv("FAULT_SYNCED");
+    struct stat status;
+    ssize_t length;
+    if (result || !folder || !is_below_folder(descriptor) || fstat(descriptor, &status) ||
+        !S_ISREG(status.st_mode))
+        return result;
+    snprintf(link, sizeof link, "/proc/self/fd/%d", descriptor);
+    snprintf(whole, sizeof whole, "%s/%lu.mcap", folder, (unsigned long)status.st_ino);
+    snprintf(part, sizeof part, "%s/%lu.part", folder, (unsigned long)status.st_ino);
+    int source = open(link, O_RDONLY | O_CLOEXEC);
+    int copy = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    while ((length = read(source, data, sizeof data)) > 0)
+        if (write(copy, data, length) != length)
+            abort();
+    close(source);
+    close(copy);
+    rename(part, whole);
+    return result;
+}
+
 int fsync(int descriptor) {
-    FAULTY("sync", -1, REAL(fsync)(descriptor));
+    FAULTY("sync", -1, kept(REAL(fsync)(descriptor), descriptor));
 }
 
 int fdatasync(int descriptor) {
-    FAULTY("sync", -1, REAL(fdatasync)(descriptor));
+    FAULTY("sync", -1, kept(REAL(fdatasync)(descriptor), descriptor));
 }
 
 int ftruncate(int descriptor, off_t size) {

@@ -23,7 +23,11 @@ from pathlib import Path
 from random import Random
 from time import monotonic, sleep
 
+from benchmarks.recorded_rows import recorded_row
 from benchmarks.recording_kill import kill_one
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.recording.reader import RecordingReader
 from tests.torture.case import (
     BOUND_S,
     ROOT,
@@ -42,15 +46,16 @@ from tests.torture.file_attacks import (
     csv_rows,
     decoded,
     official_rows,
+    utc_ns,
 )
 
 FLUSH_S = 0.1
-SLACK_S = 2.5
-"""How much later than `FLUSH_S` rows may reach the disk on a busy machine, seconds."""
 
 _STOPPED = re.compile(r"is complete up to there \(([\d,]+) rows\)")
 _NOT_RECORDED = re.compile(r"([\d,]+) rows and port events .*were not recorded")
 _ROWS = re.compile(r"^([\d,]+) rows", re.M)
+_PRINTED = re.compile(rb"^(\d{4}-\S+Z) +(\d+) .*\n", re.M)
+"""Time and offset in a whole line of a row, of one wire."""
 
 
 class Line:
@@ -63,7 +68,6 @@ class Line:
         os.set_blocking(self.far, False)
         self.device = os.ttyname(self.near)
         self.sent = bytearray()
-        self._sent_at: list[tuple[float, int]] = []
         self._number = 0
 
     def send(self, seconds: float = 0.0, until: Callable[[], bool] = lambda: False) -> None:
@@ -78,7 +82,6 @@ class Line:
                 frames += numbered_frame(self._number)
             with suppress(BlockingIOError):
                 self.sent += frames[: os.write(self.far, frames)]
-                self._sent_at.append((monotonic(), len(self.sent)))
             sleep(self._random.choice((0.002, 0.01, 0.03)))
 
     def send_until_shown(self, program: Started, noisy: bool = False) -> None:
@@ -100,10 +103,6 @@ class Line:
         waiting = fcntl.ioctl(self.near, termios.FIONREAD, bytes(4))
         return int(struct.unpack("i", waiting)[0])
 
-    def sent_before(self, moment: float) -> int:
-        """Number of bytes that were sent before a moment."""
-        return max((length for at, length in self._sent_at if at < moment), default=0)
-
     def close(self) -> None:
         """Unplug the line."""
         os.close(self.far)
@@ -112,15 +111,23 @@ class Line:
 
 def check_stream(rows: list[ReadRow], sent: bytes, at_least: int) -> None:
     """Check that rows join to a span of what was sent, without a gap, up to `at_least` bytes."""
-    joined = b"".join(bytes.fromhex(raw) for _, _, raw in rows)
+    joined = b"".join(bytes.fromhex(row.raw) for row in rows)
     ends = [0]
-    for _, offset, raw in rows:
-        promise(offset == ends[-1], f"a gap or an overlap at offset {offset:,}")
-        ends.append(offset + len(raw) // 2)
+    for row in rows:
+        promise(row.offset == ends[-1], f"a gap or an overlap at offset {row.offset:,}")
+        ends.append(row.offset + len(row.raw) // 2)
     start = sent.find(joined)
     promise(start >= 0, "the rows are other bytes than were sent")
     end = start + len(joined)
     promise(end >= at_least, f"{at_least - end:,} bytes are missing at the end")
+
+
+def check_times(printed: bytes, rows: list[ReadRow]) -> None:
+    """Check that the rows of one wire were recorded with the times that were printed."""
+    times = {row.offset: row.t_ns for row in rows}
+    for time, offset in _PRINTED.findall(printed):
+        recorded = times.get(int(offset), utc_ns(time.decode()))
+        promise(recorded == utc_ns(time.decode()), f"{int(offset):,} was recorded at another time")
 
 
 def _number(text: str) -> int:
@@ -135,13 +142,34 @@ def wait_until(holds: Callable[[], bool], text: str) -> None:
         sleep(0.01)
 
 
+def rows_now(folder: Path, pattern: str = "x*.mcap") -> list[ReadRow]:
+    """The rows that a reader finds now in files that are being written."""
+    rows = []
+    for path in sorted(folder.glob(pattern)):
+        with suppress(FileError):
+            found = [row for batch in RecordingReader(path).batches() for row in batch]
+            rows += [ReadRow(r.port, r.offset, r.raw.hex().upper(), r.t_ns) for r in found]
+    return rows
+
+
+def await_recorded(case: Case, line: Line) -> int:
+    """Wait until all that was sent is in the files; the number of its bytes."""
+    last = line.sent[-FRAME_LENGTH:].hex().upper()
+
+    def is_recorded() -> bool:
+        return "".join(row.raw for row in rows_now(case.folder)[-9:]).endswith(last)
+
+    wait_until(is_recorded, f"{len(line.sent):,} bytes are not recorded")
+    return len(line.sent)
+
+
 def _files(case: Case) -> list[Path]:
     return sorted(case.folder.glob("x*.mcap"))
 
 
 def _live(case: Case, line: Line, *options: str, **environment: str) -> Started:
-    output = ("-o", "x.mcap", "--flush-every", str(FLUSH_S))
-    return case.start("live", line.device, "--plain", *output, *options, **environment)
+    output = ("-o", "x.mcap", "--flush-every", str(FLUSH_S), *options)
+    return case.start("live", line.device, "--plain", *output, **environment)
 
 
 def _rows_of_all(case: Case) -> list[ReadRow]:
@@ -154,13 +182,13 @@ def kill_live(case: Case) -> None:
     rotate = case.random.choice(((), (), ("--rotate", "100kB")))
     program = _live(case, line, *rotate)
     line.send_until_shown(program)
-    shown = len(line.sent)
-    line.send(case.random.uniform(0, 6))
-    killed = monotonic()
+    line.send(case.random.uniform(0, 3))
+    promised = await_recorded(case, line)
+    line.send(case.random.uniform(0, 3))
     program.kill()
-    promised = line.sent_before(killed - FLUSH_S - SLACK_S)
     rows = [row for path in _files(case) for row in check_killed(case, path)]
-    check_stream(rows, bytes(line.sent), promised if promised > shown else 0)
+    check_stream(rows, bytes(line.sent), promised)
+    check_times(program.output, rows)
     line.close()
 
 
@@ -172,6 +200,10 @@ def kill_recorder(case: Case) -> None:
     left = kill_one(path, every_s, random.uniform(0, 3), rotate=rotate)
     promise(not left.problem, left.problem)
     promise(not left.missing, f"{left.missing} of {left.flushed} flushed rows are missing")
+    for row in rows_now(path.parent):
+        made = recorded_row(row.port, row.offset // FRAME_LENGTH)
+        promise(row.raw == made.raw.hex().upper(), f"other bytes at {row.offset:,}")
+        promise(row.t_ns == made.t_ns, f"another time at {row.offset:,}")
 
 
 def kill_bridge(case: Case) -> None:
@@ -193,8 +225,8 @@ def kill_bridge(case: Case) -> None:
     program.kill()
     os.close(host)
     rows = [row for path in _files(case) for row in check_killed(case, path)]
-    check_stream([row for row in rows if row[0] == line.device], bytes(line.sent), 0)
-    check_stream([row for row in rows if row[0] != line.device], bytes(written), 0)
+    check_stream([row for row in rows if row.port == line.device], bytes(line.sent), 0)
+    check_stream([row for row in rows if row.port != line.device], bytes(written), 0)
     line.close()
 
 
@@ -230,14 +262,49 @@ FAULTS = (
 """Calls that fail, and how; see faults.c."""
 
 
-def _faults(case: Case, most_first: int) -> dict[str, str]:
-    """The environment of a program whose writes, syncs or truncations fail from some call on."""
+def power_cut(case: Case) -> None:
+    """Cut the power of a capture: what an earlier flush wrote was synced, and the file is valid.
+
+    A library copies each file whenever it is synced: the copies are what the disk is sure to have.
+    """
+    line, disk = Line(case.random), case.folder.with_name("disk")
+    disk.mkdir()
+    program = _live(
+        case,
+        line,
+        LD_PRELOAD=str(_faults_library(case)),
+        FAULT_FOLDER=str(case.folder),
+        FAULT_SYNCED=str(disk),
+    )
+    line.send_until_shown(program)
+    # What was there before a flush was synced by the time that the flush is there too.
+    promised = recorded = 0
+    for _ in range(case.random.randrange(2, 5)):
+        line.send(case.random.uniform(0.05, 1))
+        promised, recorded = recorded, await_recorded(case, line)
+    program.kill()
+    copies = sorted(disk.glob("*.mcap"))
+    promise(copies, "nothing was synced")
+    rows = [row for path in copies for row in check_killed(case, path)]
+    rows.sort(key=lambda row: row.offset)
+    check_stream(rows, bytes(line.sent), promised)
+    line.close()
+
+
+def _faults_library(case: Case) -> Path:
+    """The library of faults.c, compiled."""
     compiler = shutil.which("gcc")
     if compiler is None:
         raise SkippedError("gcc is missing, which compiles the library that makes writes fail")
     library = case.path("faults.so")
     source = Path(__file__).with_name("faults.c")
     subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True)
+    return library
+
+
+def _faults(case: Case, most_first: int) -> dict[str, str]:
+    """The environment of a program whose writes, syncs or truncations fail from some call on."""
+    library = _faults_library(case)
     call, effect = case.random.choice(FAULTS)
     first = case.random.choice((0, 1, 2, case.random.randrange(most_first)))
     return {
@@ -280,6 +347,7 @@ def _check_accounted(case: Case, run: Run, sent: bytes) -> None:
     events = 4
     accounted = total <= len(rows) + lost <= total + events
     promise(accounted, f"{total} rows: {len(rows)} are read, {lost} are reported\n{run.errors}")
+    check_times(run.output, rows)
     if not lost:
         check_stream(rows, sent, len(sent))
 
@@ -331,26 +399,33 @@ def taken_away(case: Case) -> None:
             path.unlink()
         case "move":
             path.rename(case.path("moved.mcap"))
-    began = monotonic()
-    line.send(case.random.uniform(2, 5))
+    began = len(line.sent)
+    line.send(BOUND_S, lambda: bool(rows_now(case.folder, "x_*.mcap")) or program.has_ended)
+    noticed = len(line.sent)
+    line.send(case.random.uniform(0, 2))
     line.drain()
     program.interrupt()
     run = program.wait()
     promise(run.code == 4, f"exit code {run.code}: the loss is not reported\n{run.errors}")
+    promise(noticed > began, f"it ended\n{run.errors}")
     others = [other for other in _files(case) if other != path]
     rows = [row for other in others for row in check_read_by_both(case, other)]
     promise(rows, f"the capture did not go on in another file\n{run.errors}")
-    joined = b"".join(bytes.fromhex(raw) for _, _, raw in rows)
+    joined = b"".join(bytes.fromhex(row.raw) for row in rows)
     promise(bytes(line.sent).endswith(joined), "the last rows are missing")
     since = len(line.sent) - len(joined)
-    promise(since <= line.sent_before(began + SLACK_S), "rows since then are missing")
+    promise(since <= noticed, "rows since then are missing")
+    check_times(run.output, rows)
     line.close()
 
 
 def noisy_line(case: Case) -> None:
-    """Send noise, cut and altered frames: each byte is in one row, in order, also on the disk."""
+    """Send noise, cut and altered frames: each byte is in one row, in order, also on the disk.
+
+    Rows that wait for a flush at the end are written then.
+    """
     line = Line(case.random)
-    program = _live(case, line)
+    program = _live(case, line, "--flush-every", case.random.choice(("0.1", "60")))
     line.send_until_shown(program, noisy=True)
     line.send(case.random.uniform(0.2, 2))
     line.drain()
@@ -361,6 +436,7 @@ def noisy_line(case: Case) -> None:
     check_stream(rows, bytes(line.sent), len(line.sent))
     shown = max(map(_number, _ROWS.findall(run.errors)), default=0)
     promise(shown == len(rows), f"{shown} rows are reported, {len(rows)} are in the file")
+    check_times(run.output, rows)
     line.close()
 
 

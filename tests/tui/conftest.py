@@ -31,6 +31,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
 from tests.protocol.oracle import frame_faults
+from tests.waiting import BOUND_S
 
 NOON_NS = 1_769_860_800_000_000_000
 """2026-01-31T12:00:00Z."""
@@ -244,7 +245,7 @@ async def rush(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
 
 async def until(app: SniffApp, pilot: Pilot[None], holds: Callable[[], bool]) -> None:
     """Let the screen go on until something holds that is worked on beside it."""
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(BOUND_S):
         while not holds():
             await pilot.pause(0.05)
     await settle(app, pilot)

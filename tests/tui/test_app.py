@@ -50,6 +50,7 @@ from tests.tui.conftest import (
     table,
     type_line,
 )
+from tests.waiting import BOUND_S
 
 
 def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
@@ -142,7 +143,7 @@ def test_every_key_of_the_help_does_something(feed: Any) -> None:
         await press(app, pilot, "T")
         assert promised <= with_table | actions(app)
         for action in promised:
-            name = f"action_{action.split('(')[0]}"
+            name = f"action_{action.removeprefix('app.').split('(')[0]}"
             assert any(hasattr(one, name) for one in (app, table(app), app.query_one(TopView)))
 
     play(feed, scenario)
@@ -443,7 +444,6 @@ def test_there_is_no_picture_of_what_is_gone() -> None:
     assert {path.stem for path in FOLDER.iterdir()} == set(PICTURES)
 
 
-BOUND_S = 60.0
 PROGRAM = """
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.tui.app import run_screen
@@ -490,7 +490,7 @@ class Terminal:
         ends = time.monotonic() + BOUND_S
         while words not in self.seen:
             left = ends - time.monotonic()
-            assert left > 0, self.seen[-2000:]
+            assert left > 0, f"waited for {words!r} after {self.seen[-2000:]!r}"
             if select.select([self.master], [], [], left)[0]:
                 self.seen += self._read()
 

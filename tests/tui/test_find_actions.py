@@ -151,6 +151,8 @@ async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
     await type_line(app, pilot, text)
     await press(app, pilot, "enter")
     await settle(app, pilot)
+    # On a busy machine a search continues in the background.
+    await until(app, pilot, lambda: not app._searching)
 
 
 def test_the_search_goes_from_hit_to_hit_and_around(feed: Any) -> None:
@@ -277,6 +279,18 @@ def test_what_is_found_is_set_off(feed: Any) -> None:
         await press(app, pilot, "escape", "escape")
         await settle(app, pilot)
         assert here.search is None
+
+    play(feed, scenario, rows=10)
+
+
+def test_search_without_a_hit_goes_on_following(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "G")
+        await look_for(app, pilot, "nowhere")
+        assert "no row has nowhere" in page(app)
+        assert table(app).viewport.following
+        await look_for(app, pilot, "rpm=7")
+        assert not table(app).viewport.following
 
     play(feed, scenario, rows=10)
 
@@ -439,7 +453,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         table(app).jump(499)
         await press(app, pilot, "colon")
-        app._goto_field._line.value = goal
+        app._goto_field.line.value = goal
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == min(cursor, 999)
 
@@ -449,7 +463,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
 def test_a_byte_that_is_not_there_is_told(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "colon")
-        app._goto_field._line.value = "@100"
+        app._goto_field.line.value = "@100"
         await press(app, pilot, "enter")
         await settle(app, pilot)
         assert "no row that is shown has byte 100 of its stream" in page(app)
@@ -538,6 +552,7 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
     speed_rows: Rows, tmp_path: Path
 ) -> None:
     recording = tmp_path / "run.mcap"
+    recording_notes = recording.with_name("run.mcap.notes.jsonl")
 
     async def write(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "m", "up", "number_sign")
@@ -546,6 +561,13 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
         await until(app, pilot, lambda: "note: [red]stall" in page(app))
         await press(app, pilot, "m")
         assert "# changes it" in page(app)
+
+    async def first(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "m")
+        await until(app, pilot, lambda: "marks and notes are saved in" in page(app))
+        await press(app, pilot, "escape", "m")
+        await until(app, pilot, lambda: not recording_notes.read_text())
+        assert "are saved in" not in page(app)
 
     async def read(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "U")
@@ -559,11 +581,11 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
         await press(app, pilot, "up", "number_sign", "ctrl+u", "enter", "U")
         assert "no marked row is shown above" in page(app)
 
-    for scenario in (write, read):
+    for scenario in (first, write, read):
         feed = ListFeed()
         feed.give(speed_rows(40))
         play(feed, scenario, options=StartOptions(notes=Notes([recording])))
-    (line,) = recording.with_name("run.mcap.notes.jsonl").read_text().splitlines()
+    (line,) = recording_notes.read_text().splitlines()
     assert json.loads(line)["offset"] == 390
 
 

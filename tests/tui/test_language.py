@@ -25,6 +25,7 @@ from fte_sniff import errors
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.capture.port_errors import one_line, port_error
+from fte_sniff.capture.serial_port import ControlLine, PortSettings
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
@@ -37,7 +38,7 @@ from fte_sniff.errors import (
     unwritable,
 )
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.protocol import Gap, LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol import Frame, Gap, LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
 from fte_sniff.recording.reader import RecordingReader
@@ -47,6 +48,7 @@ from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.status_bar import (
     Mode,
     RecordingSign,
@@ -199,7 +201,7 @@ def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
         detail = str(LineErrorCounts(framing=2, breaks=1))
         feed.emit(PortEvent(0, "p", PortEventKind.LINE_ERROR, detail, 3))
         await settle(app, pilot)
-        assert "帧错误2，断线1" in squeezed(app)
+        assert "UART帧格式错误2，break（线路间断）1" in squeezed(app)
 
     play_chinese(feed, scenario)
 
@@ -297,6 +299,31 @@ def test_what_befalls_a_port_is_told_in_chinese(error: OSError, chinese: str) ->
     assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, told))
 
 
+def test_a_search_that_cannot_be_read_is_explained_in_chinese(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(9))
+        await settle(app, pilot)
+        await enter_line(app, pilot, "slash", "hex:AA 0g")
+        await settle(app, pilot)
+        assert "'aa0g'不是十六进制：每个字节写两位" in squeezed(app)
+
+    play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("language", "line"),
+    [
+        ("en", "LR: + is left by the document's rule; its example calls +10 right (erratum 3)"),
+        ("zh", "LR：按文档规则正值为左，但文档示例把 +10 写作右移（勘误 3）"),
+    ],
+)
+def test_the_detail_of_a_move_to_the_side_names_the_erratum(language: str, line: str) -> None:
+    set_language(language)
+    for speed, shown in (("00 00", 0), ("00 0A", 1), ("FF F6", 1)):
+        row = Frame("p", 0, bytes.fromhex(f"AA 03 00 00 14 {speed} 00 00 EE"), None, ())
+        assert detail_text(row, DARK, DetailLayout(120, bit_lines=False)).plain.count(line) == shown
+
+
 def test_words_that_nobody_knows_stay_as_they_are() -> None:
     for words in ("[Errno 5] something else", "[Errno 999] Odd", "read failed: odd", "(5, 'odd')"):
         assert one_line(SerialException(words)) == words
@@ -306,10 +333,12 @@ def test_words_that_nobody_knows_stay_as_they_are() -> None:
 
 def test_texts_of_a_file_are_chinese_where_their_parts_are_known() -> None:
     set_language("zh")
-    settings = "115200 baud 8N1, DTR off, RTS off"
-    detail = f"{settings}; no low latency setting; line errors unavailable"
+    settings = PortSettings(rts=ControlLine.LEAVE)
+    detail = f"{settings}; no low latency setting; line errors unavailable; odd"
     opened = event_text(PortEvent(0, "p", PortEventKind.OPENED, detail))
-    assert opened.endswith(f"p 已打开：{settings}; 没有低延迟设置; 无法得知线路错误")
+    shown = "115200 波特 8N1，DTR 关闭，RTS 保持不变"
+    assert opened.endswith(f"p 已打开：{shown}；没有低延迟设置；无法得知线路错误；odd")
+    assert _(str(settings)) == shown
     for kind, reason in (DAMAGED, ANOTHER):
         text = landmark_text(Gap(kind, reason=str(reason)))
         assert not re.search("[a-z]", text), text

@@ -351,7 +351,7 @@ def test_the_pane_scrolls_by_keys_and_every_bit_can_be_read_on_the_smallest_scre
         for _ in range(30):
             await press(app, pilot, "J")
             seen += page(app)
-        assert "bits 7-0: undefined 0000, unknown 0010" in seen
+        assert "bits 7-0: unknown 00000010" in seen
         assert "motor 4 1, motor 3 0" in seen
         assert "tail" in page(app)
         await press(app, pilot, *["K"] * 30)

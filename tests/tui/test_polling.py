@@ -39,6 +39,7 @@ from tests.tui.conftest import (
     type_line,
     until,
 )
+from tests.waiting import BOUND_S
 
 
 class Resting(ListFeed):
@@ -80,9 +81,6 @@ def test_a_feed_at_rest_is_polled_seldom_unless_the_user_acts(
     interval.on_input()
     assert sum(interval.on_clock(at_rest=True) for _ in range(100)) == polls
     assert all(interval.on_clock() for _ in range(100))
-
-
-BOUND_S = 60.0
 
 
 class WakingFeed(ListFeed):

@@ -493,7 +493,7 @@ def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
 
 async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "w")
-    app.query_one(SaveField)._line.value = str(path)
+    app.query_one(SaveField).line.value = str(path)
     await press(app, pilot, "enter")
 
 

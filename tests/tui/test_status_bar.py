@@ -56,6 +56,7 @@ from tests.tui.conftest import (
     settle,
     until,
 )
+from tests.waiting import BOUND_S
 
 
 @pytest.mark.parametrize("width", [40, 60, 80])
@@ -312,7 +313,7 @@ def test_port_events_are_told_and_put_away(feed: Any) -> None:
 
 
 async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(BOUND_S):
         while notice.display:
             await pilot.pause(0.01)
 

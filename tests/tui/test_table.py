@@ -33,9 +33,10 @@ from fte_sniff.protocol import (
     encode,
     record,
 )
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
-from fte_sniff.tui.table.columns import DELTA, MARKS, ORDER, VALUES, TableView, layout_for
+from fte_sniff.tui.table.columns import DELTA, ORDER, VALUES, TableView, layout_for
 from fte_sniff.tui.table.painter import Painter, RowCell
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
@@ -257,7 +258,7 @@ def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str,
 def test_every_status_that_is_not_in_order_has_a_mark_of_its_own(odd_rows: list[Row]) -> None:
     marks = {row.status: painted(row, 80)[0] for row in odd_rows}
     assert marks == {Status.MALFORMED: "!", Status.SUSPECT: "?"}
-    assert len(set(MARKS.values())) == len(Status)
+    assert len({look.mark for look in LOOKS.values()}) == len(Status)
 
 
 @pytest.mark.parametrize("palette", [DARK, LIGHT])
@@ -275,7 +276,7 @@ def test_the_clock_is_utc() -> None:
 def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_means() -> None:
     row = Frame("p", 0, bytes.fromhex("AA0000000000000000EE"), 1, order_uncertain=True)
     assert painted(row, 80)[0] == ORDER_MARK
-    assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == MARKS[Status.SUSPECT]
+    assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == LOOKS[Status.SUSPECT].mark
     assert (
         f"{ORDER_MARK} the order with rows of the other port"
         in detail_text(row, DARK, DetailLayout(80, bit_lines=False)).plain

@@ -11,12 +11,12 @@ from textual.theme import BUILTIN_THEMES, Theme
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
+from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.painter import (
     BAR_EVENT,
     BAR_MARKED,
-    BAR_MARKS,
     BAR_RAISED,
     EVENT_SIGN,
     BarSign,
@@ -26,9 +26,7 @@ from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
 FRAMES = {
-    kind.name: Frame(
-        "p", 0, encode(kind, {f.name: 1 for f in kind.fields if not f.defined_bits}), 1
-    )
+    kind.name: Frame("p", 0, encode(kind, {f.name: 1 for f in kind.fields if not f.legal_bits}), 1)
     for kind in KINDS
 }
 
@@ -135,9 +133,19 @@ def test_the_byte_with_the_fault_stands_out(colors: Colors) -> None:
 def test_signs_of_the_bar_differ_in_shape_and_are_seen_on_track_and_thumb(
     name: str, colors: Colors
 ) -> None:
-    shapes = [*BAR_MARKS.values(), BAR_RAISED, BAR_MARKED, BAR_EVENT]
+    shapes = [
+        *filter(None, (look.bar_mark for look in LOOKS.values())),
+        BAR_RAISED,
+        BAR_MARKED,
+        BAR_EVENT,
+    ]
     assert len(set(shapes)) == len(shapes)
-    assert not set(shapes) & {*MARKS.values(), RAISED_MARK, EVENT_SIGN, *Sign}
+    assert not set(shapes) & {
+        *(look.mark for look in LOOKS.values()),
+        RAISED_MARK,
+        EVENT_SIGN,
+        *Sign,
+    }
     palette = palette_of(ALL_THEMES[name], colors)
     track, thumb = Style.parse("on #333333"), Style.parse("reverse #888888")
     rare = BarSign("▐", Style(color=palette.statuses[Status.MALFORMED].color))

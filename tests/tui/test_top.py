@@ -25,7 +25,7 @@ MS = 1_000_000
 
 def frame(at_ms: int, name: str, port: str = "p", **values: int) -> Row:
     kind = KIND_BY_NAME[name]
-    zeros = {field.name: 0 for field in kind.fields if field.defined_bits is None}
+    zeros = {field.name: 0 for field in kind.fields if field.legal_bits is None}
     raw = encode(kind, zeros | values)
     return Frame(port, 10 * at_ms, raw, NOON_NS + at_ms * MS)
 

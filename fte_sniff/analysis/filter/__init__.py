@@ -2,7 +2,7 @@
 
 Modules:
 
-    compiler     Compiler from filter terms to polars SQL: types, values, conditions.
+    compiler     Compiler from filter terms to polars expressions: types, values, conditions.
     completion   Completions of a filter at the cursor.
     parser       Lexer and recursive-descent parser of filters.
     row_filter   RowFilter: a compiled filter, applied to rows.

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
+import polars as pl
+
 from fte_sniff.analysis.filter import compiler
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
@@ -26,7 +28,6 @@ from fte_sniff.analysis.filter.terms import (
     Term,
     TermType,
     mistakes_in,
-    quoted,
 )
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME
@@ -41,7 +42,7 @@ _MAX_DIGITS: Final = 64
 
 _SQL_SIGNS: Final = ("=", "!=", "<", ">", "<=", ">=")
 COMPARISONS: Final = dict(zip(["==", "<>", *_SQL_SIGNS], ["=", "!=", *_SQL_SIGNS], strict=True))
-"""The comparison operators, each with its SQL form."""
+"""The comparison operators, each with its form in SQL."""
 
 PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
 
@@ -291,7 +292,7 @@ class _Parser:
         self._nesting += 1
         if self._nesting > _MAX_NESTING:
             what = TranslatableText("nested too deeply")
-            fix = TranslatableText("take it apart")
+            fix = TranslatableText("simplify it")
             raise MistakeError(self._peek().start, what, fix)
         term = read()
         self._nesting -= 1
@@ -434,7 +435,7 @@ class _Parser:
         if token.type is TokenType.NUMBER:
             return compiler.number(token.number, token.start, token.text)
         if token.type is TokenType.TEXT:
-            return _literal(token)
+            return _text(TermType.LITERAL, token)
         return self._name(token)
 
     def _name(self, token: Token) -> Term:
@@ -445,15 +446,15 @@ class _Parser:
         if column:
             return compiler.column(column, token.start)
         if token.type is TokenType.QUOTED:
-            return _literal(token)
+            return _text(TermType.LITERAL, token)
         if word in ("TRUE", "FALSE"):
-            return Term(TermType.TRUTH, word, token.start, word)
+            return compiler.truth(word == "TRUE", token.start, word)
         if word == "NULL":
-            return Term(TermType.NULL, word, token.start, word)
+            return Term(TermType.NULL, token.start, word, pl.lit(None))
         if word in _UNSUPPORTED or word in OPERATOR_WORDS:
             self._index -= 1
             raise self._unexpected(_NO_VALUE)
-        return Term(TermType.NAME, "", token.start, token.text)
+        return _text(TermType.NAME, token)
 
     def _call(self, token: Token) -> Term:
         name = token.text.lower()
@@ -470,5 +471,5 @@ class _Parser:
         raise MistakeError(token.start, what, fix)
 
 
-def _literal(token: Token) -> Term:
-    return Term(TermType.LITERAL, quoted(token.text), token.start, token.text)
+def _text(of_type: TermType, token: Token) -> Term:
+    return Term(of_type, token.start, token.text, pl.lit(token.text))

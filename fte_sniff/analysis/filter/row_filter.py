@@ -38,19 +38,17 @@ class RowFilter:
     """A compiled filter; made by `parse`."""
 
     text: str
-    sql: str
-    """SQL for polars, over the columns of `row_frame`."""
     names: frozenset[str]
     """Columns that it reads; `mask` needs no others."""
     expression: pl.Expr = field(compare=False, repr=False)
-    """True, false or null for every row."""
+    """True, false or null for every row of a `row_frame`."""
 
     @classmethod
     def parse(cls, text: str) -> RowFilter:
         """Compile a filter; raises FilterError with the mistake, its position, and the fix."""
         found = parse(text)
         try:
-            made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
+            made = cls(text, found.names, found.expr)
             made.mask(_TEST_FRAME)
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise _refused(error) from None

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from textwrap import wrap
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
-    VALUE_FIELDS,
     Column,
     Row,
     Value,
     iso_time,
     record,
 )
+from fte_sniff.protocol.columns import RANKED
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 class TermType(Enum):
@@ -43,18 +46,21 @@ class TermType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A part of a filter as complete SQL, with its type and position."""
+    """A part of a filter, with its type and position."""
 
     type: TermType
-    sql: str
     start: int
     """Index of its first character in the filter."""
     label: str
-    depth: int = 0
-    """Brackets inside brackets in `sql`."""
+    """The term in messages; of a LITERAL or NAME, its text."""
+    expr: pl.Expr = field(compare=False)
+    """The polars expression; of a LITERAL or NAME, that of its text."""
     column: Column | None = None
     """The column, if the term is just a field."""
     names: frozenset[str] = frozenset()
+    """Columns that the expression reads."""
+    constant: int | float | None = None
+    """The value, if the term is just a number."""
 
 
 UNTYPED: Final = (TermType.LITERAL, TermType.NAME)
@@ -69,22 +75,39 @@ class Function:
 
     takes: tuple[TermType, ...]
     gives: TermType
+    expression: Callable[..., Any]
+    """Makes the polars expression from those of the arguments."""
     example: str
 
 
 FUNCTIONS: Final = {
-    "abs": Function((TermType.NUMBER,), TermType.NUMBER, "abs(rpm) > 500"),
-    "coalesce": Function(
-        (TermType.NUMBER, TermType.NUMBER), TermType.NUMBER, "coalesce(rpm, 0) < 10"
+    "abs": Function(
+        (TermType.NUMBER,), TermType.NUMBER, lambda number: number.abs(), "abs(rpm) > 500"
     ),
-    "lower": Function((TermType.TEXT,), TermType.TEXT, "lower(port) LIKE '%usb%'"),
-    "upper": Function((TermType.TEXT,), TermType.TEXT, "upper(port) LIKE '%USB%'"),
+    "coalesce": Function(
+        (TermType.NUMBER, TermType.NUMBER),
+        TermType.NUMBER,
+        lambda first, second: first.fill_null(second),
+        "coalesce(rpm, 0) < 10",
+    ),
+    "lower": Function(
+        (TermType.TEXT,),
+        TermType.TEXT,
+        lambda text: text.str.to_lowercase(),
+        "lower(port) LIKE '%usb%'",
+    ),
+    "upper": Function(
+        (TermType.TEXT,),
+        TermType.TEXT,
+        lambda text: text.str.to_uppercase(),
+        "upper(port) LIKE '%USB%'",
+    ),
 }
-"""The functions by name. polars SQL must have a function of the same name and meaning."""
+"""The functions of the language by name."""
 
 
 def quoted(text: str) -> str:
-    """The text as SQL writes it."""
+    """The text as a literal of a filter."""
     return "'" + text.replace("'", "''") + "'"
 
 
@@ -260,18 +283,6 @@ FILTER_HELP: Final = "\n".join(_help())
 """The language on one screen, for `--help` and the filter prompt."""
 
 
-_ORDER = (
-    "kind",
-    *(field.name for field in VALUE_FIELDS),
-    "status",
-    "faults",
-    "direction",
-    "port",
-    "cmd",
-    "length",
-    "time",
-    "raw",
-)
 _LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
 
 
@@ -287,9 +298,9 @@ class CellFilter:
 
 
 def cell_filters(row: Row) -> list[CellFilter]:
-    """The filters of all cells of a row, the most useful first."""
+    """The filters of all cells of a row, in the order of the screen's columns."""
     values = record(row)
-    return [found for name in _ORDER for found in _of_cell(name, values[name])]
+    return [found for column in RANKED for found in _of_cell(column.name, values[column.name])]
 
 
 def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:

@@ -7,5 +7,6 @@ Modules:
     layout        What a sample decides: extractor, lanes, times and labels.
     times         The table of time forms, where lines have their times, and their clock.
     evidence_log  A log with a layout: from its lines to the bytes of its streams.
-    shapes        Lines that differ only in digits, read at once by numpy.
+    shapes        Lines that look the same, read at once.
+    weave         The bytes of two wires in one lane, separated by their frames.
 """

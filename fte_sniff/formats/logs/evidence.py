@@ -7,21 +7,23 @@ run form a lane. Whole frames in the bytes of lanes give the score of an extract
 from __future__ import annotations
 
 import re
+from bisect import bisect
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.formats.logs.forms import Extractor, Run
 from fte_sniff.formats.logs.times import masked
-from fte_sniff.protocol.spec import FRAME_LENGTH, FTE_FORMAT, KINDS, TAIL
+from fte_sniff.formats.logs.weave import unwoven
+from fte_sniff.protocol.spec import FRAME_LENGTH, FTE_FORMAT, HEADERS, KINDS, TAIL
 
 NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
-_GOES_ON: Final = (
+GOES_ON: Final = (
     rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}|[ ,;\t]+\d{3,}(?![\w.:-])"
 )
 """After a run that is a part of something else: of words, or of numbers."""
@@ -32,8 +34,22 @@ _LEAST_SHARE: Final = 0.05
 _LEAST_SHARE_CUT: Final = 0.8
 """Of the bytes of lanes, how many are in frames; the same if numbers are left out."""
 _ALMOST_ALL: Final = 0.95
+_FEW_LANES: Final = 4
+"""Lanes from which on it is tried whether only common words make them."""
+RECORD_BORDER: Final = rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;|\n"
+"""Between two records."""
 LIKE_BYTES: Final = 4
 """Bytes of a run from which on it is no number by accident."""
+_LEAST_COMMON: Final = 1 / 8
+"""Of the runs, how many have a word before them that may make their lane."""
+_MOST_UNWOVEN: Final = 4000
+_LEAST_HEADERS: Final = 0.01
+"""Bytes of a lane that show whether they are of two wires, and how many are headers of each."""
+_LOOSE: Final = 1.1
+"""How much better the frames must be if only common words make lanes."""
+_SAME: Final = 0.9
+_FEW_DIFFERENT: Final = 3
+"""Of the runs of a lane, how many are those of another if it repeats them, and are different."""
 _LONGEST_KEY: Final = 100
 """Characters before a run that make its lane."""
 _MOST_LANES: Final = 48
@@ -53,9 +69,9 @@ _PATTERNS: Final = {
     "port": r"(?<![A-Za-z])(?:/dev/)?((?i:com\d+|tty[a-z]*\d+|cu\.[\w-]+|us?art[-_ ]?\d+"
     r"|serial\d+|ch(?:annel)?[-_ ]?\d+|port[-_ ]?\d+|peer\d+))(?![A-Za-z0-9])",
     "word": rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})",
-    "arrow": r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))",
+    "arrow": r"</?[A-Za-z!?][^<>]*>|[/\"'?]>|(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))",
 }
-"""Of labels, by their kind."""
+"""Of labels, by their kind; tags of XML are not arrows."""
 
 
 @cache
@@ -71,6 +87,15 @@ def _pattern(length: int) -> re.Pattern[bytes]:
 def frames_in(data: bytes) -> list[bytes]:
     """The whole frames in these bytes, from left to right."""
     return _pattern(FRAME_LENGTH).findall(data)
+
+
+@lru_cache(maxsize=64)
+def _frames_of_wires(data: bytes) -> list[bytes]:
+    """The whole frames of two wires whose bytes are in turn in these bytes, if they may be."""
+    headers = [data.count(header) for header in HEADERS.values()]
+    if len(data) < 2 * FRAME_LENGTH or min(headers) < _LEAST_HEADERS * len(data):
+        return []
+    return [frame for own in unwoven(data) for frame in frames_in(own)]
 
 
 def are_known(frames: Sequence[bytes], others: Sequence[bytes]) -> bool:
@@ -93,7 +118,10 @@ def label_of(kind: str, text: bytes) -> str | None:
     if kind == "direction":
         return label_of("word", text) or label_of("arrow", text)
     pattern = _PATTERNS[kind.removeprefix("first ")]
-    found = [label.lastgroup or label[1].lower() for label in re.finditer(pattern, readable)]
+    every = re.finditer(pattern, readable)
+    found = [
+        one.lastgroup or one[1].lower() for one in every if one.lastgroup or one.re.groups == 1
+    ]
     return found[0 if kind == "first word" else -1] if found else None
 
 
@@ -113,45 +141,93 @@ def folded(text: bytes) -> bytes:
     return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
 
 
-def runs_in_lanes(text: bytes, runs: Iterable[Run]) -> Iterator[tuple[Run, bytes]]:
+Common = frozenset[bytes]
+
+
+@lru_cache(maxsize=8192)
+def _loose(key: bytes, common: Common | None) -> bytes:
+    """A key in which words that are not common differ only in how many numbers they have."""
+    if common is None:
+        return key
+    words = re.split(rb"(\s+)", key)
+    words[::2] = [
+        word if word in common or not word else b"*" + b"0" * word.count(b"0")
+        for word in words[::2]
+    ]
+    return b"".join(words)
+
+
+def _common_words(keys: Iterable[bytes]) -> Common:
+    """The words that many of the runs with these keys have before them."""
+    every = [{*key.split()} for key in keys]
+    count = Counter(word for words in every for word in words)
+    return frozenset(word for word, own in count.items() if own > _LEAST_COMMON * len(every))
+
+
+def _ends(key: str) -> tuple[list[str], list[str]]:
+    """The first and the last word of a key."""
+    words = key.split()
+    return words[:1], words[-1:]
+
+
+def runs_in_lanes(
+    text: bytes, runs: Iterable[Run], common: Common | None = None
+) -> Iterator[tuple[Run, bytes]]:
     """Runs of a text with the keys of their lanes.
 
     The key is what is before a run in its line, with earlier runs as numbers, and whether words
-    follow at once. In a line of many records, the end of that is the same for each of them.
+    follow at once. In a line of many records, the end of that is the same for each of them. If only
+    some words are `common`, such as where names or characters are beside the bytes, the others are
+    equal.
     """
     before, end = b"", 0
     for run in runs:
         if line := text.rfind(b"\n", end, run.start) + 1:
             before, end = b"", line
         key, after = before + folded(text[end : run.start]), text[run.stop : run.stop + 8]
-        key = key[-_LONGEST_KEY:]
-        yield run, key + "…".encode() if re.match(_GOES_ON, after) else key
+        key = _loose(key[-_LONGEST_KEY:], common)
+        yield run, key + "…".encode() if re.match(GOES_ON, after) else key
         if len(run.data) >= LIKE_BYTES:
             before, end = key + b"0", run.stop
         elif run.start - end > _LONGEST_KEY:
             before, end = key, run.start
 
 
+class Placed(NamedTuple):
+    """The bytes of a run in a sample."""
+
+    start: int
+    record: int
+    """The number of its record, which is a line or a part of it."""
+    data: bytes
+
+
 class Lane:
     """Runs whose lines look the same before the run; or several such lanes that make frames."""
 
-    def __init__(self, cuts: Mapping[bytes, slice], runs: list[tuple[int, bytes]]) -> None:
+    def __init__(self, cuts: Mapping[bytes, slice], runs: list[Placed]) -> None:
         self.cuts = cuts
         """By the text before the runs, which numbers of a run are data."""
-        self.runs = runs
-        """The offset of each run in the sample, and its data."""
-        self.data = b"".join(data for _, data in sorted(runs))
+        self.runs = sorted(runs)
+        self.data = b"".join([run.data for run in self.runs])
         self.frames = frames_in(self.data)
         self.outside = len(self.data) - FRAME_LENGTH * len(self.frames)
         in_frames, outside = _FRAME_SCORE * len(self.frames), _OUTSIDE_SCORE * self.outside
         self.score = in_frames + outside + _LANE_SCORE * len(cuts)
 
+    @cached_property
+    def different(self) -> set[bytes]:
+        """The bytes of its runs."""
+        return {run.data for run in self.runs}
+
     def cut(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
         found = [self]
         for cut in _CUTS if self.outside >= len(self.runs) > 1 else ():
-            lane = Lane(dict.fromkeys(self.cuts, cut), [(at, data[cut]) for at, data in self.runs])
-            found += [lane] * (FRAME_LENGTH * len(lane.frames) > _LEAST_SHARE_CUT * len(lane.data))
+            data = b"".join([run.data[cut] for run in self.runs])
+            if FRAME_LENGTH * len(frames_in(data)) > _LEAST_SHARE_CUT * len(data):
+                own = [run._replace(data=run.data[cut]) for run in self.runs]
+                found.append(Lane(dict.fromkeys(self.cuts, cut), own))
         return max(found, key=lambda lane: lane.score)
 
     @property
@@ -160,18 +236,65 @@ class Lane:
         return {label_of(kind, key) for kind in _PATTERNS for key in self.cuts}
 
     def repeats(self, other: Lane) -> bool:
-        """Whether it has the frames of another of the same direction and port, as in JSON."""
-        several = len(set(self.frames)) > 3
-        return several and are_known(self.frames, other.frames) and self.labels == other.labels
+        """Whether it has the bytes of another a second time.
+
+        That is so if they are in the same records, or if they have the same direction and port and
+        are the frames of the other, or each run is that of the other before or after it.
+        """
+        if len(self.different) <= _FEW_DIFFERENT or self.different.isdisjoint(other.different):
+            return False
+        theirs = {(run.record, run.data) for run in other.runs}
+        again = sum((run.record, run.data) in theirs for run in self.runs)
+        if again >= _SAME * len(self.runs):
+            return True
+        if not self.labels <= other.labels:
+            return False
+        if len({*self.frames}) > _FEW_DIFFERENT and are_known(self.frames, other.frames):
+            return True
+        starts = [run.start for run in other.runs]
+        near = [(run.data, bisect(starts, run.start)) for run in self.runs]
+        for step in (-1, 0):
+            pairs = [(own, at + step) for own, at in near if 0 <= at + step < len(starts)]
+            same = len({at for own, at in pairs if own == other.runs[at].data})
+            if same >= _SAME * len(self.runs):
+                return True
+        return False
+
+    def differs_from(self, other: Lane) -> list[bool]:
+        """Whether another word, or other numbers, are before its runs."""
+        own, its = next(iter(self.cuts)), next(iter(other.cuts))
+        return [own.split()[-1:] != its.split()[-1:], own.count(b"0") != its.count(b"0")]
+
+    def joined(self, other: Lane) -> Iterator[Lane]:
+        """Both as one lane, but not if numbers of one are beside those of the other.
+
+        Where each run is one byte, two numbers of the other are a character and its byte.
+        """
+        records = {run.record for run in self.runs if len(run.data) < LIKE_BYTES}
+        beside = sum(run.record in records for run in other.runs if len(run.data) < LIKE_BYTES)
+        if 2 * beside <= min(len(self.runs), len(other.runs)):
+            yield Lane({**self.cuts, **other.cuts}, self.runs + other.runs)
+        sizes = {len(run.data) for run in self.runs}, {len(run.data) for run in other.runs}
+        if sizes == ({1}, {2}):
+            runs = [run._replace(data=run.data[1:]) for run in other.runs]
+            yield Lane({**self.cuts, **dict.fromkeys(other.cuts, slice(1, None))}, self.runs + runs)
 
 
 class Hypothesis:
     """An extractor with the lanes that hold bytes."""
 
-    def __init__(self, extractor: Extractor, lanes: Sequence[Lane]) -> None:
-        self.extractor, self.lanes = extractor, lanes
+    def __init__(
+        self,
+        extractor: Extractor,
+        lanes: Sequence[Lane],
+        common: Common | None = None,
+        repeated: Iterable[Lane] = (),
+    ) -> None:
+        self.extractor, self.lanes, self.common = extractor, lanes, common
+        self.is_woven = False
+        """Whether bytes of two wires are in one lane."""
         self.frames = [frame for lane in lanes for frame in lane.frames]
-        self.score = sum(lane.score for lane in lanes)
+        self.score = sum(lane.score for lane in lanes) / (1 if common is None else _LOOSE)
         self.size = sum(len(lane.data) for lane in lanes)
         self.share = FRAME_LENGTH * len(self.frames) / max(self.size, 1)
         """Of the bytes, how many are in frames."""
@@ -179,9 +302,27 @@ class Hypothesis:
         """Whole frames, and whether there is almost nothing else."""
         self.cuts: dict[str, slice] = {}
         """By the text before the runs, without labels, which numbers of a run are data."""
-        self._cuts = {key: cut for lane in lanes for key, cut in lane.cuts.items()}
-        for key, cut in self._cuts.items():
-            self.cuts.setdefault(without_labels(key), cut)
+        self._cuts: dict[bytes, slice | None] = {key: None for one in repeated for key in one.cuts}
+        for lane in lanes:
+            self._cuts |= lane.cuts
+            for key, cut in lane.cuts.items():
+                self.cuts.setdefault(without_labels(key), cut)
+
+    def unwoven(self) -> Hypothesis:
+        """The same if its bytes are those of two wires in turn; else this one."""
+        lane = self.lanes[0] if len(self.lanes) == 1 else None
+        if self.share >= _ALMOST_ALL or lane is None or {len(one.data) for one in lane.runs} != {1}:
+            return self
+        data = lane.data[:_MOST_UNWOVEN]
+        frames = _frames_of_wires(data)
+        if FRAME_LENGTH * len(frames) < _LEAST_SHARE_CUT * len(data):
+            return self
+        found = Hypothesis(self.extractor, self.lanes, self.common)
+        found.is_woven, found.frames = True, frames
+        found.share = FRAME_LENGTH * len(frames) / len(data)
+        found.score = _FRAME_SCORE * found.share * len(lane.data) / FRAME_LENGTH
+        found.rank = len(frames), found.share >= _ALMOST_ALL
+        return found
 
     def cut_of(self, key: bytes, size: int) -> slice | None:
         """Which numbers of a run of this lane and `size` are data; None if it is another lane.
@@ -189,6 +330,9 @@ class Hypothesis:
         A number that is left out is not in the run where it is too large for a byte.
         """
         words = without_labels(key)
+        if self.common is not None and key not in self._cuts and words not in self.cuts:
+            ends = _ends(words)  # between them are words or characters that are rare
+            return next((cut for own, cut in self.cuts.items() if _ends(own) == ends), None)
         if key in self._cuts or words in self.cuts or size < LIKE_BYTES:
             return self._cuts.get(key, self.cuts.get(words))
         before, missing = words.removesuffix("…"), 0
@@ -203,10 +347,20 @@ class Hypothesis:
     @property
     def accepted(self) -> bool:
         """Whether there are more frames than by chance."""
+        return not self.fault
+
+    @property
+    def fault(self) -> str:
+        """Why it is not accepted; empty if it is."""
+        if not self.frames:
+            return "no whole frame"
+        if self.share < _LEAST_SHARE:
+            return f"only {self.share:.1%} of its bytes are in frames"
         patterns = [_pattern(length) for length in (7, 8, 9, 11, 12, 13)]
         wrong = sum(len(one.findall(lane.data)) for one in patterns for lane in self.lanes)
-        enough = max(2 * wrong / len(patterns), 1)
-        return len(self.frames) >= enough and self.share >= _LEAST_SHARE
+        if len(self.frames) < 2 * wrong / len(patterns):
+            return f"{wrong} patterns of {len(patterns)} wrong lengths, so its frames are chance"
+        return ""
 
     def __str__(self) -> str:
         found = f"frames: {len(self.frames)}, bytes: {self.size:,}, lanes: {len(self.cuts)}"
@@ -219,25 +373,59 @@ def hypotheses(
     """What extractors whose runs have the needed bytes find in lines, the best score first."""
     texts, found = (b"\n".join(lines), b"\n".join(map(masked, lines))), list[Hypothesis]()
     for one in extractors:
-        text, lanes = texts[one.masks_times], dict[bytes, list[tuple[int, bytes]]]()
+        text = texts[one.masks_times]
         runs = list(one.runs(text)) if re.search(one.needs, text) else []
-        if any(needed in run.data for run in runs):
-            for run, key in runs_in_lanes(text, runs):
-                lanes.setdefault(key, []).append((run.start, run.data))
-        whole = [Lane({key: slice(None)}, own) for key, own in lanes.items()]
-        choices = [_chosen(whole), _chosen([lane.cut() for lane in whole])]
-        found.append(max((Hypothesis(one, own) for own in choices), key=lambda own: own.score))
+        if not any(needed in run.data for run in runs):
+            runs = []
+        border = rb"\n" if text.count(b"\n") > _FEW_LANES else RECORD_BORDER
+        borders = [found.start() for found in re.finditer(border, text)] if runs else []
+        placed = [Placed(run.start, bisect(borders, run.start), run.data) for run in runs]
+        keys = [key for _, key in runs_in_lanes(text, runs)]
+        best = _hypothesis(one, keys, placed, None)
+        if len({*keys}) > _FEW_LANES:
+            common = _common_words(keys)
+            keys = [key for _, key in runs_in_lanes(text, runs, common)]
+            loose = _hypothesis(one, keys, placed, common)
+            best = max(best, loose, key=lambda own: own.score)
+        found.append(best.unwoven())
     return sorted(found, key=lambda one: -one.score)
 
 
-def _chosen(lanes: Iterable[Lane]) -> list[Lane]:
-    """Choose lanes greedily, each alone or joined with a chosen one, for the best score."""
+def _hypothesis(
+    extractor: Extractor, keys: Iterable[bytes], runs: Iterable[Placed], common: Common | None
+) -> Hypothesis:
+    """The best lanes for runs with these keys."""
+    lanes = dict[bytes, list[Placed]]()
+    for key, run in zip(keys, runs, strict=True):
+        lanes.setdefault(key, []).append(run)
+    whole = [Lane({key: slice(None)}, own) for key, own in lanes.items()]
+    choices = [_chosen(whole), _chosen([lane.cut() for lane in whole])]
+    return max(
+        (Hypothesis(extractor, own, common, repeated) for own, repeated in choices),
+        key=lambda own: own.score,
+    )
+
+
+def _chosen(lanes: Iterable[Lane]) -> tuple[list[Lane], list[Lane]]:
+    """Choose lanes greedily, each alone or joined with a chosen one, for the best score.
+
+    Lanes that repeat a chosen one are the second list. Of two that repeat each other, the first
+    in the text is chosen.
+    """
     most = sorted(lanes, key=lambda lane: (-len(lane.frames), -len(lane.data)))[:_MOST_LANES]
+    first = list[Lane]()
+    for lane in sorted(most, key=lambda lane: lane.runs[:1]):
+        first += [] if any(lane.repeats(one) for one in first) else [lane]
+    most[1:] = sorted(most[1:], key=lambda lane: lane.differs_from(most[0]))
+    repeated = [lane for lane in most if lane not in first]
+    most = [lane for lane in most if lane in first]
     chosen = most[:1]
     for lane in most[1:]:
-        if not any(lane.repeats(one) for one in chosen):
-            both = (Lane({**own.cuts, **lane.cuts}, own.runs + lane.runs) for own in chosen)
-            joined = ([*chosen[:at], one, *chosen[at + 1 :]] for at, one in enumerate(both))
-            choices = [chosen, [*chosen, lane], *joined]
-            chosen = max(choices, key=lambda choice: sum(one.score for one in choice))
-    return chosen
+        if any(lane.repeats(one) for one in chosen):
+            repeated.append(lane)
+            continue
+        choices = [chosen, [*chosen, lane]]
+        for at, own in enumerate(chosen):
+            choices += [[*chosen[:at], one, *chosen[at + 1 :]] for one in own.joined(lane)]
+        chosen = max(choices, key=lambda choice: sum(one.score for one in choice))
+    return chosen, repeated

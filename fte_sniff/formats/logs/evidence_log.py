@@ -11,16 +11,24 @@ from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.log_form import LogForm, StreamBytes
-from fte_sniff.formats.logs.evidence import Hypothesis, are_known, hypotheses, without_labels
+from fte_sniff.formats.log_form import NO_TIME, LogForm, StreamBytes
+from fte_sniff.formats.logs.evidence import (
+    LIKE_BYTES,
+    Hypothesis,
+    are_known,
+    hypotheses,
+    without_labels,
+)
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Found, Layout, left_out, without_bytes
 from fte_sniff.formats.logs.times import LogClock, TimeRule, masked
-from fte_sniff.formats.text_blocks import TextBlock
+from fte_sniff.formats.logs.weave import WIRES, Weave
+from fte_sniff.formats.text_blocks import LONGEST_LINE, TextBlock
 from fte_sniff.protocol import byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.formats.log_form import Array, LogOptions
+    from fte_sniff.formats.logs.shapes import Shapes
 
 _AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
@@ -31,6 +39,12 @@ _COLUMNAR: Final = 256
 _MARK: Final = "\x01"
 """Around the data of a line that a regular expression matches."""
 _LIKE_TIME: Final = rb"(?:[-/\d]+ +\d?\d|\d\d:[0-5]\d):[0-5]\d[\d.:,]*|\b\d{8}T\d{6}[\d.,]*"
+_MOST_SHOWN: Final = 20
+"""Bytes of a line in an explanation."""
+_LONGEST_SHOWN: Final = 100
+"""Characters of a part of that line."""
+_OF_NUMBERS: Final = ("hex", "0x", "decimal,", "h after", "octal", "binary")
+"""How the names of forms begin that prose does not look like."""
 _REGEX: Final = "--input-regex can say where"
 _LIKE: Final = "hold what looks like bytes but is not read"
 
@@ -39,29 +53,49 @@ class EvidenceLog(LogForm):
     """A log with a layout."""
 
     def __init__(
-        self, lines: Sequence[bytes], found: Sequence[Hypothesis], options: LogOptions
+        self,
+        lines: Sequence[bytes],
+        found: Sequence[Hypothesis],
+        options: LogOptions,
+        *,
+        is_cut: bool,
     ) -> None:
-        """The log of a sample of lines, by what is found in it, the best hypothesis first."""
+        """The log of a sample of lines, by what is found in it, the best hypothesis first.
+
+        The last lines are not in a sample that `is_cut`.
+        """
         self._pattern, self._paste = options.pattern, not options.whole
         given = options.pattern is not None and "dir" in options.pattern.groupindex
-        self.layout = Layout(found[0], lines, given=given)
+        self.layout = Layout(found[0], lines, options, given=given, is_cut=is_cut)
         self.clock = LogClock(self.layout.times, options, self._count)
         self.rank, self.is_certain = found[0].rank, len(found[0].frames) >= _CERTAIN
-        self.single = not self.layout.streams
+        self.single, self.share = not self.layout.streams, found[0].share
         if self._paste:  # one direction, or a second column, is no second wire
             self.single = len(self.layout.streams) < 2 or self.layout.labels == "lane"
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
         self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
+        if self.layout.is_woven:
+            self._notes.append(
+                "its bytes are of two wires without a label; their frames show which"
+            )
         if not found[0].frames:
             form = found[0].extractor.name
             self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
+        self._examples: list[tuple[bytes, list[Found]]] = []
+        """Lines with bytes, and what is read of them."""
         self._start_ns, self._byte_ns = options.start_ns, byte_time_ns(options.baud)
         """When the next bytes of a log without times begin, by `--start`."""
         self._labels: dict[str | None, int] = {None: 0}
         """Their numbers, 0 for none."""
         self._label = 0
         """The number of that of the last line."""
+        self._shapes: Shapes | None = None
+        """Of its lines, once there are many."""
+        self._waiting: tuple[Any, Any] | None = None
+        """Lines that wait for a time below them, or until their wires are decided."""
+        self._weave, self._wires = Weave(), b""
+        """Decides the wires of bytes, if only frames show them; those of bytes that wait."""
         self._read = 0
         """Runs so far."""
         self._seen: dict[str, tuple[int, int, str]] = {}
@@ -89,17 +123,20 @@ class EvidenceLog(LogForm):
         found = _hypotheses(lines, options)
         if not found:
             return None
-        log = cls(lines, found, options)
+        log = cls(lines, found, options, is_cut=written_ns is None)
         times = log.layout.times
         texts = chain([b"\n".join(lines)], (block.text for block in blocks()))
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
         log._notes += times.decide(texts, near, given=options.day is not None)
+        coarse = log.layout.coarse
+        if coarse is not None:
+            log._notes += coarse.decide([b"\n".join(lines)], near, given=options.day is not None)
         read = [(line, log.layout.read(line)[0]) for line in lines]
         stamps = [found[0].stamp for _, found in read if found and found[0].fields]
         if not stamps or (log._paste and times.kind not in ("date", "epoch")):
             times = log.layout.times = TimeRule()  # nobody asks when a pasted line was
         else:
-            log.clock.settle(stamps, name, written_ns)
+            log.clock.settle(stamps, name, written_ns, coarse, log.layout.coarse_steps(read))
         if times.where == "none" and not log._paste:
             around = [without_bytes(*one) for one in read if one[1]]
             like = [time[0].decode() for text in around if (time := re.search(_LIKE_TIME, text))]
@@ -107,6 +144,7 @@ class EvidenceLog(LogForm):
                 example = f"for example {like[0]!r}; {_REGEX} they are"
                 log._notes.append(f"what may be times is not read, {example}")
         log.resolution_ns = None if times.where == "none" else times.resolution_ns
+        log._examples = _two_of([one for one in read if one[1] and one[1][0].data])
         return log
 
     def ports(self, name: str) -> list[str]:
@@ -117,7 +155,9 @@ class EvidenceLog(LogForm):
     def read(self, block: TextBlock, name: str) -> Iterator[StreamBytes]:
         """See `LogForm`."""
         if block.column is not None:
-            self._count("hold no bytes", block.first, block.text[:80])
+            if not block.column:
+                most = f"{LONGEST_LINE >> 20} MB, the most that is read of a line"
+                self._count(f"exceed {most}", block.first, block.text[:80])
             return
         tables, data = list[Any](), list[bytes]()
         many = block.count >= _COLUMNAR and self._pattern is None
@@ -144,19 +184,91 @@ class EvidenceLog(LogForm):
         """Read the lines that have the shape of others; the indices of the other lines."""
         import numpy as np
 
-        from fte_sniff.formats.logs.shapes import alike_lines
+        from fte_sniff.formats.logs.shapes import Shapes
 
+        self._shapes = self._shapes or Shapes(self.layout)
         left = np.ones(block.count, np.bool_)
-        for rows, own, label, stamp in alike_lines(block.text, self.layout):
-            size = len(own) // len(rows)
-            number = self._labels.setdefault(label, len(self._labels))
-            columns = block.first + rows, size, number, stamp, 0
+        for alike in self._shapes.alike_lines(block.text):
+            left[alike.rows] = False
+            numbers = block.first + alike.rows
+            if alike.label is None and not alike.data and isinstance(alike.stamps, int):
+                self._count_foreign(block, alike.rows)
+                continue
+            label = self._labels.setdefault(alike.label, len(self._labels))
+            columns = numbers, alike.sizes, label, alike.stamps, 0
             tables.append(np.stack(np.broadcast_arrays(*columns)))
-            data.append(own)
-            left[rows] = False
+            data.append(alike.data)
         return np.flatnonzero(left).tolist()
 
-    def _streams(self, table: Array, text: Any, name: str) -> Iterator[StreamBytes]:
+    def rest(self, name: str) -> Iterator[StreamBytes]:
+        """See `LogForm`."""
+        if self._waiting is not None or self.layout.is_woven:
+            import numpy as np
+
+            empty = np.zeros((5, 0), np.int64), np.zeros(0, np.uint8)
+            yield from self._streams(*empty, name, final=True)
+
+    def _with_waiting(self, table: Array, text: Any) -> tuple[Array, Any]:
+        """The lines that waited, and these."""
+        import numpy as np
+
+        if self._waiting is not None:
+            before, its = self._waiting
+            table[5] += its.size
+            table, text = np.hstack([before, table]), np.append(its, text)
+            self._waiting = None
+        return table, text
+
+    def _wait(self, table: Array, text: Any) -> None:
+        """Let lines wait for the next ones."""
+        import numpy as np
+
+        if table.size:
+            rest = [text[at : at + size] for size, at in zip(table[1], table[5], strict=True)]
+            table = table.copy()
+            table[5] = np.cumsum(table[1]) - table[1]
+            self._waiting = table, np.concatenate(rest)
+
+    def _until_time(self, table: Array, text: Any, *, final: bool) -> tuple[Array, Any]:
+        """The lines up to the last time, with those that waited; the others wait for the next."""
+        import numpy as np
+
+        table, text = self._with_waiting(table, text)
+        timed = np.flatnonzero(table[3] != NO_TIME)
+        end = table.shape[1] if final else int(timed[-1]) + 1 if timed.size else 0
+        self._wait(table[:, end:], text)
+        return table[:, :end], text
+
+    def _unwoven(self, table: Array, text: Any, *, final: bool) -> tuple[Array, Any]:
+        """The lines whose wires are decided, with their labels; the others wait."""
+        import numpy as np
+
+        data = b"".join(
+            text[at : at + size].tobytes() for size, at in zip(table[1], table[5], strict=True)
+        )
+        self._wires += self._weave.push(data, final=final)
+        table, text = self._with_waiting(table, text)
+        ends = np.cumsum(table[1])
+        end = int(np.searchsorted(ends, len(self._wires), "right"))
+        self._wait(table[:, end:], text)
+        table = table[:, :end]
+        if end:
+            names = np.array([self._labels.setdefault(one, len(self._labels)) for one in WIRES])
+            wires = np.frombuffer(self._wires[: int(ends[end - 1])], np.uint8)
+            table[2] = names[wires[np.minimum(ends[:end] - table[1], wires.size - 1)]]
+            self._wires = self._wires[int(ends[end - 1]) :]
+        return table, text
+
+    def _count_foreign(self, block: TextBlock, rows: Any) -> None:
+        """Count lines of a block that hold no bytes."""
+        lines = block.lines
+        rows = [at for at in rows.tolist() if not lines[at].isspace()]
+        if rows:
+            self._count("hold no bytes", block.first + rows[0], lines[rows[0]], len(rows))
+
+    def _streams(
+        self, table: Array, text: Any, name: str, *, final: bool = False
+    ) -> Iterator[StreamBytes]:
         """The bytes of lines in their order, by the labels of their streams.
 
         Args:
@@ -168,11 +280,17 @@ class EvidenceLog(LogForm):
         table = np.vstack([table, np.cumsum(table[1]) - table[1]])
         if (table[0, 1:] < table[0, :-1]).any():
             table = table[:, table[0].argsort(kind="stable")]
+        if self.layout.times.where == "below":
+            table, text = self._until_time(table, text, final=final)
+        elif self.layout.is_woven:
+            table, text = self._unwoven(table, text, final=final)
+        if not table.size:
+            return
         if not table[2].all():  # a line without a label has that of the line before
             known = np.maximum.accumulate(np.arange(1, table.shape[1] + 1) * (table[2] > 0))
             table[2] = np.append(self._label, table[2])[known]
         self._label, times = int(table[2, -1]), None
-        read = (table[1] > 0) | (table[4] > 0) | (self.layout.times.where == "above")
+        read = (table[1] > 0) | (table[4] > 0) | (self.layout.times.where in ("above", "below"))
         table = table if read.all() else table[:, read]
         lines, sizes, labels, ns, gaps, begins = table
         order = self._read + np.arange(lines.size)
@@ -220,12 +338,12 @@ class EvidenceLog(LogForm):
     def _count(self, what: str, number: int, text: bytes | str, lines: int = 1) -> None:
         text = text if isinstance(text, str) else text[:120].decode("utf-8", "replace")
         count, first, example = self._seen.get(what, (0, number, text))
-        self._seen[what] = count + lines, first, example
+        self._seen[what] = (count + lines, *min((number, text), (first, example)))
 
     def notes(self) -> list[str]:
         """How the log was read, one line each."""
         notes = list(self._notes)
-        for what, (count, number, text) in self._seen.items():
+        for what, (count, number, text) in sorted(self._seen.items(), key=lambda one: one[1][1]):
             shown = " ".join(text.replace(_MARK, " ").split())
             shown = shown and f": {shown if len(shown) <= 60 else shown[:59] + '…'!r}"
             one = f"line {number} {what.replace(' ', 's ', 1)}{shown}"
@@ -236,8 +354,72 @@ class EvidenceLog(LogForm):
         return notes if self._paste else [*notes, *self.clock.notes]
 
     def explain(self) -> list[str]:
-        """The form, lanes, times and directions, one line each; the best three scores."""
-        return [*self.layout.explain(), *self._scores]
+        """The form, lanes, times and directions; two lines with what is read; the best scores."""
+        examples = [text for one in self._examples for text in self._example(*one)]
+        return [*self.layout.explain(), *examples, *self._scores]
+
+    def _example(self, line: bytes, found: Sequence[Found]) -> list[str]:
+        """A line in which bytes and time are marked, and their values."""
+        fields = found[0].fields or {}
+        spans = {(one.start, one.stop) for one in found}
+        if fields:
+            spans.add((min(at for at, _ in fields.values()), max(at for _, at in fields.values())))
+        marked, at = "", 0
+        for start, stop in [*sorted(spans), (len(line), len(line))]:
+            around, inside = (_shortened(line[slice(*own)]) for own in ((at, start), (start, stop)))
+            marked += around + (f">>{inside}<<" if inside else "")
+            at = stop
+        data = b"".join(one.data for one in found)
+        more = f" and {len(data) - _MOST_SHOWN} more" if len(data) > _MOST_SHOWN else ""
+        values = [f"bytes {data[:_MOST_SHOWN].hex(' ').upper()}{more}"]
+        if fields and self.resolution_ns is not None:
+            values.append(f"time {self.clock.shown(found[0].stamp)}")
+        if found[0].label is not None:
+            values.append(f"stream {found[0].label}")
+        return [f"for example {marked.replace(_MARK, '').strip()}", f"    {', '.join(values)}"]
+
+
+def _two_of(lines: Sequence[tuple[bytes, list[Found]]]) -> list[tuple[bytes, list[Found]]]:
+    """The first line and one of another stream, or the last."""
+    if len(lines) < 2:
+        return [*lines]
+    others = (one for one in lines if one[1][0].label != lines[0][1][0].label)
+    return [lines[0], next(others, lines[-1])]
+
+
+def _shortened(text: bytes) -> str:
+    shown = text.decode("utf-8", "replace")
+    return shown if len(shown) <= _LONGEST_SHOWN else f"{shown[:30]}…{shown[-30:]}"
+
+
+def candidates(lines: Sequence[bytes]) -> list[str]:
+    """What comes near to bytes in the lines of a log that is refused, and why it is not read."""
+    ranked = [one for one in hypotheses(lines, EXTRACTORS, needed=b"") if one.size >= LIKE_BYTES]
+    like = likely_form(lines, ranked)
+    ranked.sort(key=lambda one: (-len(one.frames), one is not like, -one.size))
+    return [
+        f'candidate {number}: "{one.extractor.name}", {one.size:,} bytes in {len(one.cuts)}'
+        f" lane{'' if len(one.cuts) == 1 else 's'}, {len(one.frames)} frames:"
+        f" {one.fault or 'it is as good as another'}"
+        for number, one in enumerate(ranked[:3], 1)
+    ]
+
+
+def likely_form(
+    lines: Sequence[bytes], found: Sequence[Hypothesis] | None = None
+) -> Hypothesis | None:
+    """The form whose numbers are in most lines of a log without frames, if there is one."""
+    forms = [one for one in EXTRACTORS if one.name.startswith(_OF_NUMBERS)]
+    if found is None:
+        found = hypotheses(lines, forms, needed=b"")
+    names = {one.name for one in forms}
+    runs = {id(one): sum(len(lane.runs) for lane in one.lanes) for one in found}
+    enough = (
+        one
+        for one in found
+        if one.extractor.name in names and 2 * runs[id(one)] >= len(lines) and one.size > 1
+    )
+    return max(enough, key=lambda one: one.size, default=None)
 
 
 def _unread_words(line: bytes, found: Sequence[Found], *, single: bool) -> str:

@@ -12,7 +12,11 @@ from base64 import urlsafe_b64decode
 from binascii import unhexlify
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
 from typing import Final, NamedTuple
+
+_LONGEST_KNOWN: Final = 16
+"""Characters of a unit whose bytes are kept."""
 
 
 class Run(NamedTuple):
@@ -42,11 +46,54 @@ class Extractor(NamedTuple):
 
     def runs(self, text: bytes) -> Iterator[Run]:
         """The runs of a line, or of several lines."""
-        decoded, step = re.compile(self.unit).sub, -1 if self.swaps else 1
+        bytes_of = self.bytes_of
         for found in re.finditer(self.pattern, text):
-            with suppress(ValueError, OverflowError):
-                if data := decoded(lambda unit: _bytes_of(unit)[::step], found[0]):
-                    yield Run(*found.span(), data)
+            if data := bytes_of(found[0]):
+                yield Run(*found.span(), data)
+
+    @property
+    def bytes_of(self) -> Callable[[bytes], bytes]:
+        """What returns the bytes of the text of a run; none if it is not a run after all."""
+        return _bytes_of_runs(self.unit, self.swaps)
+
+
+class _Known(dict[bytes, bytes]):
+    """The bytes of the units of an extractor, or of the codes in a text, by their text."""
+
+    def __init__(self, pattern: bytes, step: int = 1) -> None:
+        super().__init__()
+        self._find, self._step = re.compile(pattern).fullmatch, step
+
+    def __missing__(self, text: bytes) -> bytes:
+        found = self._find(text)
+        if found is None:
+            raise ValueError(text)
+        data = _bytes_of(found)[:: self._step]
+        if len(text) <= _LONGEST_KNOWN:
+            self[text] = data
+        return data
+
+
+@cache
+def _bytes_of_runs(unit: bytes, swaps: bool) -> Callable[[bytes], bytes]:
+    """What returns the bytes of the text of a run of units."""
+    unnamed = re.sub(rb"[?]P<[^>]+>", b"?:", unit)
+    units, known = re.compile(unnamed).findall, _Known(unit, -1 if swaps else 1).__getitem__
+
+    def bytes_of(run: bytes) -> bytes:
+        try:
+            return b"".join(map(known, units(run)))
+        except (ValueError, OverflowError):
+            return b""
+
+    return bytes_of
+
+
+@cache
+def _codes(kind: str) -> tuple[re.Pattern[bytes], _Known]:
+    """What finds the codes in a text of a kind, and their bytes."""
+    pattern = _expanded(_CODES[kind]).encode()
+    return re.compile(pattern), _Known(pattern)
 
 
 def _bytes_of(unit: re.Match[bytes]) -> bytes:
@@ -58,7 +105,8 @@ def _bytes_of(unit: re.Match[bytes]) -> bytes:
     if kind in _CODES:
         with suppress(UnicodeError):
             text = text.decode().encode("latin-1")
-        return re.sub(_expanded(_CODES[kind]).encode(), _bytes_of, text)
+        codes, known = _codes(kind)
+        return codes.sub(lambda code: known[code[0]], text)
     return _KINDS[kind](text)
 
 

@@ -8,7 +8,7 @@ from itertools import accumulate, product
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from fte_sniff.formats.log_form import NO_TIME
+from fte_sniff.formats.log_form import NO_TIME, LogOptions
 from fte_sniff.formats.logs.evidence import (
     LIKE_BYTES,
     Hypothesis,
@@ -16,15 +16,22 @@ from fte_sniff.formats.logs.evidence import (
     label_of,
     runs_in_lanes,
 )
-from fte_sniff.formats.logs.times import Fields, TimeRule, masked, time_rule
+from fte_sniff.formats.logs.times import Fields, StepUnit, TimeRule, masked, time_rule
+from fte_sniff.formats.logs.weave import WIRES
+from fte_sniff.protocol.spec import HEADERS, Direction
 
-_GAP: Final = (
+GAP: Final = (
     rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
     rb"|(?i:([ ,:-])(?:[\da-f][g-z]|[g-z][\da-f]|[\da-f](?=\1[\da-f]{2}\1))(?=\1[\da-f]{2}\b))"
 )
 """After bytes, where others are left out, or one of them has a mistake."""
 _MOST_STREAMS: Final = 8
 _LONGEST_ABOVE: Final = 1000
+_HEADER_OF: Final = {
+    "tx": {HEADERS[Direction.CONTROL]},
+    "rx": {HEADERS[Direction.FEEDBACK]},
+}
+"""Of a direction, the headers of its frames."""
 _ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"
 """An address, a counter or a name."""
 _BORDER: Final = re.compile(rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;")
@@ -65,18 +72,31 @@ class Found(NamedTuple):
     """In a sample, the line."""
     above: bytes = b""
     """In a sample, the lines without bytes above it."""
+    below: bytes = b""
+    """In a sample, the lines without bytes below it."""
 
-    def texts(self, part: int) -> tuple[bytes, bytes, bytes]:
-        """What is before and after it in a part of its line, and above it."""
+    def texts(self, part: int) -> tuple[bytes, bytes, bytes, bytes]:
+        """What is before and after it in a part of its line, above it, and below it."""
         before, after = (self.line[slice(*self.parts[at][part])] for at in ("before", "after"))
-        return before, after, self.above
+        return before, after, self.above, self.below
 
 
 class Layout:
     """How the lines of a log are read."""
 
-    def __init__(self, hypothesis: Hypothesis, lines: Sequence[bytes], *, given: bool) -> None:
-        """Decide times and labels by a sample; a regular expression may have `given` the labels."""
+    def __init__(
+        self,
+        hypothesis: Hypothesis,
+        lines: Sequence[bytes],
+        options: LogOptions,
+        *,
+        given: bool,
+        is_cut: bool,
+    ) -> None:
+        """Decide times and labels by a sample; a regular expression may have `given` the labels.
+
+        The last lines are not in a sample that `is_cut`.
+        """
         self.hypothesis = hypothesis
         self.labels, self.labelled = "none", "none"
         """What separates the streams: a kind of label, or `lane`; `above`, `before` or `after`."""
@@ -87,12 +107,18 @@ class Layout:
         self.times = TimeRule()
         self._reach = 0
         """How many of the parts of a line may have the time of its bytes."""
+        self.coarse: TimeRule | None = None
+        """A time beside the times that is not as fine, and shows what they count from."""
         sampled = self._sampled(lines)
         some = sampled[:: len(sampled) // _MOST_TIMED + 1]
-        while self.times.where == "none" and self._reach < 3:
-            self.times = time_rule([one.texts(self._reach) for one in some])
-            self._reach += 1
         bytewise = all(len(one.data) == 1 for one in sampled)
+        steps = StepUnit(bytewise, options.baud, options.samplerate)
+        is_below = self._ends_with_time(sampled, is_cut=is_cut)
+        while self.times.where == "none" and self._reach < 3:
+            self.times, self.coarse = time_rule(
+                [one.texts(self._reach) for one in some], steps, is_below=is_below
+            )
+            self._reach += 1
         hidden = {text: masked(text) for one in sampled for text in (one.line, one.above)}
         sampled = [one._replace(line=hidden[one.line], above=hidden[one.above]) for one in sampled]
         self.times.first_byte = self.times.kind == "since" and bytewise
@@ -100,23 +126,34 @@ class Layout:
         for least, where, kind in [(1, "after", "given")] if given else rules:
             if self._separates(kind, where, sampled, least):
                 break
+        self.is_woven = hypothesis.is_woven and not self.streams
+        """Whether only frames show the wire of each byte."""
+        if self.is_woven:
+            self.streams = tuple(sorted(WIRES))
 
     def read(self, line: bytes) -> tuple[list[Found], bytes]:
         """The bytes of a line, or what a heading says; another run that looks like bytes."""
         hidden = masked(line) if self.hypothesis.extractor.masks_times else line
+        runs = self.hypothesis.extractor.runs(hidden)
         found, others = list[Found](), dict[int, bytes]()
-        for run, key in runs_in_lanes(hidden, self.hypothesis.extractor.runs(hidden)):
+        for run, key in runs_in_lanes(hidden, runs, self.hypothesis.common):
             cut = self.hypothesis.cut_of(key, len(run.data))
             if cut is None:
                 text = line[run.start : run.stop]
-                if len(run.data) >= LIKE_BYTES and not re.fullmatch(_ONE_WORD, text):
+                is_time = hidden[run.start : run.stop] != text
+                if (
+                    len(run.data) >= LIKE_BYTES
+                    and not is_time
+                    and not re.fullmatch(_ONE_WORD, text)
+                ):
                     others[run.start] = text
                 continue
-            gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
+            gap = re.match(GAP, line[run.stop : run.stop + 32]) is not None
             found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
         found = [self._described(one, line) for one in _with_parts(found, line)]
-        if not found and "above" in (self.labelled, self.times.where):
-            heading = self._described(Found(parts={"above": ((0, len(line)),)}), line)
+        if not found and {"above", "below"} & {self.labelled, self.times.where}:
+            all_of_it = ((0, len(line)),)
+            heading = self._described(Found(parts={"above": all_of_it, "below": all_of_it}), line)
             found = [heading] * bool(heading.fields or heading.label)
         times = {at for one in found for at, _ in (one.fields or {}).values()}
         return found, next((text for at, text in others.items() if at not in times), b"")
@@ -134,10 +171,25 @@ class Layout:
                 return found._replace(fields=fields, stamp=stamp)
         return found
 
+    def coarse_steps(self, read: Sequence[tuple[bytes, Sequence[Found]]]) -> list[int]:
+        """By how much coarse times beside the times of a sample are later, nanoseconds."""
+        steps, coarse = list[int](), self.coarse
+        if coarse is None:
+            return steps
+        for line, one in ((line, one) for line, found in read for one in found if one.fields):
+            parts = one.parts.get(coarse.where, ())[: max(2, self._reach)]
+            fields = next(filter(None, (coarse.find(line, *part) for part in parts)), None)
+            stamp = coarse.stamp(line, fields) if fields else None
+            if stamp is not None:
+                steps.append(stamp - one.stamp)
+        return steps
+
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
         extractor, where = self.hypothesis.extractor, self.times.where
-        streams = f"{', '.join(self.streams)}, by {self.labels} {self.labelled} the bytes"
+        by = f"{self.labels} {self.labelled} the bytes"
+        by = "the frames that their bytes make" if self.is_woven else by
+        streams = f"{', '.join(self.streams)}, by {by}"
         return [
             f'form "{extractor.name}", written by {extractor.tools}',
             *(f"lane {key!r}{left_out(cut)}" for key, cut in self.hypothesis.cuts.items()),
@@ -151,9 +203,20 @@ class Layout:
             found, _ = self.read(line)
             if not found and line.strip():
                 above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
+            if not found and sampled and line.strip():
+                last = sampled[-1]
+                last = last._replace(below=(last.below + b"\n" + line)[:_LONGEST_ABOVE])
+                sampled[-1] = last
             below = bool(found) or (below and not line.strip())
             sampled += [one._replace(line=line, above=above) for one in found]
         return sampled
+
+    @staticmethod
+    def _ends_with_time(sampled: Sequence[Found], *, is_cut: bool) -> bool:
+        """Whether the log begins with bytes and ends with a time, so that times are below bytes."""
+        first, last = sampled[0], sampled[-1]
+        above, below = (masked(text) != text for text in (first.above, last.below))
+        return not above and masked(first.below) != first.below and (below or is_cut)
 
     def _separates(self, kind: str, where: str, runs: Sequence[Found], least: int) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
@@ -181,6 +244,12 @@ class Layout:
         frames = [frames_in(data) for data in pieces if data]
         gain = sum(map(len, frames)) - len(frames_in(b"".join(run.data for run in runs)))
         headers = [{frame[0] for frame in own} for own in frames]
+        if (
+            len(named) == 1
+            and known[0] in _HEADER_OF
+            and set().union(*headers) != _HEADER_OF[known[0]]
+        ):
+            return False  # it is a word of the program, such as the name of its host
         pure = all(len(own) == 1 for own in headers) and len(set().union(*headers)) > 1
         if gain < 0 or (kind == "lane" and not (gain or pure)):
             return False

@@ -1,25 +1,34 @@
-"""Lines of one shape: they have the same length and differ only in digits.
+"""Lines that look the same: one of them is parsed, and shows where the others have their bytes.
 
-One of them is parsed; numpy reads the bytes and times of the others at the same offsets.
+A shape is a line with the places of its bytes, its time and other numbers. Where lines have the
+same length and bytes in two digits, numpy reads them; else a regular expression made of the shape.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import compress, pairwise
+from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from fte_sniff.formats.log_form import NO_TIME
-from fte_sniff.formats.logs.evidence import NUMBER_TOKEN
-from fte_sniff.formats.logs.layout import Layout, without_bytes
-from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule
+from fte_sniff.formats.logs.evidence import GOES_ON, LIKE_BYTES, NUMBER_TOKEN, folded, label_of
+from fte_sniff.formats.logs.layout import GAP, Found, Layout, without_bytes
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, first_time
 
 _MOST_SHAPES: Final = 24
-"""Of one length; the lines of others are parsed one by one."""
+"""Of one length; also those that regular expressions read."""
+_LEAST_SHARE: Final = 1 / 8
+"""Of the lines of one length, how many have a shape that is worth another try of that length."""
 _LONGEST_SHAPE: Final = 4096
+_MOST_KNOWN: Final = 1 << 16
+"""Texts beside bytes whose check is kept."""
+_LONGEST_NAMED: Final = 100
+"""Characters before bytes in which names may differ."""
 _ZERO: Final = np.uint8(ord("0"))
 _HEX_DIGITS: Final = np.full(256, 0xFF, np.uint8)
 """By character, the value of a hexadecimal digit; 255 of others."""
@@ -31,40 +40,87 @@ class _Shape(NamedTuple):
     """A line, and where others of its shape may differ from it."""
 
     line: bytes
+    found: list[Found]
+    numbers: set[int]
+    """Offsets of the digits of numbers that are neither bytes nor time, if they may differ."""
+
+    @property
+    def label(self) -> str | None:
+        return self.found[0].label
+
+    @property
+    def fields(self) -> Fields:
+        """Of its time."""
+        return self.found[0].fields or {}
+
+    @property
+    def timed(self) -> set[int]:
+        """Offsets of the digits of its time."""
+        fields = self.fields
+        return {at for name in fields.keys() & OF_CLOCK for at in range(*fields[name])}
+
+
+class Alike(NamedTuple):
+    """Lines that have a shape."""
+
+    rows: Any
+    """Their indices in the text, int64."""
+    data: bytes
+    """Of all of them, in their order."""
+    sizes: Any
+    """How many bytes are of each, int64, or of all."""
     label: str | None
-    fields: Fields
-    """Of its time."""
-    digits: list[int]
-    """Offsets of the decimal digits of times and other numbers."""
-    pairs: list[int]
-    """Offsets of pairs of hexadecimal digits, those of the data first."""
-    size: int
-    """Of the data."""
+    stamps: Any
+    """Their times, an int64 column, or one for all."""
 
 
-def alike_lines(text: bytes, layout: Layout) -> Iterator[tuple[Any, bytes, str | None, Any]]:
-    """The lines of a text that have the shape of another line, shape by shape.
+class Shapes:
+    """The shapes of the lines of a log with a layout."""
 
-    Yields their indices in the text, int64; their bytes, of each line the same number; their label;
-    and their times, an int64 column or one for all.
-    """
-    ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
-    starts = np.append(0, ends[:-1] + 1)
-    lengths = ends - starts
-    counts = np.bincount(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)])
-    for length in np.flatnonzero(counts).tolist():
-        rows = np.flatnonzero(lengths == length)
-        lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
-        for _ in range(_MOST_SHAPES):
-            if len(rows) < 2:
-                break
-            same = np.arange(len(rows)) == 0
-            if shape := _shape_of(lines[starts[rows[0]]].tobytes(), layout):
-                table = lines[starts[rows]].view(np.uint8).reshape(len(rows), -1)
-                same, data, stamp = _read(shape, np.ascontiguousarray(table.T), layout.times)
-                if stamp is not None:
-                    yield rows[same], data, shape.label, stamp
+    def __init__(self, layout: Layout) -> None:
+        self._layout, self._varying = layout, _Varying(layout)
+
+    def alike_lines(self, text: bytes) -> Iterator[Alike]:
+        """The lines of a text that have the shape of another line, shape by shape.
+
+        Lines that hold no bytes come with a size of 0, if they are no headings.
+        """
+        ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+        starts = np.append(0, ends[:-1] + 1)
+        lengths = ends - starts
+        left = np.ones(len(lengths), np.bool_)
+        counts = np.bincount(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)])
+        for length in np.flatnonzero(counts).tolist():
+            rows = np.flatnonzero(lengths == length)
+            lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
+            for alike in _of_one_length(lines, starts, rows, self._layout):
+                left[alike.rows] = False
+                yield alike
+        left &= (lengths > 0) & (lengths <= _LONGEST_SHAPE)
+        if left.any():
+            places = zip(starts[left].tolist(), ends[left].tolist(), strict=True)
+            others = [text[start:end] for start, end in places]
+            yield from self._varying.read(others, np.flatnonzero(left))
+
+
+def _of_one_length(lines: Any, starts: Any, rows: Any, layout: Layout) -> Iterator[Alike]:
+    """The lines of a text at some starts, all of one length, that have shapes which numpy reads."""
+    for _ in range(_MOST_SHAPES):
+        if len(rows) < 2:
+            return
+        line = lines[starts[rows[0]]].tobytes()
+        shape = _shape_of(line, layout)
+        pairs = shape and _pairs_of(shape, layout)
+        if not shape or not pairs:
+            return
+        table = np.ascontiguousarray(lines[starts[rows]].view(np.uint8).reshape(len(rows), -1).T)
+        same, data, stamp = _read(shape, *pairs, table, layout.times)
+        if same.sum() > 1 and same.sum() >= _LEAST_SHARE * len(rows):
+            if stamp is not None:
+                yield Alike(rows[same], data, pairs[1], shape.label, stamp)
             rows = rows[~same]
+        else:
+            return
 
 
 def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
@@ -74,45 +130,57 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
         return None
     if any((one.label, one.fields) != (found[0].label, found[0].fields) for one in found):
         return None
-    pairs, skipped = list[int](), list[int]()
-    for one in found:
-        run = re.finditer(b"[0-9A-Fa-f]{2}", line[one.start : one.stop])
-        starts = [one.start + pair.start() for pair in run]
-        pairs += starts[one.cut]
-        skipped += sorted({*starts} - {*starts[one.cut]})
-    data = b"".join(one.data for one in found)
-    digits_of_data = b"".join(line[at : at + 2] for at in pairs)
     untimed = found[0].fields is None and layout.times.where in ("before", "after")
-    if not data or untimed or data.hex().encode() != digits_of_data.lower():
+    if untimed:
         return None
     fields = found[0].fields or {}
-    timed = {at for name in fields.keys() & OF_CLOCK for at in range(*fields[name])}
     tokens = re.finditer(NUMBER_TOKEN, without_bytes(line, found))
     numbers = {at for token in tokens for at in range(*token.span())}
     numbers -= {at for span in fields.values() for at in range(*span)}
-    digits = {at for at in timed | numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
+    numbers = {at for at in numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
     other = bytearray(line)
-    for at in digits & numbers:
+    for at in numbers:
         other[at] = _NEXT_DIGIT[line[at]]
     if layout.read(bytes(other)) != (found, b""):
-        digits &= timed  # the numbers are labels
-    return _Shape(line, found[0].label, fields, sorted(digits), pairs + skipped, len(data))
+        numbers = set()  # they are labels
+    return _Shape(line, found, numbers)
 
 
-def _read(shape: _Shape, table: Any, times: TimeRule) -> tuple[Any, bytes, Any]:
+def _pairs_of(shape: _Shape, layout: Layout) -> tuple[list[int], int] | None:
+    """Offsets of pairs of hexadecimal digits, those of the data first, and how many are data.
+
+    None if the bytes are written in another way.
+    """
+    pairs, skipped = list[int](), list[int]()
+    for one in shape.found:
+        run = re.finditer(b"[0-9A-Fa-f]{2}", shape.line[one.start : one.stop])
+        starts = [one.start + pair.start() for pair in run]
+        pairs += starts[one.cut]
+        skipped += sorted({*starts} - {*starts[one.cut]})
+    data = b"".join(one.data for one in shape.found)
+    digits = b"".join(shape.line[at : at + 2] for at in pairs)
+    if layout.hypothesis.extractor.swaps or not data or data.hex().encode() != digits.lower():
+        return None
+    return pairs + skipped, len(data)
+
+
+def _read(
+    shape: _Shape, pairs: Sequence[int], size: int, table: Any, times: TimeRule
+) -> tuple[Any, bytes, Any]:
     """Which lines have a shape, their bytes and times; no times if one of them is impossible.
 
     `table` has a column for each line, uint8.
     """
     fixed = np.ones(len(table), np.bool_)
-    fixed[[*shape.digits, *shape.pairs, *(at + 1 for at in shape.pairs)]] = False
+    digits = sorted(shape.timed | shape.numbers)
+    fixed[[*digits, *pairs, *(at + 1 for at in pairs)]] = False
     same = (table[fixed] == table[fixed, :1]).all(0)
-    same &= (table[shape.digits] - _ZERO < 10).all(0)
-    high, low = (_HEX_DIGITS.take(table[[at + n for at in shape.pairs]]) for n in (0, 1))
+    same &= (table[digits] - _ZERO < 10).all(0)
+    high, low = (_HEX_DIGITS.take(table[[at + n for at in pairs]]) for n in (0, 1))
     same &= ((high | low) < 16).all(0)
     if not same.all():
         table, high, low = (own[:, same] for own in (table, high, low))
-    data = (high << np.uint8(4) | low)[: shape.size].T.tobytes()
+    data = (high << np.uint8(4) | low)[:size].T.tobytes()
     read = partial(_number, table)
     stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
     return same, data, stamp
@@ -125,3 +193,233 @@ def _number(table: Any, start: int, stop: int) -> Any:
         equal = (digits == digits[0]).all()
         number = number * 10 + (int(digits[0]) if equal else digits.astype("int64")) - ord("0")
     return number
+
+
+class _Bytes(NamedTuple):
+    """A run of bytes in the lines of a shape."""
+
+    group: int
+    """Of the regular expression, from 0; so are those below."""
+    is_short: bool
+    """Whether it is a number by accident, if it is in no lane."""
+    cut: slice
+
+
+class _Pattern(NamedTuple):
+    """A regular expression for lines of a shape."""
+
+    find: Callable[[bytes], re.Match[bytes] | None]
+    runs: list[_Bytes]
+    names: dict[int, int | None]
+    """The groups of words that may differ, with what they have in common."""
+    tails: dict[int, Tail]
+    """The group of the text after the bytes, and what it is like."""
+    clock: dict[tuple[int, int], int]
+    """The groups of the numbers of the time, by where they are in the line."""
+
+
+Tail = tuple[bool, bool, bytes | None]
+"""Whether words follow the bytes at once, whether bytes are left out, and other numbers."""
+
+
+class _Checked(dict[bytes, Any]):
+    """What texts beside bytes are like, of as many as memory should hold."""
+
+    def __init__(self, check: Callable[[bytes], Any]) -> None:
+        super().__init__()
+        self._check = check
+
+    def __missing__(self, text: bytes) -> Any:
+        if len(self) >= _MOST_KNOWN:
+            self.clear()
+        return self.setdefault(text, self._check(text))
+
+
+def _column(columns: Sequence[Sequence[bytes]], pattern: _Pattern, start: int, stop: int) -> Any:
+    """The numbers of the time that are between two offsets in the line of a pattern."""
+    return np.array([*map(int, columns[pattern.clock[start, stop]])], np.int64)
+
+
+class _Varying:
+    """Reads lines of a layout whose numbers, names or bytes have different lengths."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout, self._extractor = layout, layout.hypothesis.extractor
+        self._common = layout.hypothesis.common
+        self._run = re.compile(self._extractor.pattern)
+        above = {"above", "below"} & {layout.labelled, layout.times.where}
+        self._has_headings = bool(above)
+        self._is_tail_free = "after" not in (layout.labelled, layout.times.where)
+        self._tails, self._names = _Checked(self._tail_of), _Checked(self._name_of)
+
+    def read(self, lines: Sequence[bytes], rows: Any) -> Iterator[Alike]:
+        """The lines that are alike, of those with these indices in a text."""
+        left, tried, at = [*range(len(lines))], 0, 0
+        foreign, alone = list[int](), list[int]()
+        while tried < _MOST_SHAPES and at < len(left):
+            line = lines[left[at]]
+            if self._is_foreign(line):
+                foreign.append(left[at])
+                at += 1
+                continue
+            tried += 1
+            shape = _shape_of(line, self._layout)
+            own = shape and self._alike(shape, lines, left[at:])
+            if not own:
+                alone.append(left[at])
+                at += 1
+                continue
+            which, alike = own
+            yield alike._replace(rows=rows[alike.rows])
+            left = [one for one, is_own in zip(left[at:], which, strict=True) if not is_own]
+            at = 0
+        foreign += [one for one in left[at:] if self._is_foreign(lines[one])]
+        if foreign:
+            yield Alike(rows[sorted(foreign)], b"", 0, None, NO_TIME)
+
+    def _is_foreign(self, line: bytes) -> bool:
+        """Whether a line has nothing that is read."""
+        if self._has_headings or line[:1] == b"*":  # a dump leaves out lines like that before
+            return False
+        time = first_time(line) if self._extractor.masks_times else None
+        if time is None:
+            return self._run.search(line) is None
+        return not (self._run.search(line, time.end()) or self._run.search(line, 0, time.start()))
+
+    def _alike(
+        self, shape: _Shape, lines: Sequence[bytes], left: Sequence[int]
+    ) -> tuple[list[bool], Alike] | None:
+        """Which of the lines that are left have a shape, and what they hold."""
+        pattern = self._pattern_of(shape)
+        matches = [pattern.find(lines[at]) for at in left]
+        which = [one is not None for one in matches]
+        columns: list[Sequence[bytes]] = [
+            *zip(*(one.groups() for one in matches if one is not None), strict=True)
+        ]
+        rows = [at for at, is_own in zip(left, which, strict=True) if is_own]
+        data, fits = self._data_of(pattern, columns, len(rows))
+        if self._extractor.swaps:  # the last word before another line may be half empty
+            fits = [
+                own and next_ == at + 1
+                for own, (at, next_) in zip(fits, pairwise([*rows, -1]), strict=True)
+            ]
+        if not all(fits):
+            rows, data = [*compress(rows, fits)], [*compress(data, fits)]
+            columns = [[*compress(column, fits)] for column in columns]
+            every = iter(fits)
+            which = [is_own and next(every) for is_own in which]
+        if len(rows) < 2:
+            return None
+        stamps: Any = NO_TIME
+        if shape.fields:
+            read = partial(_column, columns, pattern)
+            stamps = self._layout.times.stamp(shape.line, shape.fields, read)
+        for one in (0, len(rows) // 2, len(rows) - 1):
+            stamp = stamps if stamps is None or isinstance(stamps, int) else int(stamps[one])
+            if self._parsed(lines[rows[one]]) != (shape.label, stamp, data[one]):
+                return None
+        sizes = np.array([*map(len, data)], np.int64)
+        indices = np.array(rows, np.int64)
+        return which, Alike(indices, b"".join(data), sizes, shape.label, stamps)
+
+    def _parsed(self, line: bytes) -> tuple[str | None, int, bytes] | None:
+        """Label, time and bytes of a line that is parsed; None if it has no shape."""
+        found, other = self._layout.read(line)
+        if other or not found or any(one.gap for one in found):
+            return None
+        return found[0].label, found[0].stamp, b"".join(one.data for one in found)
+
+    def _data_of(
+        self, pattern: _Pattern, columns: Sequence[Sequence[bytes]], count: int
+    ) -> tuple[list[bytes], list[bool]]:
+        """The bytes of lines that match a pattern, and which need not be parsed."""
+        data, fits = [b""] * count, [True] * count
+        for at, tail in pattern.tails.items():
+            fits = [
+                own and self._tails[text] == tail
+                for own, text in zip(fits, columns[at], strict=True)
+            ]
+        for at, common in pattern.names.items():
+            fits = [
+                own and self._names[text] == common
+                for own, text in zip(fits, columns[at], strict=True)
+            ]
+        for group, is_short, cut in pattern.runs:
+            run = [*map(self._extractor.bytes_of, columns[group])]
+            fits = [
+                own and (len(one) < LIKE_BYTES) == is_short and one != b""
+                for own, one in zip(fits, run, strict=True)
+            ]
+            run = run if cut == slice(None) else [one[cut] for one in run]
+            data = run if len(pattern.runs) == 1 else [*map(add, data, run)]
+        return data, fits
+
+    def _pattern_of(self, shape: _Shape) -> _Pattern:
+        """The regular expression of a shape."""
+        line, fields = shape.line, shape.fields
+        runs = [one for one in shape.found if one.stop]
+        end = runs[-1].stop if runs and self._is_tail_free else len(line)
+        clock = {fields[name]: name for name in fields.keys() & OF_CLOCK}
+        groups = {one.start: (one.stop, b"(%b)" % self._extractor.pattern) for one in runs}
+        for (start, stop), name in clock.items():
+            groups[start] = stop, b"([0-9]+)" if name == "n" else b"([0-9]{%d})" % (stop - start)
+        names = self._names_in(line[: runs[0].start] if runs else b"", fields)
+        groups |= {start: (stop, rb"(\S+)") for start, stop in names}
+        if runs and self._is_tail_free:
+            groups[end] = len(line), b"(.*)"
+        parts, at = list[bytes](), 0
+        for start, (stop, pattern) in sorted(groups.items()):
+            parts += [self._literal(shape, at, start), pattern]
+            at = stop
+        parts.append(self._literal(shape, at, len(line)))
+        order = {start: group for group, start in enumerate(sorted(groups))}
+        return _Pattern(
+            re.compile(b"".join(parts)).fullmatch,
+            [self._run_in(one, line, order[one.start]) for one in runs],
+            {order[start]: self._names[line[start:stop]] for start, stop in names},
+            {order[end]: self._tails[line[end:]]} if runs and self._is_tail_free else {},
+            {span: order[span[0]] for span in clock},
+        )
+
+    def _run_in(self, found: Found, line: bytes, group: int) -> _Bytes:
+        size = len(self._extractor.bytes_of(line[found.start : found.stop]))
+        return _Bytes(group, size < LIKE_BYTES, found.cut)
+
+    @staticmethod
+    def _literal(shape: _Shape, start: int, stop: int) -> bytes:
+        """A part of a line, in which some numbers may differ."""
+        parts, was = list[bytes](), False
+        for at in range(start, stop):
+            is_number = at in shape.numbers
+            if not is_number:
+                parts.append(re.escape(shape.line[at : at + 1]))
+            elif not was:
+                parts.append(b"[0-9]+")
+            was = is_number
+        return b"".join(parts)
+
+    def _names_in(self, text: bytes, fields: Fields) -> list[tuple[int, int]]:
+        """Where words are in the text before bytes that make no lane, direction or time."""
+        if self._common is None or len(text) > _LONGEST_NAMED:
+            return []
+        words = (word.span() for word in re.finditer(rb"\S+", text))
+        return [
+            (start, stop)
+            for start, stop in words
+            if all(stop <= begin or end <= start for begin, end in fields.values())
+            and self._names[text[start:stop]] is not None
+        ]
+
+    def _name_of(self, word: bytes) -> int | None:
+        """How many numbers are in a word that makes no lane and no direction; None of others."""
+        key = folded(word)
+        labels = (label_of(kind, word) for kind in ("word", "arrow", "port"))
+        matters = key in (self._common or ()) or self._run.search(word) or any(labels)
+        return None if matters else key.count(b"0")
+
+    def _tail_of(self, text: bytes) -> Tail:
+        """What the text after bytes is like."""
+        has_numbers = self._run.search(b"0" + text, 1)
+        numbers = re.sub(rb"\d+", b"0", text) if has_numbers else None
+        goes_on = re.match(GOES_ON, text[:8]) is not None
+        return goes_on, re.match(GAP, text[:32]) is not None, numbers

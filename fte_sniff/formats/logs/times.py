@@ -5,9 +5,10 @@ A time is a date with a clock, a clock alone, or a number: since 1970, or since 
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, tzinfo
@@ -15,9 +16,10 @@ from functools import cache, lru_cache
 from itertools import islice, pairwise, product
 from pathlib import Path
 from time import time_ns
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from fte_sniff.formats.log_form import LATEST_NS, NO_TIME
+from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.formats.log_form import Array, LogOptions
@@ -49,20 +51,34 @@ _CLOCK: Final = (  # the colons may be absent after a date of digits
     rf"(?:(?P<half>{_HALF}) *)?"
     r"(?P<h>2[0-4]|[01]?\d)(?::|时|(?<=\d{10})|(?<=\d{6}[T_-]\d\d)|(?<=\d{6} \d\d)(?=\d{4}\.))"
     r"(?P<mi>[0-5]\d)(?::|分|(?<=\d{12})|(?<=\d{6}[T_ -]\d{4}))(?P<s>[0-5]\d|60)(?:秒)?"
-    r"(?:(?:\.(?:000(?=\d{6}  length))?|[:,](?=\d{3}(?!\d)|\d{6}[+-]))"  # socat 1.7.4.4 pads
-    r"(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"  # Zephyr writes milliseconds,microseconds
-    rf"(?![\d_]|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y>20\d\d)(?!\d))?"
+    r"FRACTION"
+    rf"(?![\d_]|:\w)(?: ?(?P<half2>(?:{_HALF})(?![A-Za-z])))?(?: (?P<y>20\d\d)(?!\d))?"
     r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d)(?!\d))?"
 )
+_POINT: Final = (
+    r"(?:(?:\.(?:000(?=\d{6}  length))?|[:,](?=\d{3}(?!\d)|\d{6}[+-]))"  # socat 1.7.4.4 pads
+    r"(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"  # Zephyr writes milliseconds,microseconds
+)
+_APART: Final = r" (?P<f>\d{3})(?: ?ms)?(?P<us>)(?!\w)"
+"""Milliseconds after a space."""
 _BEGIN: Final = r"(?<![\w.])(?<!\b[0-9A-Fa-f]{2}:)(?<!\b\d:)(?<!::)"
 _THEN: Final = r"(?:[T-]|[,_ ] *|(?<=\d{8}))"
 _WHOLE: Final = r"(?<![\w.+-])(?<!\d:)(?P<n>\d+)"
 _FRACTION: Final = r"\.(?P<f>\d{1,9})\d*"
 _NUMBER: Final = rf"{_WHOLE}(?:{_FRACTION})?(?![\w.])"
+_ENOUGH_LINES: Final = 20_000
+"""That show how many digits of a fraction are always 0."""
 _UNITS: Final = {"s": SECOND, "ms": 10**6, "us": 1000, "µs": 1000, "ns": 1}
 _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
-    *((kind, SECOND, f"{_BEGIN}(?P<date>{one}){_THEN}{_CLOCK}") for kind, one in _DATES),
-    ("clock", SECOND, f"{_BEGIN}(?P<date>){_CLOCK}"),
+    *(
+        (kind, SECOND, f"{_BEGIN}(?P<date>{one}){_THEN}{_CLOCK.replace('FRACTION', fraction)}")
+        for fraction in (_APART, _POINT)
+        for kind, one in _DATES
+    ),
+    *(
+        ("clock", SECOND, f"{_BEGIN}(?P<date>){_CLOCK.replace('FRACTION', fraction)}")
+        for fraction in (_APART, _POINT)
+    ),
     *(  # `time`, candump; JavaScript; ROS, InfluxDB
         ("epoch", 10 ** (18 - digits), _NUMBER.replace(r"\d+", rf"[12]\d{{{digits}}}"))
         for digits in (9, 12, 15, 18)
@@ -78,7 +94,8 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
     ("since", SECOND, rf"{_WHOLE}{_FRACTION}(?![\w.])"),  # dmesg, tshark
 )
 """Kinds of times, nanoseconds of one, and regular expressions; an earlier one is preferred."""
-_ANY: Final = rf"{_BEGIN}(?:(?:{'|'.join(one for _, one in _DATES)}){_THEN})?{_CLOCK}"
+_PRECISE: Final = _CLOCK.replace("FRACTION", _POINT)
+_ANY: Final = rf"{_BEGIN}(?:(?:{'|'.join(one for _, one in _DATES)}){_THEN})?{_PRECISE}"
 _HEADING: Final = (
     r"(?:[^,\n]*(?:time|stamp|start|\bts\b|时间)[^,\n]*[\[(_ ]|[^\w,\n]*(?:t_?)?)"
     r"([nuµm]s)(?:ec|\b)[^,\n]*"
@@ -103,6 +120,11 @@ def _compiled(pattern: str) -> re.Pattern[bytes]:
     return re.compile(pattern.encode())
 
 
+def first_time(line: bytes) -> re.Match[bytes] | None:
+    """The first date or time of a line, which cannot be bytes."""
+    return _compiled(_ANY).search(line)
+
+
 def masked(line: bytes) -> bytes:
     """The line with its first date or time hidden, which cannot be bytes."""
     return _compiled(_ANY).sub(lambda found: b"~" * len(found[0]), line, count=1)
@@ -113,7 +135,7 @@ class TimeRule:
     """Where the lines of a log have their times, and how they are read.
 
     Attributes:
-        where: `before` or `after` the bytes, `above` them in a heading, or `none`.
+        where: `before` or `after` the bytes, `above` or `below` them in a line, or `none`.
         kind: `date`, `year-less`, `clock`, `epoch` or `since`; `unread` numbers in headings.
         scale: nanoseconds of one of the numbers.
         column: which of the times in a line.
@@ -121,6 +143,7 @@ class TimeRule:
         day_first: whether dates such as 5/3/2026 begin with the day.
         year: of dates without one.
         first_byte: whether the first byte of a line began then; else the last one had arrived.
+        samplerate: numbers in a second, if they count samples.
     """
 
     where: str = "none"
@@ -133,6 +156,7 @@ class TimeRule:
     day_first: bool = False
     year: int = 1972
     first_byte: bool = False
+    samplerate: int | None = None
 
     def find(self, text: bytes, start: int, stop: int) -> Fields | None:
         """Where the fields of the time are in a part of a line."""
@@ -164,7 +188,11 @@ class TimeRule:
         east = (number["zh"] * 60 + number["zm"]) * (-1 if part.get("sign") == b"-" else 1)
         seconds = (number["h"] * 60 + number["mi"] - east) * 60 + number["s"]
         ns = number["f"] * self.scale // 10 ** len(part.get("f", b"")) + number["us"] * 1000
-        ns += number["n"] * self.scale + seconds * SECOND
+        whole, rate = number["n"], self.samplerate
+        if rate is None:
+            ns += whole * self.scale + seconds * SECOND
+        else:
+            ns += whole // rate * SECOND + whole % rate * SECOND // rate
         if "date" not in part:
             return ns
         day = _day(part["date"], number["y"] or self.year, self.day_first)
@@ -173,14 +201,16 @@ class TimeRule:
     def decide(self, texts: Iterable[bytes], near: date, *, given: bool) -> list[str]:
         """Decide the resolution, and the order of day and month; returns notes about them.
 
-        Texts of the log are read until they show both; else the order is that whose date is near
-        that of the file, or the date that is `given`.
+        Texts of the log are read until they show both, or the order and many times; else the
+        order is that whose date is near that of the file, or the date that is `given`.
         """
         if self.kind == "unread":
             return ["numbers in the lines above the bytes may be times; they are not read"]
         form, fractions, dates = _compiled(self.pattern), {b""}, {b""}
         days: list[list[date]] = [[], []]
+        lines = 0
         for text in texts if "date" in form.groupindex else ():
+            lines += text.count(b"\n")
             found = {one.group("date", "f", "us") for one in form.finditer(text)}
             fractions |= {(f or b"") + (us or b"") for _, f, us in found}
             dates |= {one for one, _, _ in found}
@@ -191,7 +221,7 @@ class TimeRule:
                 for order in (False, True)
             ]
             certain = days[0] == days[1] or len(days[0]) != len(days[1])
-            if certain and digits == max(map(len, fractions)):
+            if certain and (digits == max(map(len, fractions)) or lines >= _ENOUGH_LINES):
                 break
         plausible = [(len(own), -len({(one.year, one.month) for one in own})) for own in days]
         nearest = [-min((abs((one - near).days) for one in own), default=0) for own in days]
@@ -222,44 +252,135 @@ def _day(text: bytes, year: int, day_first: bool) -> date | None:
     return None
 
 
-def time_rule(texts: Sequence[tuple[bytes, bytes, bytes]]) -> TimeRule:
-    """Where lines have their times, by a sample of texts before, after and above bytes."""
+class StepUnit(NamedTuple):
+    """What shows the unit of numbers that rise from byte to byte."""
+
+    bytewise: bool = False
+    """Whether each time is that of one byte."""
+    baud: int = DEFAULT_BAUD
+    samplerate: int | None = None
+
+    def unit(self, steps: Sequence[float], *, whole: bool) -> int:
+        """Nanoseconds of one; 0 if it is not known.
+
+        Most bytes of a frame follow each other without a pause. Whole numbers may count samples of
+        any rate, so they are times only if the pause is exactly that of a byte.
+        """
+        if self.samplerate and whole:
+            return max(1, SECOND // self.samplerate)
+        if not self.bytewise or not steps:
+            return 0
+        byte_ns, step = byte_time_ns(self.baud), steps[len(steps) // 2]
+        least, most = (0.95, 1.1) if whole else (0.03, 30)
+        units = (
+            unit for unit in _UNITS.values() if least * byte_ns <= step * unit <= most * byte_ns
+        )
+        return next(units, 0)
+
+
+def time_rule(
+    texts: Sequence[tuple[bytes, bytes, bytes, bytes]], steps: StepUnit, *, is_below: bool
+) -> tuple[TimeRule, TimeRule | None]:
+    """Where lines have their times, by a sample of texts before, after, above and below bytes.
+
+    Where a finer time is beside a coarser one, the finer one; the coarser one comes with it if the
+    finer one has no date. Times in other lines are above the bytes, or if `is_below` below them.
+    """
+    found = list[tuple[TimeRule, list[int]]]()
+    for rule, stamps in _fitting(texts, steps, is_below=is_below):
+        if rule.kind == "unread":
+            return rule, None
+        found.append((rule, stamps))
+        if rule.where in ("above", "below") or rule.kind not in ("date", "year-less", "clock"):
+            break
+    if not found:
+        return TimeRule(), None
+    first, its = found[0]
+    for rule, stamps in found[1:]:
+        apart = [(one - other) % _DAY_NS for one, other in zip(its, stamps, strict=False)]
+        apart = [one - apart[0] for one in apart]
+        near = [min(one % _DAY_NS, -one % _DAY_NS) for one in apart]
+        is_finer = _resolution(stamps) < _resolution(its)
+        if is_finer and len(its) == len(stamps) and max(near) <= 2 * _resolution(its):
+            has_date = rule.kind in (first.kind, "date", "epoch")
+            return rule, None if has_date else first
+    return first, None
+
+
+def _resolution(stamps: Iterable[int]) -> int:
+    """The finest power of ten of nanoseconds that divides them all."""
+    common = math.gcd(*stamps)
+    return next((10**power for power in range(9, 0, -1) if common % 10**power == 0), 1)
+
+
+def _fitting(
+    texts: Sequence[tuple[bytes, bytes, bytes, bytes]], steps: StepUnit, *, is_below: bool
+) -> Iterator[tuple[TimeRule, list[int]]]:
+    """The times in texts that fit, the preferred first, with their stamps in the texts."""
     parts = {where: [text[at] for text in texts] for at, where in enumerate(("before", "after"))}
-    parts["above"] = [*dict.fromkeys(above for _, _, above in texts)]
-    for form, where in [*product(_FORMS, ("before", "after")), *product(_FORMS, ("above",))]:
-        rows = [[*_compiled(form[-1]).finditer(part)] for part in parts[where]]
+    parts["above"] = [*dict.fromkeys(text[2] for text in texts)]
+    parts["below"] = [*dict.fromkeys(text[3] for text in texts)]
+    sides = ("below", "above") if is_below else ("above",)
+    for form, where in [*product(_FORMS, ("before", "after")), *product(_FORMS, sides)]:
+        pattern = _compiled(form[-1])
+        rows = [[*pattern.finditer(part)] for part in parts[where]]
         for column in range(max(map(len, rows), default=0)):
             found = [row[column] for row in rows if len(row) > column]
             rule = TimeRule(where, *form, column)
-            if 2 * len(found) > len(rows) and _fits(rule, found, texts[0]):
-                unread = where == "above" and rule.kind in ("epoch", "since")
-                return TimeRule(kind="unread") if unread else rule
-    return TimeRule()
+            if 2 * len(found) > len(rows) and _fits(rule, found, texts[0], steps):
+                unread = where in ("above", "below") and rule.kind in ("epoch", "since")
+                spans = (
+                    {name: one.span(name) for name, own in one.groupdict().items() if own}
+                    for one in found
+                )
+                stamps = (
+                    rule.stamp(one.string, own) for one, own in zip(found, spans, strict=True)
+                )
+                yield TimeRule(kind="unread") if unread else rule, [one or 0 for one in stamps]
 
 
-def _fits(rule: TimeRule, found: Sequence[re.Match[bytes]], text: Sequence[bytes]) -> bool:
+def _fits(
+    rule: TimeRule,
+    found: Sequence[re.Match[bytes]],
+    text: Sequence[bytes],
+    unit_of: StepUnit,
+) -> bool:
     """Whether what is found are times: numbers rise, and their unit is known."""
     if "date" in found[0].groupdict():
         rule.is_local = 2 * sum(one["zone"] is None for one in found) >= len(found)
-        return rule.where != "above" or len(found) > 1
+        if _APART in rule.pattern and not _are_milliseconds(found):
+            return False
+        return rule.where not in ("above", "below") or len(found) > 1
     times = [float(b"%b.%b" % (one["n"], one["f"] or b"0")) for one in found]
     steps = sorted(later - earlier for earlier, later in pairwise(times)) or [0]
     rises = steps[len(steps) // 50] >= 0
     digits = max(len(one["f"] or b"") for one in found)
     unit = _unit(text, rule.where, found[0].start())
+    counts = not (unit or rule.scale or digits)
+    rule.samplerate = unit_of.samplerate if counts else None
+    unit = unit or rule.scale or unit_of.unit(steps, whole=not digits)
     if rule.kind == "epoch":
         is_slow = not digits and len(steps) > 2 and steps[len(steps) // 2] > _LONGEST_STEP
         changes = unit in (0, rule.scale) and not (is_slow and rule.scale == SECOND)
     else:
-        changes = len(set(times)) > 2 or (len(times) < 3 and rule.where != "above")
+        changes = len(set(times)) > 2 or (len(times) < 3 and rule.where not in ("above", "below"))
     rule.scale = rule.scale or unit
     rule.resolution_ns = max(1, rule.scale // 10**digits)
     return rule.scale > 0 and rises and changes
 
 
+def _are_milliseconds(found: Sequence[re.Match[bytes]]) -> bool:
+    """Whether numbers after clocks rise within a second, and start again in the next."""
+    rows = [tuple(int(one[name]) for name in ("h", "mi", "s", "f")) for one in found]
+    pairs = [*pairwise(rows)]
+    rises = 50 * sum(later < earlier for earlier, later in pairs) <= len(pairs)
+    counts = all(later[3] - earlier[3] in (0, 1) for earlier, later in pairs)
+    return rises and not counts
+
+
 def _unit(text: Sequence[bytes], where: str, start: int) -> int:
     """Nanoseconds of one, by the heading of the column of times that begins there; 0 without."""
-    before, after, above = (one.translate(bytes.maketrans(b";\t", b",,")) for one in text)
+    before, after, above, _ = (one.translate(bytes.maketrans(b";\t", b",,")) for one in text)
     columns = "^" + r"[^,\n]*," * before[:start].count(b",") + _HEADING
     if where == "after":
         columns = _HEADING + r",[^,\n]*" * after[start:].count(b",") + "$"
@@ -277,16 +398,40 @@ class LogClock:
         self.notes: list[str] = []
         """What the times lack, and where that comes from."""
 
-    def settle(self, stamps: Sequence[int], name: str, written_ns: int | None) -> None:
+    def settle(
+        self,
+        stamps: Sequence[int],
+        name: str,
+        written_ns: int | None,
+        coarse: TimeRule | None = None,
+        later: Sequence[int] = (),
+    ) -> None:
         """Decide what the times count from: by options, the file's name, or when it was written.
 
         Stamps are those of a sample, with the first and last of the log; a pipe was never written.
+        If `coarse` times are beside them, which are `later` by some nanoseconds, by these.
         """
-        kind, options, self._last = self._rule.kind, self._options, stamps[0]
-        if self._rule.is_local and options.zone is None:
+        rule, options, self._last = self._rule, self._options, stamps[0]
+        shown = rule if coarse is None or not later else coarse
+        if shown.is_local and options.zone is None:
             self.notes.append(f"its times {_LACKING['zone']}")
-        if kind not in _LACKING:
-            return
+        if shown.kind in _LACKING:
+            self._base_ns = self._dated(shown, stamps, name, written_ns)
+        if shown is not rule:
+            base_ns = self._base_ns + max(later)  # the coarse times are cut off
+            if rule.kind == "clock":
+                base_ns = round(base_ns / _DAY_NS) * _DAY_NS
+            elif shown.is_local and options.zone is not None:
+                import numpy as np
+
+                base_ns = int(_utc_ns(np.array([base_ns]), options.zone)[0])
+            self._base_ns = base_ns
+
+    def _dated(
+        self, rule: TimeRule, stamps: Sequence[int], name: str, written_ns: int | None
+    ) -> int:
+        """What the stamps of a rule without a date count from, with a note."""
+        kind, options = rule.kind, self._options
         since, day = kind == "since", options.day
         midnights = sum(later < earlier - _DAY_NS // 2 for earlier, later in pairwise(stamps))
         passed = max(stamps) if since else midnights * _DAY_NS
@@ -300,10 +445,19 @@ class LogClock:
         }
         source, base_ns = next((source, base) for source, base in bases.items() if base is not None)
         begin = datetime.fromtimestamp(base_ns // SECOND, UTC)
-        self._rule.year = begin.year
-        self._base_ns = {"since": base_ns, "clock": _midnight_ns(begin.date())}.get(kind, 0)
+        rule.year = begin.year
         if source:
             self.notes.append(f"its times {_LACKING[kind].format(begin, source)}")
+        return {"since": base_ns, "clock": _midnight_ns(begin.date())}.get(kind, 0)
+
+    def shown(self, stamp: int) -> str:
+        """The time of one of the first lines."""
+        import numpy as np
+
+        t_ns = np.array([self._base_ns + stamp])
+        if self._rule.is_local and self._options.zone is not None:
+            t_ns = _utc_ns(t_ns, self._options.zone)
+        return f"{np.datetime_as_string(t_ns.astype('datetime64[ns]'))[0]}Z"
 
     def times(self, ns: Array, lines: Array) -> Array:
         """The times of consecutive lines, by their stamps; without one, that before."""
@@ -311,9 +465,14 @@ class LogClock:
 
         missing = ns == NO_TIME
         if missing.any():
-            alone = missing & (self._rule.where != "above")
+            alone = missing & (self._rule.where not in ("above", "below"))
             self._report("lack a time; that of the line before is taken", alone, lines)
-            last = np.maximum.accumulate(np.arange(1, len(ns) + 1) * ~missing)
+            numbers, size = np.arange(1, len(ns) + 1) * ~missing, len(ns)
+            last = np.maximum.accumulate(numbers)
+            if self._rule.where == "below":  # that of the next, if there is one
+                following = np.where(missing, size + 1, numbers)[::-1]
+                following = np.minimum.accumulate(following)[::-1]
+                last = np.where(following > size, last, following)
             ns = np.append(self._last, ns)[last]
         finer = ~missing & (ns % self._rule.resolution_ns != 0)
         self._report("show a finer time than the first lines", finer, lines)

@@ -6,6 +6,7 @@ semi-Markov model; `docs/framer.md` explains it with an example. Modules:
     framer       Framer: feed chunks, get rows; decides when enough bytes have arrived.
     timestamps   Arrival time and read delay of a byte; pauses and silence on the line.
     tables       Lookup tables of a frame format; fault sets.
+    reserve      What a line has in its reserve bytes, learned from its frames.
     predicates   Tests of a window of bytes: framed, legal, readable in one way only.
     likelihood   Likelihood model: scores of frames, damaged frames and noise.
     candidates   Candidate frames and damaged frames of a span, with their scores.

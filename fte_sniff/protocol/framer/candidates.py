@@ -21,8 +21,8 @@ from fte_sniff.protocol.framer.likelihood import (
     UNUSUAL,
     WIDEST_CHANGE,
 )
-from fte_sniff.protocol.framer.predicates import kind_at
-from fte_sniff.protocol.framer.tables import HEADER, NO_KIND, FrameTables
+from fte_sniff.protocol.framer.predicates import kind_at, prefix_fit
+from fte_sniff.protocol.framer.tables import HEADER, NO_KIND, TAIL, FrameTables
 from fte_sniff.protocol.spec import NUM_OFFSET
 
 _WIDEST_CHANGE: Final[i64] = WIDEST_CHANGE
@@ -59,6 +59,10 @@ class PrefixScore:
         """The score of a frame whose last bytes were changed; 0 if the prefix cannot be that."""
         if fit < length and end - at >= length:
             self.bad_tail = _bad_tail_score(tables, scores, fit)
+        self.unusual = 0.0
+        """The score of a frame with another reserve than the line's; 0 if it cannot be one."""
+        if kind != NO_KIND and fit < length and tables.open_reserve[kind * length] != 0:
+            self.unusual = _unlearned_score(tables.unlearned, data, at, end, kind)
         self.longest_truncated = min(fit, length - 1)
 
     def truncated(self, length: i64) -> float:
@@ -81,6 +85,19 @@ def _score_prefix(
         if offset > 0:
             scores[offset + 1] = score
     return length
+
+
+def _unlearned_score(tables: FrameTables, data: bytes, at: i64, end: i64, kind: i64) -> float:
+    """The score of a frame of a kind on a line whose reserve is not known; 0 if it is not one."""
+    length = tables.length
+    if end - at < length or tables.delimiters[data[at + length - 1]] != TAIL:
+        return 0.0
+    if prefix_fit(tables, data, at, end, kind) < length:
+        return 0.0
+    score = tables.kind_shares[kind]
+    for offset in range(length):
+        score *= tables.byte_scores[(kind * length + offset) * 256 + i64(data[at + offset])]
+    return score
 
 
 def _bad_tail_score(tables: FrameTables, scores: vec[float], fit: i64) -> float:
@@ -208,9 +225,9 @@ def _changed(prefix: PrefixScore, suffix: SuffixScore, row: i64, fit: i64) -> fl
 
 
 def _unusual(tables: FrameTables, prefix: PrefixScore) -> float:
-    """The score of framed bytes with any content."""
-    named = prefix.fit >= _NAMED
-    return tables.foreign_score + (UNUSUAL * prefix.scores[_NAMED] * 256 if named else 0.0)
+    """The score of framed bytes with any content, or with any reserve."""
+    named = prefix.scores[_NAMED] * 256 if prefix.fit >= _NAMED else 0.0
+    return tables.foreign_score + UNUSUAL * (named + prefix.unusual)
 
 
 def _broken(length: i64, prefix: PrefixScore, suffix: SuffixScore) -> float:

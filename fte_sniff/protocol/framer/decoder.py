@@ -199,7 +199,7 @@ def decode(posterior: ForwardBackward, following: Segment | None = None) -> list
             if prefix.start > posterior.size - length:
                 damage.end_with_cut_off(prefix, posterior.cut_off_score(prefix))
         _append_damage(posterior, damage, segments)
-    _trust_neighbours(candidates, segments, following)
+    _trust_neighbours(posterior, segments, following)
     return segments
 
 
@@ -208,10 +208,14 @@ def _append_damage(
 ) -> None:
     """Append the segments of a damaged span; unlikely framed ones are `ambiguous`."""
     for one in damage.segments():
-        faults = one.faults
-        if one.framed and posterior.probability(one.start, one.stop, one.probability) < LIKELY:
-            faults |= AMBIGUOUS
-        segments.append(Segment(one.start, one.stop, one.framed, faults, 0.0))
+        faults, probability = one.faults, 0.0
+        if one.framed:
+            probability = posterior.probability(one.start, one.stop, one.probability)
+            if probability < (LIKELY if faults else CERTAIN):
+                faults |= AMBIGUOUS
+            if one.faults:
+                probability = 0.0
+        segments.append(Segment(one.start, one.stop, one.framed, faults, probability))
 
 
 def _shown_frames(candidates: CandidateSet, probabilities: vec[float]) -> list[i64]:
@@ -247,22 +251,25 @@ def _shown_frames(candidates: CandidateSet, probabilities: vec[float]) -> list[i
 
 
 def _trust_neighbours(
-    candidates: CandidateSet, segments: list[Segment], following: Segment | None
+    posterior: ForwardBackward, segments: list[Segment], following: Segment | None
 ) -> None:
     """Clear `ambiguous` from frames in step between a certain frame and another one.
 
     Another segmentation needs two faults that cancel each other out. This is rarer than the scores
     say, unless the frame could also be two truncated ones.
     """
-    for number in range(i64(1), i64(len(segments))):
+    candidates, follows_certain = posterior.candidates, posterior.follows_certain_frame
+    for number in range(i64(len(segments))):
         frame = segments[number]
-        if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
+        in_step, follows_certain = follows_certain, frame.certain
+        if not in_step or frame.faults != AMBIGUOUS or frame.probability < LIKELY:
             continue
         after = segments[number + 1] if number + 1 < len(segments) else following
-        if after is None or after.probability == 0.0 or not segments[number - 1].certain:
+        if after is None or after.probability == 0.0:
             continue
-        if is_plain(candidates.tables, candidates.data, frame.start):
+        if is_plain(candidates.tables.unlearned, candidates.data, frame.start):
             segments[number] = frame.with_faults(0)
+            follows_certain = True
 
 
 def trust_calm_line(posterior: ForwardBackward, segments: list[Segment]) -> list[Segment]:

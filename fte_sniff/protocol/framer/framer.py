@@ -26,7 +26,7 @@ from mypy_extensions import i64
 
 from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore
 from fte_sniff.protocol.framer.decoder import clear_damage, decode, decode_alone, trust_calm_line
-from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, OPEN
+from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, LIKELY, OPEN
 from fte_sniff.protocol.framer.posterior import (
     BoundaryState,
     ForwardBackward,
@@ -46,8 +46,16 @@ from fte_sniff.protocol.framer.predicates import (
     is_isolated,
     is_strict,
 )
+from fte_sniff.protocol.framer.reserve import ReserveLearner
 from fte_sniff.protocol.framer.segments import DecidedSpan, LineHealth, PendingBytes, Segment
-from fte_sniff.protocol.framer.tables import EXTRA, FTE_TABLES, NOISE, TRUNCATED, FrameTables
+from fte_sniff.protocol.framer.tables import (
+    EXTRA,
+    FTE_TABLES,
+    NOISE,
+    RESERVED_NONZERO,
+    TRUNCATED,
+    FrameTables,
+)
 from fte_sniff.protocol.framer.timestamps import SETTLING_NS, ArrivalTimeline, IdleTimes
 from fte_sniff.protocol.rows import Chunk, Row
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
@@ -184,6 +192,8 @@ class Framer:
             ValueRangeError: `baud` is less than 1.
         """
         self._tables = tables
+        """For the reserve as it is known so far."""
+        self._reserve = ReserveLearner(tables)
         self._timeline = ArrivalTimeline(byte_time_ns(baud))
         self._line = LineHealth(tables.length)
         self._decided = PendingBytes(port, self._timeline.times)
@@ -240,6 +250,8 @@ class Framer:
         rows = self.flush()
         self._state = at_stream_start()
         self._line.reset(self._base)
+        self._reserve.reset()
+        self._tables = self._reserve.tables
         return rows
 
     def reset_clock(self) -> None:
@@ -295,12 +307,20 @@ class Framer:
         length = tables.length
         if end - at < length:
             return False
-        run = end_of_run(tables, data, at, end, calm=self._line.is_calm())
+        run, taught = end_of_run(
+            tables, self._reserve.marks, data, at, end, calm=self._line.is_calm()
+        )
         sure = run - length
         if run > at:
             calm = self._line.is_calm((sure - at) // length)
             if is_clear(tables, data, sure) if calm else is_isolated(tables, data, sure, end):
                 sure = run
+        if taught >= 0 and sure >= taught:
+            self._line.append_run(self._base + at, self._base + taught)
+            self._at = taught
+            self._reserve.observe(data, taught - length)
+            self._tables = self._reserve.tables
+            return True
         if sure > at:
             self._line.append_run(self._base + at, self._base + sure)
             self._at = sure
@@ -447,6 +467,10 @@ class Framer:
     def _decide(self, segments: list[Segment]) -> None:
         if segments:
             self._line.append(self._base + self._at, segments)
+            for segment in segments:
+                if segment.faults == RESERVED_NONZERO or segment.probability >= LIKELY:
+                    self._reserve.observe(self._data, self._at + segment.start)
+            self._tables = self._reserve.tables
             self._at += segments[-1].stop
         self._unambiguous_from = 0
 

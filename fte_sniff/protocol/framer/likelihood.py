@@ -12,13 +12,15 @@ The assumptions:
   junk before a frame.
 - Payload bytes are not uniform: 00, FF and 01-03 are common, and headers and tails get a surplus,
   so that a payload that imitates the first bytes of a frame is weak evidence.
+- Reserve bytes are a property of the line. Where it has a constant, nearly every frame has it;
+  elsewhere they are payload bytes (see `reserve`).
 - Long noise (a wrong baud rate, a plugged-in cable) rarely begins, but lasts.
 - A pause on the line is 64 times as likely between two frames as within one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from librt.vecs import vec
@@ -61,7 +63,7 @@ FOREIGN: Final = 0.002
 """Share of frames with a header, a tail, and a CMD that is not in the frame table."""
 
 UNUSUAL: Final = 0.003
-"""Share of frames with reserve bytes or flags that the protocol document does not show."""
+"""Share of frames with undefined flags, or with a reserve that the line does not have elsewhere."""
 
 BROKEN: Final = 1e-5
 """Score of a frame of one given length, damaged twice or in another way, that keeps its tail."""
@@ -104,14 +106,19 @@ def payload_scores(frame_format: FrameFormat) -> tuple[float, ...]:
     return _distribution({0x00: 0.25, 0xFF: 0.08, **common})
 
 
-def byte_scores(frame_format: FrameFormat, kind: FrameKind) -> list[tuple[float, ...]]:
-    """For each offset in a frame of a kind the score of each byte value; 0 for illegal values."""
+def byte_scores(
+    frame_format: FrameFormat, kind: FrameKind, legal: Sequence[bytes | None]
+) -> list[tuple[float, ...]]:
+    """For each offset in a frame of a kind the score of each byte value; 0 for illegal values.
+
+    `legal` are the kind's legal bytes; see `FrameFormat.legal_bytes`.
+    """
     payload = payload_scores(frame_format)
-    defaults = {field.start: field.default for field in kind.fields}
+    defaults = {f.start: f.default for f in kind.fields if f.default is not None}
     scores: list[tuple[float, ...]] = []
-    for offset, legal in enumerate(frame_format.legal_bytes(kind)):
-        if legal is not None:
-            scores.append(_legal_scores(legal, defaults.get(offset)))
+    for offset, own in enumerate(legal):
+        if own is not None or offset in defaults:
+            scores.append(_legal_scores(own or bytes(range(256)), defaults.get(offset)))
         elif offset == NUM_OFFSET and not kind.names_motor:
             scores.append(_UNUSED_NUM)
         else:

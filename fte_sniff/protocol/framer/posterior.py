@@ -248,6 +248,12 @@ class ForwardBackward:
         return self._frame_probabilities(self.forward, self.total)
 
     @property
+    def follows_certain_frame(self) -> bool:
+        """Whether a certain frame ends where the span starts."""
+        known = self._state.after_frame
+        return len(known) == 1 and known[0] == 1.0 and self._state.in_noise == 0.0
+
+    @property
     def follows_frame(self) -> bool:
         """Whether the last decided row is a frame that the boundary state does not trust."""
         return self._state.ends_frame

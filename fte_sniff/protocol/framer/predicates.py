@@ -4,7 +4,7 @@ Each predicate is about the frame that starts at an offset, which must be comple
 stricter:
 
     framed       a header and a tail at the right distance
-    strict       legal at every byte: no reserve byte set, no undefined flag
+    strict       legal at every byte: no undefined flag, and the line's constant in its reserve
     unsplit      strict, and hardly two truncated frames: no payload byte where one could end and
                  the next begin
     plain        unsplit, and does not end with the usual flags of another kind
@@ -18,11 +18,14 @@ from __future__ import annotations
 from typing import Final
 
 from librt.strings import read_i64_le
-from mypy_extensions import i64
+from librt.vecs import vec
+from mypy_extensions import i64, u8
 
 from fte_sniff.protocol.framer.tables import (
+    EXACT,
     EXTRA,
     HEADER,
+    LEARNING,
     NO_KIND,
     TAIL,
     UNKNOWN_CMD,
@@ -47,8 +50,20 @@ def is_framed(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 def is_strict(tables: FrameTables, data: bytes, at: i64) -> bool:
     """Whether the frame is legal at every byte."""
-    last = data[at + tables.length - 1]
-    return tables.delimiters[last] == TAIL and framed_faults(tables, data, at) == 0
+    if tables.delimiters[data[at + tables.length - 1]] != TAIL:
+        return False
+    kind = kind_at(tables, data, at)
+    if kind == NO_KIND:
+        return False
+    row, legal, checked = kind * tables.length, tables.legal, tables.checked
+    number = row
+    while True:
+        offset = i64(checked[number])
+        if offset == 0:
+            return True
+        if legal[(row + offset) * 256 + i64(data[at + offset])] == 0:
+            return False
+        number += 1
 
 
 def can_split(tables: FrameTables, data: bytes, at: i64) -> bool:
@@ -118,33 +133,57 @@ def ends_like_its_kind(tables: FrameTables, data: bytes, stop: i64, kind: i64) -
     return True
 
 
-def end_of_run(tables: FrameTables, data: bytes, at: i64, end: i64, *, calm: bool) -> i64:
+def end_of_run(
+    tables: FrameTables, marks: vec[u8], data: bytes, at: i64, end: i64, *, calm: bool
+) -> tuple[i64, i64]:
     """The end of the run of plain frames from `at`, before `end`; unsplit ones on a calm line.
+
+    The second number is the end of the first frame whose kind has the mark `LEARNING` in `marks`,
+    -1 without one; the run has at most one frame after it, since it can change the tables.
 
     One operation tests eight bytes of most frames: they are legal and hold no header, without which
     nothing splits them.
     """
     length, delimiters, kind_of = tables.length, tables.delimiters, tables.kind_of
-    word_exact, base, forbidden = tables.word_exact, tables.word_base, tables.word_forbidden
+    base, forbidden = tables.word_base, tables.word_forbidden
     unused_num, flag_ending = tables.unused_num, tables.flag_ending
     last, tail = end - length, length - 1
     while at <= last:
         kind = i64(kind_of[i64(data[at]) << 8 | i64(data[at + 1])])
         if kind == NO_KIND or delimiters[data[at + tail]] != TAIL:
             break
-        certain = word_exact[kind] == 1
+        mark = marks[kind]
+        certain = mark == EXACT
         if certain:
             word = read_i64_le(data, at + _NUM)
             if (word - base[kind]) & forbidden[kind] != 0:
                 break
             num_fits = unused_num[kind] == 0 or delimiters[data[at + _NUM]] == 0
             certain = num_fits and not _holds_header(tables, word)
+        elif mark == LEARNING:
+            return _end_of_lesson(tables, data, at, last, calm=calm)
         if not (certain or is_unsplit(tables, data, at)):
             break
         if not calm and flag_ending[kind] != 0 and _ends_like_another(tables, data, at, kind):
             break
         at += length
-    return at
+    return at, -1
+
+
+def _end_of_lesson(
+    tables: FrameTables, data: bytes, at: i64, last: i64, *, calm: bool
+) -> tuple[i64, i64]:
+    """The end of the run from a frame that teaches, and of that frame; see `end_of_run`."""
+    if not _continues_run(tables, data, at, calm=calm):
+        return at, -1
+    taught = at + tables.length
+    if taught <= last and _continues_run(tables, data, taught, calm=calm):
+        return taught + tables.length, taught
+    return taught, taught
+
+
+def _continues_run(tables: FrameTables, data: bytes, at: i64, *, calm: bool) -> bool:
+    return is_unsplit(tables, data, at) if calm else is_plain(tables, data, at)
 
 
 def _holds_header(tables: FrameTables, word: i64) -> bool:

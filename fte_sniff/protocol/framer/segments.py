@@ -28,7 +28,7 @@ class Segment:
         self.faults = faults
         """An index of `FAULT_SETS`."""
         self.probability = probability
-        """Of a whole frame (0-1); 0 for any other segment."""
+        """Of a frame that is legal but for an unusual reserve (0-1); 0 for any other segment."""
 
     @property
     def certain(self) -> bool:

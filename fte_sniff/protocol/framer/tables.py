@@ -1,11 +1,12 @@
 """Lookup tables of a frame format: legal bytes, byte scores, delimiters, fault sets.
 
-`FrameTables`, a pure function of a `FrameFormat`, is all that the framer knows of the protocol.
+`FrameTables`, a pure function of a `FrameFormat` and of the reserve that a line is known to have,
+is all that the framer knows of the protocol.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, final
 
 from librt.vecs import vec
@@ -44,6 +45,7 @@ BAD_TAIL: Final[i64] = _BITS[Fault.BAD_TAIL]
 TRUNCATED: Final[i64] = _BITS[Fault.TRUNCATED]
 OVERLONG: Final[i64] = _BITS[Fault.OVERLONG]
 NOISE: Final[i64] = _BITS[Fault.NOISE]
+RESERVED_NONZERO: Final[i64] = _BITS[Fault.RESERVED_NONZERO]
 AMBIGUOUS: Final[i64] = _BITS[Fault.AMBIGUOUS]
 
 FAULT_SETS: Final[list[tuple[Fault, ...]]] = [
@@ -62,6 +64,11 @@ TAIL: Final[u8] = 2
 NO_KIND: Final[i64] = 255
 """In `FrameTables.kind_of`: header and CMD name no kind."""
 
+EXACT: Final[u8] = 1
+"""Mark of a kind for which one operation tests eight bytes; see `word_exact`."""
+LEARNING: Final[u8] = 2
+"""Mark of a kind of which one more frame can change what is known of the line's reserve."""
+
 EXTRA: Final[i64] = likelihood.MOST_INSERTED
 """Bytes by which a damaged frame is at most longer than a whole one."""
 
@@ -69,6 +76,12 @@ _WORD: Final = 8
 """Bytes that are tested at once."""
 
 _LegalBytes = Sequence[bytes | None]
+
+Reserve = Mapping[tuple[int, int], int]
+"""The constants that a line has in its open reserve, by kind and offset."""
+
+_MOST_VARIANTS: Final = 32
+"""Tables of one format that are kept for lines with other reserves."""
 
 
 def _set_of(values: Iterable[int]) -> bytes:
@@ -137,21 +150,37 @@ def _offset_fault(kind: FrameKind, legal: _LegalBytes, offset: int) -> int:
     if not NUM_OFFSET <= offset < len(legal) - 1 or legal[offset] is None:
         return 0
     if offset in kind.reserved:
-        return fault_set([Fault.RESERVED_NONZERO])
+        # A reserve that differs from a constant other than 00 is unusual, but no fault.
+        return fault_set([Fault.RESERVED_NONZERO]) if legal[offset] == b"\x00" else 0
     return fault_set(field.fault for field in kind.fields if field.start == offset and field.fault)
 
 
 @final
 class FrameTables:
-    """Everything that the framer knows of a frame format.
+    """Everything that the framer knows of a frame format, and of a line's reserve.
 
     A kind is its index in the frame table. Tables "by kind and offset" have the index
     `kind * length + offset`.
     """
 
-    def __init__(self, frame_format: FrameFormat) -> None:
+    def __init__(
+        self,
+        frame_format: FrameFormat,
+        reserve: Reserve | None = None,
+        unlearned: FrameTables | None = None,
+    ) -> None:
+        """The tables for a line that has these constants in its open reserve."""
         kinds, size = frame_format.kinds, frame_format.length
-        legal = [frame_format.legal_bytes(kind) for kind in kinds]
+        constants: list[dict[int, int]] = [{} for _ in kinds]
+        for (code, offset), byte in (reserve or {}).items():
+            constants[code][offset] = byte
+        legal = [
+            frame_format.legal_bytes(kind, own) for kind, own in zip(kinds, constants, strict=True)
+        ]
+        self._format = frame_format
+        self._variants: dict[tuple[tuple[tuple[int, int], int], ...], FrameTables] = {}
+        self.unlearned = unlearned or (FrameTables(frame_format) if reserve else self)
+        """The tables for a line whose reserve is not known."""
         both = list(zip(kinds, legal, strict=True))
         words = [_word_test(values) for values in legal]
 
@@ -195,6 +224,8 @@ class FrameTables:
             ([at for at in inside[_unused_num(*one) :] if one[1][at] is None] for one in both), size
         )
         """By kind, padded with 0 to `length`: the payload offsets where every byte is legal."""
+        self.open_reserve = _by_kind((list(kind.open_reserve) for kind in kinds), size)
+        """By kind, padded with 0 to `length`: the offsets of reserve that each line chooses."""
         self.unused_num = vec[u8](bytes(_unused_num(*one) for one in both))
         """By kind: 1 if NUM has no meaning."""
         self.headers = vec[u8](bytes(frame_format.header(kind) for kind in kinds))
@@ -236,8 +267,8 @@ class FrameTables:
         self.byte_scores = vec[float](
             [
                 score
-                for kind in kinds
-                for scores in likelihood.byte_scores(frame_format, kind)
+                for kind, own in both
+                for scores in likelihood.byte_scores(frame_format, kind, own)
                 for score in scores
             ]
         )
@@ -260,6 +291,18 @@ class FrameTables:
         self.change = vec[float](likelihood.change_scores(size))
         """By width: the score of that many adjacent bytes changed at a given offset."""
 
+    def with_reserve(self, reserve: Reserve) -> FrameTables:
+        """The tables of the same format for a line that has these constants in its reserve."""
+        if not reserve:
+            return self
+        key = tuple(sorted(reserve.items()))
+        tables = self._variants.get(key)
+        if tables is None:
+            if len(self._variants) >= _MOST_VARIANTS:
+                self._variants.clear()
+            tables = self._variants[key] = FrameTables(self._format, reserve, self)
+        return tables
+
 
 FTE_TABLES: Final = FrameTables(FTE_FORMAT)
-"""The tables of this protocol's frames."""
+"""The tables of this protocol's frames, for a line whose reserve is not known."""

@@ -34,6 +34,8 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
 from zlib_ng.zlib_ng import crc32
 
+from fte_sniff.platform import POSIX, open_flags, read_at, sync_data, write_at
+from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.mcap.records import DATA_END_LENGTH, END_LENGTH, HEAD, MAGIC
 
 _SECTOR = 512
@@ -136,9 +138,12 @@ class AppendFile:
     If an append fails, the file is restored to its previous state where the disk permits.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        """Take an empty file, open for reading and writing; the caller closes it."""
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, wait: DiskWait | None = None) -> None:
+        """Take an empty file, open for reading and writing; the caller closes it.
+
+        `wait` counts how long writing waits.
+        """
+        self._descriptor, self._wait = descriptor, wait or DiskWait()
         self._end = 0
         self._tail: Tail | None = None
         self._tail_length = 0
@@ -153,7 +158,11 @@ class AppendFile:
 
         Raises CutOffError, NotRestoredError, or another OSError after which the file is restored.
         """
-        end, new_tail = self._end + len(data), tail()
+        with self._wait.call():
+            self._append(data, tail())
+
+    def _append(self, data: bytes, new_tail: Tail) -> None:
+        end = self._end + len(data)
         tail_bytes = new_tail.at(end)
         stop = end + len(tail_bytes)
         guard, guard_end = 0, 0
@@ -164,7 +173,7 @@ class AppendFile:
                 # The guard would hide a cut before it.
                 self._check_end()
             self._overwrite(data + tail_bytes, guard)
-            os.fdatasync(self._descriptor)
+            sync_data(self._descriptor)
             if os.fstat(self._descriptor).st_size < guard_end:
                 raise CutOffError
             if guard:
@@ -182,12 +191,13 @@ class AppendFile:
         if self._tail != tail:
             self.append(b"", lambda: tail)
         self._check_end()
-        os.fdatasync(self._descriptor)
+        with self._wait.call():
+            sync_data(self._descriptor)
 
     def _check_end(self) -> None:
         """Raise CutOffError if the tail is not where it was written."""
         if self._tail is not None:
-            last = os.pread(self._descriptor, len(MAGIC), self.size - len(MAGIC))
+            last = read_at(self._descriptor, len(MAGIC), self.size - len(MAGIC))
             if last != MAGIC:
                 raise CutOffError
 
@@ -203,7 +213,7 @@ class AppendFile:
         _write_at(self._descriptor, guard[:-END_LENGTH], start)
         _write_at(self._descriptor, guard[-END_LENGTH:], footer_at)
         if len(guard) <= LARGEST_BARRED:
-            os.fdatasync(self._descriptor)
+            sync_data(self._descriptor)
         return start, start + len(guard)
 
     def _overwrite(self, new: bytes, guard: int) -> None:
@@ -221,7 +231,7 @@ class AppendFile:
         try:
             if guard and self._tail is not None:
                 self._overwrite(self._tail.at(self._end), guard)
-                os.fdatasync(self._descriptor)
+                sync_data(self._descriptor)
             if os.fstat(self._descriptor).st_size > self.size:
                 os.ftruncate(self._descriptor, self.size)
         except OSError as error:
@@ -231,9 +241,12 @@ class AppendFile:
 class Stream:
     """A pipe, or another file that is written in sequence: the tail is written at the end."""
 
-    def __init__(self, descriptor: int) -> None:
-        """Take a descriptor, open for writing; the caller closes it."""
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, wait: DiskWait | None = None) -> None:
+        """Take a descriptor, open for writing; the caller closes it.
+
+        `wait` counts how long writing waits.
+        """
+        self._descriptor, self._wait = descriptor, wait or DiskWait()
         self._size = 0
 
     @property
@@ -252,7 +265,8 @@ class Stream:
     def _write(self, data: bytes) -> None:
         view = memoryview(data)
         while view:
-            written = os.write(self._descriptor, view)
+            with self._wait.call():
+                written = os.write(self._descriptor, view)
             self._size += written
             view = view[written:]
 
@@ -267,9 +281,9 @@ MAX_UNREAD = 64 * 1024 * 1024
 class NamedPipe(Stream):
     """A named pipe; appended data stays in memory until a program opens the pipe for reading."""
 
-    def __init__(self, path: Path) -> None:
-        """Take an existing named pipe."""
-        super().__init__(-1)
+    def __init__(self, path: Path, wait: DiskWait | None = None) -> None:
+        """Take an existing named pipe; `wait` counts how long writing waits."""
+        super().__init__(-1, wait)
         self._path = path
         self._unread = bytearray()
 
@@ -283,12 +297,14 @@ class NamedPipe(Stream):
         """True if the pipe has had a reader; otherwise this checks for one."""
         if self._descriptor < 0:
             try:
-                self._descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+                flags = open_flags("O_WRONLY", "O_NONBLOCK", "O_CLOEXEC")
+                self._descriptor = os.open(self._path, flags)
             except OSError as error:
                 if error.errno != errno.ENXIO:
                     raise
                 return False
-            os.set_blocking(self._descriptor, True)
+            if POSIX:
+                os.set_blocking(self._descriptor, True)
         return True
 
     def close(self, tail: Tail) -> None:
@@ -315,5 +331,5 @@ def _write_at(descriptor: int, data: bytes, offset: int) -> None:
     """Write all of `data` at `offset`; `pwrite` writes a part of it when the disk fills."""
     view = memoryview(data)
     while view:
-        written = os.pwrite(descriptor, view, offset)
+        written = write_at(descriptor, view, offset)
         view, offset = view[written:], offset + written

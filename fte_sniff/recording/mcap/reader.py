@@ -30,6 +30,7 @@ from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Sta
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
+from fte_sniff.platform import read_at
 from fte_sniff.recording.mcap.records import (
     CHUNK_HEAD,
     DATA_END_LENGTH,
@@ -213,6 +214,8 @@ class RecordStream:
         self.ending: LostBytes | None = None
         """What is wrong with the end of the file; valid after the last record."""
         self.losses: list[LostBytes] = []
+        self.has_lost_data = False
+        """Whether bytes before the summary could not be read."""
 
     def __iter__(self) -> Iterator[RawRecord]:
         if self._size is not None:
@@ -333,7 +336,7 @@ class RecordStream:
         return start in self._agreed
 
     def _bytes_at(self, position: int, length: int) -> bytes:
-        return os.pread(self._stream.fileno(), length, position)
+        return read_at(self._stream.fileno(), length, position)
 
     def _reaches_over_chunk(self, record: RawRecord) -> bool:
         """Whether an intact chunk is within a record, so that its length is wrong."""
@@ -358,6 +361,7 @@ class RecordStream:
             first = self._last + _FIRST_PACKED if self._last in self._found else position
             found = self._search(first, stop, stop)
         start = start if found is None else found
+        self.has_lost_data |= self._in_data and start != position
         if start is None:
             text = TranslatableText(
                 "{error} at byte {position}; the file ends at byte {end}",

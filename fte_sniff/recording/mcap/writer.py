@@ -4,6 +4,10 @@ The first chunk begins with all definitions (schemas and channels), a later one 
 new. So each exists once in the data, protected by the chunk's checksum, and once in the summary.
 Until a chunk holds them, they are part of the tail: a file without messages explains itself.
 
+What a reader needs to know if the first chunk and the summary are damaged is repeated in a metadata
+record: after the first chunk with new definitions, and then at twice the distance each time, up to
+4 MB. Readers skip it; definitions that stand twice in the data they remark.
+
 The summary grows with each chunk. A long summary is written only after as much new data; between,
 the file ends without summary, which is legal and makes tools scan the file. A caller that needs a
 summary at every moment ends the file before, by `index_length`.
@@ -12,7 +16,7 @@ summary at every moment ends the file before, by `index_length`.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,6 +131,11 @@ and a half hours.
 """
 
 
+MOST_BETWEEN_COPIES = 4 * 1024 * 1024
+"""Bytes between two copies of the repeated record, about: a reader of a file whose end is cut off
+finds one in the last bytes."""
+
+
 class McapFile:
     """An MCAP file that grows.
 
@@ -140,9 +149,15 @@ class McapFile:
         metadata: Metadata,
         schemas: Iterable[Schema],
         channels: Iterable[Channel],
+        repeated: Callable[[], Metadata],
     ) -> None:
-        """Begin the empty file `target` with these definitions; the caller closes it."""
-        self._target = target
+        """Begin the empty file `target` with these definitions; the caller closes it.
+
+        `repeated` makes the record whose copies stand between the chunks.
+        """
+        self._target, self._repeated = target, repeated
+        self._defined_at = self._copied_at = 0
+        """Where the latest definitions and the latest copy are in the file, about."""
         self._schemas = {schema.id: schema for schema in schemas}
         self._channels = {channel.id: channel for channel in channels}
         self._undefined = bytes_of(*self._schemas.values(), *self._channels.values())
@@ -170,6 +185,7 @@ class McapFile:
         """Add a channel; its schema is one of the file's."""
         self._channels[channel.id] = channel
         self._undefined += bytes_of(channel)
+        self._defined_at = self._copied_at = self._end
 
     def write_batch(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
         """Write metadata records and a chunk of at least one message, and sync them to the disk."""
@@ -182,25 +198,38 @@ class McapFile:
 
     def write_chunk(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
         """Write metadata records and a compressed chunk, in the order of `next_definitions`."""
-        before = self._metadata_records(metadata)
-        self._chunk_indexes += bytes_of(chunk.index_at(self._end + len(before)))
+        before = self._metadata_records(metadata, self._end)
+        start = self._end + len(before)
+        self._chunk_indexes += bytes_of(chunk.index_at(start))
         self._count(chunk)
-        self._extend(before + chunk.data if before else chunk.data)
+        copy = self._copy_at(start + len(chunk.data))
+        self._extend(b"".join([before, chunk.data, copy]))
+
+    def _copy_at(self, position: int) -> bytes:
+        """The next copy of the repeated record, if it is due at a position; else nothing."""
+        distance = position - self._copied_at
+        if distance < min(self._copied_at - self._defined_at, MOST_BETWEEN_COPIES):
+            return b""
+        copy = self._repeated()
+        if len(bytes_of(copy)) > distance:  # of very many ports
+            return b""
+        self._copied_at = position
+        return self._metadata_records([copy], position)
 
     def write_metadata(self, metadata: Iterable[Metadata]) -> None:
         """Write metadata records, if there are any."""
-        if records := self._metadata_records(metadata):
+        if records := self._metadata_records(metadata, self._end):
             self._extend(records)
 
     def close(self) -> None:
         """Write the summary, if the file does not end with it already."""
         self._target.close(self._tail(self._crc))
 
-    def _metadata_records(self, metadata: Iterable[Metadata]) -> bytes:
+    def _metadata_records(self, metadata: Iterable[Metadata], position: int) -> bytes:
         found = bytearray()
         for one in metadata:
             record = bytes_of(one)
-            start = self._end + len(found)
+            start = position + len(found)
             self._metadata_indexes.append(MetadataIndex(start, len(record), one.name))
             found += record
         return bytes(found)

@@ -188,9 +188,16 @@ class ChannelReaders:
     may read while one thread defines; what they read is then of no single version.
     """
 
-    def __init__(self, port_of: Callable[[Channel], str], known: Definitions = NOTHING) -> None:
-        """Take the port's name for a channel, and the definitions so far."""
-        self._port_of = port_of
+    def __init__(
+        self,
+        port_of: Callable[[Channel], str],
+        known: Definitions = NOTHING,
+        lost: Callable[[int], tuple[Channel, Schema] | None] = lambda _channel_id: None,
+    ) -> None:
+        """Take the port's name for a channel, the definitions so far, and those of a channel that
+        the file does not define, by its id.
+        """
+        self._port_of, self._lost = port_of, lost
         self._known = dict(known)
         self._readers: dict[int, ChannelReader] = {}
         self._updates = 0
@@ -240,6 +247,11 @@ class ChannelReaders:
 
     def _reader_of(self, channel_id: int) -> ChannelReader:
         channel, _ = self._known.get((Channel, channel_id), (None, False))
+        schema: object = None
+        if isinstance(channel, Channel):
+            schema, _ = self._known.get((Schema, channel.schema_id), (None, False))
+        if schema is None and (lost := self._lost(channel_id)):
+            channel, schema = lost if channel is None else (channel, lost[1])
         if not isinstance(channel, Channel):
             return TranslatableText(
                 "messages of channel {channel}, which has no description in the file",
@@ -247,7 +259,6 @@ class ChannelReaders:
             )
         if channel.topic not in TOPIC_BY_NAME:
             return None
-        schema, _ = self._known.get((Schema, channel.schema_id), (None, False))
         if channel.message_encoding != MessageEncoding.Protobuf or not isinstance(schema, Schema):
             encoding = channel.message_encoding if schema else "without schema"
             return TranslatableText(

@@ -292,11 +292,19 @@ def message_record(entry: Row | PortEvent, channel: int, sequence: int, time: in
     return MESSAGE.pack(*head) + data
 
 
+def port_metadata(port: PortFacts) -> dict[str, str]:
+    """The metadata of a port's channels."""
+    baud = {} if port.baud is None else {"baud": str(port.baud)}
+    return {"port": encodable(port.name), **baud}
+
+
 class Channels:
     """The channels of one file, numbered from 1 in the order in which their ports are added."""
 
     def __init__(self) -> None:
         self._ids: dict[tuple[str, str], int] = {}
+        self.ports: list[PortFacts] = []
+        """The ports that were added, in the order of their channels."""
         names = dict.fromkeys(topic.schema for topic in TOPICS)
         self._schema_ids = {name: id_ for id_, name in enumerate(names, 1)}
 
@@ -312,9 +320,8 @@ class Channels:
         """Add a port, and return a channel for each topic; none if the port is known."""
         if (port.name, TOPICS[0].name) in self._ids:
             return []
-        metadata = {"port": encodable(port.name)}
-        if port.baud is not None:
-            metadata["baud"] = str(port.baud)
+        self.ports.append(PortFacts(encodable(port.name), port.baud))
+        metadata = port_metadata(port)
         channels = []
         for topic in TOPICS:
             id_ = self._ids[port.name, topic.name] = len(self._ids) + 1

@@ -26,6 +26,7 @@ from google.protobuf.descriptor_pb2 import (
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
+from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.protocol import (
     KINDS,
@@ -194,6 +195,18 @@ def _file(topic: Topic) -> FileDescriptorProto:
         if isinstance(kind, str):
             _add_enum(message, kind)
     return file
+
+
+def table_text() -> str:
+    """The topics in order, and the fields of their messages: what a channel's number stands for."""
+    topics = (f"{topic.name} {schema_name(topic)} {[*_fields(topic)]}" for topic in TOPICS)
+    return "\n".join([*topics, *(f"{name} {list(map(str, _ENUMS[name]))}" for name in _ENUMS)])
+
+
+@cache
+def table_crc() -> int:
+    """The checksum of that table: files with another one need its topics and fields."""
+    return int(crc32(table_text().encode()))
 
 
 def schema_name(topic: Topic) -> str:

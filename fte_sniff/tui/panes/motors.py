@@ -14,7 +14,8 @@ from fte_sniff.analysis.motors import Flags, Motors, MotorState
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.formats.cell_text import UNKNOWN, clock_text, padded, rate_text
-from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, Field, FrameKind, Status
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Field, FrameKind, Status
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
@@ -87,6 +88,7 @@ class MotorsView:
         return clock_text(t_ns, digits, self.zone).rstrip(".")
 
 
+ERRORS: Final = NAME_OF_ROLE[Role.ERRORS]
 ONLINE: Final = later("online")
 OFFLINE: Final = later("OFFLINE")
 ERROR: Final = later("error {byte:02X}")
@@ -216,7 +218,7 @@ class MotorCard:
         else:
             word, style = (_(ONLINE), _PLAIN) if state.online else (_(OFFLINE), wrong)
             text.append(f" {word}", style)
-        error = state.flags.get("error")
+        error = state.flags.get(ERRORS)
         if error is None:
             return text.append(f" {_('error –')}", self.palette.muted)
         return text.append(f" {_(ERROR, byte=error.byte)}", wrong if error.byte else _PLAIN)
@@ -224,7 +226,7 @@ class MotorCard:
     def _title(self, width: int) -> Text:
         """The head with the latest change of the error byte."""
         text = self._head(_("motor {number}", number=self.state.motor))
-        error = self.state.flags.get("error")
+        error = self.state.flags.get(ERRORS)
         changes = _changes(error) if error is not None else []
         if error is not None and changes:
             t_ns, bit = changes[0]
@@ -238,7 +240,7 @@ class MotorCard:
 
     def _bit_lines(self) -> Iterator[Text]:
         """Bits of ERROR that changed last, and the motor's bit of ONLINE."""
-        state, error = self.state, self.state.flags.get("error")
+        state, error = self.state, self.state.flags.get(ERRORS)
         if error is not None:
             changes = _changes(error)
             for t_ns, bit in changes[:MAX_BIT_LINES]:
@@ -247,7 +249,7 @@ class MotorCard:
             if not changes:
                 yield Text(_("  no error bit ever changed"), style=self.palette.muted)
         if state.online is not None:
-            bit = state.motor - MOTORS[0]
+            bit = motor_bit(state.motor)
             if state.online_changed_ns is None:
                 yield Text(_("  ONLINE bit {bit} never changed", bit=bit), style=self.palette.muted)
             else:
@@ -269,12 +271,13 @@ class MotorCard:
                 continue
             value = target.values[field.name]
             if target.kind.names_motor:
-                yield Text(f" {value} {field.unit}{self._turns(field.name, value)}")
+                yield Text(f" {value} {field.unit}{self._turns(field, value)}")
             else:
                 yield Text(f" {field.option}={value}")
 
-    def _turns(self, name: str, value: int) -> str:
-        turns = turns_text(value, self.view.line_setup) if name == "pulses" else ""
+    def _turns(self, field: Field, value: int) -> str:
+        is_position = field.role is Role.POSITION
+        turns = turns_text(value, self.view.line_setup) if is_position else ""
         return f" {turns}" if turns else ""
 
     def _target_line(self, width: int) -> Text:
@@ -292,10 +295,11 @@ class MotorCard:
         return line
 
     def _reading(self, name: str) -> Text:
-        reading, unit = self.state.present.get(name), _FIELD[name].unit
+        reading, field = self.state.present.get(name), _FIELD[name]
         if reading is None:
-            return Text(f"{UNKNOWN} {unit}", style=self.palette.muted)
-        text = Text.assemble((f"{reading.value} {unit}", _BOLD), self._turns(name, reading.value))
+            return Text(f"{UNKNOWN} {field.unit}", style=self.palette.muted)
+        turns = self._turns(field, reading.value)
+        text = Text.assemble((f"{reading.value} {field.unit}", _BOLD), turns)
         return text.append_text(self._age(reading.t_ns))
 
     def _age(self, t_ns: int | None) -> Text:

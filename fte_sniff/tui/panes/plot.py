@@ -23,6 +23,7 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.traces import EnvelopeColumns, Floats
+from fte_sniff.analysis.usual_range import inside, medians, usual_targets
 from fte_sniff.formats.cell_text import fit_right, short_number
 from fte_sniff.row_batch import Bools, Ints
 
@@ -74,18 +75,6 @@ DASH: Final = 4
 
 FINE_COLUMNS: Final = 256
 """Fewest columns of the curves from which the usual range is calculated."""
-
-MEDIAN_COLUMNS: Final = 5
-"""Columns of the running median whose range is the usual one."""
-
-MARGIN: Final = 0.5
-"""How far a value may be outside the range of the medians, as a share of it."""
-
-LEAST_MARGIN: Final = 0.05
-"""The least margin, as a share of the greatest median; it matters where the range is narrow."""
-
-MOST_OUTLIERS: Final = 0.25
-"""Share of the commands that are outliers at most; a target that often changes has none."""
 
 TALL_SCALE: Final = 4
 """Lines from which on outliers have a line beside the scale's ends."""
@@ -263,30 +252,19 @@ def _within(spans: EnvelopeColumns, scale: _Scale) -> EnvelopeColumns:
 
 def _usual(fine: Curves) -> Floats:
     """Feedback and targets without outliers."""
-    feedback = _medians(fine.feedback.low), _medians(fine.feedback.high)
+    feedback = medians(fine.feedback.low), medians(fine.feedback.high)
     return np.concatenate([*feedback, _usual_targets(fine)])
 
 
 def _usual_targets(fine: Curves) -> Floats:
-    """The running median of the commands, so that one with a flipped bit is an outlier.
-
-    A command that is held longer than others counts more, since it may be sent only once; so do
-    the first of all and the one that holds at the end, which have commands only at one side.
-    """
     held = _held_target(fine).last
     known = ~np.isnan(held)
     commands = _latest(~np.isnan(fine.target.last))[known]
     if not len(commands):
         return commands.astype(np.float64)
     first, columns = np.unique(commands, return_index=True, return_counts=True)[1:]
-    targets = held[known][first]
-    repeats = np.clip(columns // max(1, int(np.median(columns))), 1, MEDIAN_COLUMNS)
-    repeats[0] += MEDIAN_COLUMNS // 2 if commands[0] >= 0 else 0
-    repeats[-1] += MEDIAN_COLUMNS // 2 if known[-1] else 0
-    medians = _medians(np.repeat(targets, repeats))
-    low, high = _limits(medians)
-    outliers = (targets < low) | (targets > high)
-    return medians if outliers.mean() <= MOST_OUTLIERS else targets
+    begins, holds = bool(commands[0] >= 0), bool(known[-1])
+    return usual_targets(held[known][first], columns, begins=begins, holds=holds)
 
 
 def _scale(curves: Iterable[EnvelopeColumns], usual: Floats | None) -> _Scale | None:
@@ -299,34 +277,10 @@ def _scale(curves: Iterable[EnvelopeColumns], usual: Floats | None) -> _Scale | 
     if not len(values):
         return None
     least, most = float(values.min()), float(values.max())
-    if usual is None or not len(usual):
+    if usual is None:
         return _Scale(least, most, least, most)
-    low, high = _limits(usual)
-    inside = values[(values >= low) & (values <= high)]
-    if not len(inside):
-        return _Scale(least, most, least, most)
-    return _Scale(float(inside.min()), float(inside.max()), least, most)
-
-
-def _limits(usual: Floats) -> tuple[float, float]:
-    low, high = float(usual.min()), float(usual.max())
-    margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
-    return low - margin, high + margin
-
-
-def usual_range(values: Floats) -> tuple[float, float] | None:
-    """The least and the greatest value without outliers; None without values."""
-    scale = _scale((EnvelopeColumns(values, values, values),), _medians(values))
-    return None if scale is None else (scale.low, scale.high)
-
-
-def _medians(values: Floats) -> Floats:
-    known = values[~np.isnan(values)]
-    if len(known) < MEDIAN_COLUMNS:
-        return known
-    windows = np.lib.stride_tricks.sliding_window_view(known, MEDIAN_COLUMNS)
-    medians: Floats = np.median(windows, axis=1)
-    return medians
+    shown = inside(values, usual)
+    return _Scale(float(shown.min()), float(shown.max()), least, most)
 
 
 def _draw(canvas: Canvas, spans: EnvelopeColumns, scale: _Scale) -> None:

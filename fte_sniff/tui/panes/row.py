@@ -23,9 +23,10 @@ from fte_sniff.formats.cell_text import moment_text, padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
+from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
-from fte_sniff.tui.table.columns import MARKS
 from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import span_text, turns_text
@@ -102,7 +103,7 @@ def detail_text(
     """The explanation of a row; positions in turns too, where the set-up gives pulses per turn."""
     lines = _heading(row, palette, layout, zone)
     style = palette.statuses[row.status]
-    marked = [(MARKS[row.status], explanation, style) for explanation in explain(row)]
+    marked = [(LOOKS[row.status].mark, explanation, style) for explanation in explain(row)]
     if row.order_uncertain:
         marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
     marked += [(Sign.PAIRED.value, text, palette.signs) for text in layout.relations]
@@ -144,7 +145,7 @@ def _heading(row: Row, palette: Palette, layout: DetailLayout, zone: tzinfo) -> 
 
 def _with_turns(field: ExplainedField, line_setup: LineSetup) -> ExplainedField:
     """The field; with turns, where it is a decoded position."""
-    if field.name != "pulses" or not field.value:
+    if field.name != NAME_OF_ROLE[Role.POSITION] or not field.value:
         return field
     turns = turns_text(int.from_bytes(field.raw, "big", signed=True), line_setup)
     return replace(field, value=f"{field.value}, {turns}") if turns else field
@@ -161,7 +162,7 @@ def _field_lines(
     style = palette.statuses[status_of((field.fault,))] if field.fault else Style.null()
     own = style if field.fault else palette.fields.get(field.name, Style.null())
     own += palette.field if is_looked_at else Style.null()
-    mark = MARKS[status_of((field.fault,))] if field.fault else " "
+    mark = LOOKS[status_of((field.fault,))].mark if field.fault else " "
     inline = len(field.raw) <= INLINE_BYTES
     value = field.value
     if field.bits:

@@ -28,9 +28,10 @@ from fte_sniff.formats.cell_text import (
     sparkline,
 )
 from fte_sniff.protocol import Direction, status_of
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
-from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
+from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import event_words, span_text
 
@@ -222,7 +223,7 @@ class StatisticsPage:
             count = fit_right(f"{fault.count:,}", COLUMNS[0].width)
             spark = sparkline(fault.over_time.values, self.width - cell_len(head) - 2)
             yield Text.assemble(
-                (MARKS[status], self.palette.marks[status]),
+                (LOOKS[status].mark, self.palette.marks[status]),
                 " ",
                 (fit(fault.fault.value, _NAME_WIDTH), style),
                 f" {count}  ",

@@ -18,7 +18,6 @@ from rich.style import Style
 from textual.binding import BindingType
 from textual.events import Click
 from textual.geometry import Region, Size
-from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
@@ -26,14 +25,15 @@ from fte_sniff.analysis.live_models import ShownStreams
 from fte_sniff.analysis.motors import AnsweredCommands, MotorState
 from fte_sniff.analysis.statistics import StreamStats
 from fte_sniff.analysis.traces import QUANTITIES, Floats, Traces
+from fte_sniff.analysis.usual_range import usual_range
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text, short_number
-from fte_sniff.protocol import KINDS, MOTORS, Direction
+from fte_sniff.protocol import KINDS, Direction
+from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.keys import TOP, bindings, translate_keys
 from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
-from fte_sniff.tui.panes.plot import usual_range
 from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.theme import REVERSED, Palette
 from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
@@ -167,8 +167,9 @@ class TopLine:
         """ERROR, and whether the motor is online, as its feedback says."""
         if self.stats.kind.direction is not Direction.FEEDBACK or self.stats.motor is None:
             return None
-        fields = {one.name: one.read(self.raw) for one in self.stats.kind.fields}
-        return fields["error"], bool(fields["online"] >> (self.stats.motor - MOTORS[0]) & 1)
+        values = {one.role: one.read(self.raw) for one in self.stats.kind.fields}
+        online = values[Role.ONLINE] >> motor_bit(self.stats.motor) & 1
+        return values[Role.ERRORS], bool(online)
 
     @property
     def is_raised(self) -> bool:
@@ -333,7 +334,7 @@ def _total(*columns: TopColumn) -> int:
     return sum(column.width + 1 for column in columns)
 
 
-class TopView(ScrollView, can_focus=True):
+class TopView(ScrollView):
     """The lines, which are drawn a few times a second.
 
     In place of Textual's DataTable (8.2), which formats all cells again after any change: 18 lines
@@ -344,14 +345,6 @@ class TopView(ScrollView, can_focus=True):
     ALLOW_SELECT = False
     COMPONENT_CLASSES: ClassVar[set[str]] = {"top-view--cursor", "top-view--head"}
     REDRAW_S: ClassVar[float] = 0.25
-
-    class Chosen(Message):
-        """Rows of a line are wanted."""
-
-        def __init__(self, condition: str) -> None:
-            super().__init__()
-            self.condition = condition
-            """Filter that keeps only the line's rows."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -537,17 +530,18 @@ class TopView(ScrollView, can_focus=True):
         self._lines = self._resorted(sorted(self._lines, key=_natural))
         self.refresh()
 
-    def action_choose(self) -> None:
-        """Filter to the line under the cursor."""
+    @property
+    def condition(self) -> str | None:
+        """Filter for the rows of the line under the cursor; None where there are no lines."""
         if not self._lines:
-            return
+            return None
         line = self._lines[self._cursor_at]
         conditions = [f"kind = '{line.stats.kind.name}'"]
         if line.stats.motor is not None:
             conditions.append(f"motor = {line.stats.motor}")
-        self.post_message(self.Chosen(" AND ".join(conditions)))
+        return " AND ".join(conditions)
 
-    def on_click(self, event: Click) -> None:
+    async def on_click(self, event: Click) -> None:
         """Sort by the clicked head; put the cursor on the clicked line, or choose it."""
         if event.y == 0:
             self._on_head_clicked(event.x)
@@ -556,7 +550,7 @@ class TopView(ScrollView, can_focus=True):
         if at < len(self._lines):
             self.action_move_line(at - self._cursor_at)
             if event.chain == 2:
-                self.action_choose()
+                await self.run_action("app.choose")
 
     def _on_head_clicked(self, x: int) -> None:
         end = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import cache
@@ -12,7 +12,15 @@ from rich.cells import cell_len
 
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import clock_text, elapsed_text, fit, fit_right, short_names
-from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Status, Value
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    VALUE_FIELDS,
+    Column,
+    ColumnType,
+    Field,
+    Value,
+)
+from fte_sniff.protocol.columns import RANKED
 from fte_sniff.tui.i18n import ExplainedWord, _
 from fte_sniff.tui.text import bytes_text, short_kind
 
@@ -108,21 +116,17 @@ VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
 DELTA = "delta"
 
-ORDER = (
-    "time",
-    DELTA,
-    "port",
-    "kind",
-    *VALUE_NAMES,
-    "raw",
-    "faults",
-    "offset",
-    "length",
-    "status",
-    "direction",
-    "cmd",
-)
-"""Columns of the row contract and `DELTA`, the most useful first."""
+
+def _with_delta(columns: Iterable[Column]) -> tuple[str, ...]:
+    first, *others = (column.name for column in columns)
+    return first, DELTA, *others
+
+
+ORDER = _with_delta(RANKED)
+"""Columns of the row contract, and `DELTA` behind the time, the most useful first."""
+
+SHOWN = _with_delta(column for column in RANKED if column.shown)
+"""Columns of a table for which the user has not chosen any."""
 
 
 MIN_WIDTH, MAX_WIDTH = 3, 200
@@ -137,8 +141,6 @@ LONG_VALUES_WIDTH = 45
 _MICROSECONDS_WIDTH = len("12:00:00.000000")
 _DELTA_WIDTH = len("999.999 ms")
 _PORT_WIDTH = 12
-_TEXT_WIDTHS = {VALUES: LONG_VALUES_WIDTH, "raw": 3 * FRAME_LENGTH - 1, "faults": 19}
-_COUNT_WIDTH = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +187,12 @@ def column_of(name: str, view: TableView) -> TableColumn:
         return TableColumn(DELTA, view.delta, _DELTA_WIDTH, True, _delta_cell)
     if name == "port":
         return _port_column(view.ports)
-    if name in ("offset", "length", "cmd"):
-        width = _COUNT_WIDTH if name == "offset" else len(name)
-        return TableColumn(name, name, width, True, _plain_cell)
-    width = _TEXT_WIDTHS.get(name) or max(map(len, (name, *COLUMN_BY_NAME[name].words)))
-    return TableColumn(name, name, width, False, _TEXT_CELLS.get(name, _plain_cell))
+    if name == VALUES:
+        return TableColumn(VALUES, VALUES, LONG_VALUES_WIDTH, False, _plain_cell)
+    column = COLUMN_BY_NAME[name]
+    width = column.width or max(map(len, (name, *column.words)))
+    is_number = column.type is ColumnType.INT
+    return TableColumn(name, name, width, is_number, _TEXT_CELLS.get(name, _plain_cell))
 
 
 def _time_column(view: TableView) -> TableColumn:
@@ -202,7 +205,7 @@ def _time_column(view: TableView) -> TableColumn:
 
 def _value_column(field: Field) -> TableColumn:
     head = field.name
-    if field.defined_bits is not None:
+    if field.legal_bits is not None:
         return TableColumn(head, head, max(len(head), 2), True, _flags_cell)
     widest = max(len(str(field.low)), len(str(field.high)), len(head))
     return TableColumn(head, head, widest, True, _plain_cell)
@@ -260,8 +263,8 @@ _TEXT_CELLS: Mapping[str, Callable[[Value, int], str]] = {
 """Formats of the columns of text that are not plain."""
 
 
-MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
-"""Sign of each status, since colour must never be the only one."""
+MARK_WIDTH = 1
+"""Cells of the mark in front of a row."""
 
 RAISED_MARK = "^"
 """Sign of a row without faults whose flag bytes report a motor's error."""
@@ -296,7 +299,7 @@ class TableLayout:
     @property
     def width(self) -> int:
         """Cells of the mark and all columns."""
-        return len(MARKS[Status.OK]) + sum(column.width + 1 for column in self.columns)
+        return MARK_WIDTH + sum(column.width + 1 for column in self.columns)
 
     def without(self, hidden: int) -> TableLayout:
         """The layout with `hidden` columns after the first scrolled out."""
@@ -310,7 +313,7 @@ class TableLayout:
         if self.width <= width:
             return self
         whole: list[TableColumn] = []
-        left = width - len(MARKS[Status.OK])
+        left = width - MARK_WIDTH
         for column in self.columns:
             if column.width + 1 > left:
                 # The faults of a row are shown at its values where their column is not whole.
@@ -344,7 +347,7 @@ def layout_for(width: int, view: TableView) -> TableLayout:
         return _chosen(view.choice, width, view)
     hidden = {"port"} if len(view.ports) < 2 else set()
     hidden |= {DELTA} if width < WITH_DELTA else set()
-    names = tuple(name for name in ORDER if name not in hidden)
+    names = tuple(name for name in SHOWN if name not in hidden)
     each = TableLayout(tuple(column_of(name, view) for name in names))
     if each.end_of("faults") <= width:
         return each

@@ -37,10 +37,10 @@ from fte_sniff.protocol import (
     record,
     spaced_hex,
 )
+from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import ExplainedWord
 from fte_sniff.tui.table.columns import (
     DELTA,
-    MARKS,
     RAISED_MARK,
     VALUES,
     TableColumn,
@@ -141,7 +141,7 @@ class Painter:
 
     def head(self, line: Style) -> Strip:
         """The column names, with `<` and `>` where there are more columns."""
-        runs = [(MARKS[Status.OK], _NULL)]
+        runs = [(LOOKS[Status.OK].mark, _NULL)]
         for number, column in enumerate(self._columns):
             edge = "<" if number == 1 and self.hidden else " "
             runs.append((edge + column.head_cell, _NULL))
@@ -360,9 +360,6 @@ def _style_at(runs: Sequence[_Run], at: int) -> Style:
 DENSE: Final = 0.1
 """Share of the rows of a cell from which on its colour fills the cell."""
 
-BAR_MARKS: Final = {Status.SUSPECT: "░", Status.MALFORMED: "▐"}
-"""Sign of each status in the bar; shapes, since there may be no colours."""
-
 BAR_RAISED: Final = "▲"
 BAR_MARKED: Final = "◄"
 BAR_EVENT: Final = "═"
@@ -399,7 +396,7 @@ class OverviewBar:
                 sign, color = BAR_RAISED, palette.raised.color
             elif cell.worst:
                 status = _STATUSES[cell.worst]
-                sign, color = BAR_MARKS[status], palette.statuses[status].color
+                sign, color = LOOKS[status].bar_mark, palette.statuses[status].color
             else:
                 continue
             style = Style(color=color, bgcolor=color if cell.share >= DENSE else None)

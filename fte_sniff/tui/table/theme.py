@@ -18,6 +18,7 @@ from textual.theme import Theme
 from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Status, status_of
 from fte_sniff.protocol.dissect import byte_names, dissect
+from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
 from fte_sniff.tui.text import is_raised
 
@@ -155,16 +156,26 @@ def _sign(color: str, background: str) -> Style:
     return Style(color=color, bgcolor=background, bold=True)
 
 
-def _by_status(suspect: Style, malformed: Style) -> Mapping[Status, Style]:
-    return {Status.OK: _PLAIN, Status.SUSPECT: suspect, Status.MALFORMED: malformed}
+def _statuses(ground: Ground) -> Mapping[Status, Style]:
+    return {
+        status: Style(color=look.inks[ground].text) if look.inks else _PLAIN
+        for status, look in LOOKS.items()
+    }
+
+
+def _marks(ground: Ground) -> Mapping[Status, Style]:
+    return {
+        status: _sign(*look.inks[ground][1:]) if look.inks else _PLAIN
+        for status, look in LOOKS.items()
+    }
 
 
 DARK = Palette(
     muted=Style(color="#96a0ac"),
     hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
     target=Style(color="#e6b04a"),
-    statuses=_by_status(Style(color="#f0e442"), Style(color="#ff8f50")),
-    marks=_by_status(_sign("#101010", "#f0e442"), _sign("#ffffff", "#b84a00")),
+    statuses=_statuses(Ground.DARK),
+    marks=_marks(Ground.DARK),
     raised=Style(color="#f5a3a3"),
     raised_mark=_sign("#101010", "#f5a3a3"),
     signs=Style(color="#56b4e9", bold=True),
@@ -189,8 +200,8 @@ LIGHT = Palette(
     muted=Style(color="#566069"),
     hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
     target=Style(color="#7a5200"),
-    statuses=_by_status(Style(color="#6b5e00"), Style(color="#a33c00")),
-    marks=_by_status(_sign("#101010", "#e0d030"), _sign("#ffffff", "#b84a00")),
+    statuses=_statuses(Ground.LIGHT),
+    marks=_marks(Ground.LIGHT),
     raised=Style(color="#a01030"),
     raised_mark=_sign("#ffffff", "#a01030"),
     signs=Style(color="#0062a0", bold=True),
@@ -216,14 +227,14 @@ LIGHT = Palette(
 def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) -> Palette:
     """The palette in the 16 colours of a terminal, with looks that need no colours."""
     cmd, _motor, rpm, pulses, *_, mecanum = hues
-    # The nearest of the 16 to the colours of a light theme is a yellow that is not seen on white.
-    suspect, malformed = ("#ffff55", "#ff5555") if hues is _DARK_16 else ("#aa00aa", "#aa0000")
+    ground = Ground.DARK_16 if hues is _DARK_16 else Ground.LIGHT_16
+    malformed = LOOKS[Status.MALFORMED].inks[ground]
     return replace(
         palette,
-        statuses=_by_status(Style(color=suspect), Style(color=malformed)),
-        marks=_by_status(_sign("#000000", "#ffff55"), _sign("#ffffff", "#aa0000")),
-        raised=Style(color=malformed),
-        raised_mark=_sign("#ffffff", "#aa0000"),
+        statuses=_statuses(ground),
+        marks=_marks(ground),
+        raised=Style(color=malformed.text),
+        raised_mark=_sign(*malformed[1:]),
         hues=(cmd, rpm, pulses, mecanum),
         field_hues=hues,
         faint=framing,

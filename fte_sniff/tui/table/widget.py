@@ -29,7 +29,7 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Frame, Row
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.tui.keys import MOVING, bindings, translate_keys
+from fte_sniff.tui.keys import MOVING, OPENING, bindings, translate_keys
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.painter import BarSign, OverviewBar, OverviewRender, Painter, RowCell, Sign
 from fte_sniff.tui.table.theme import REVERSED, ColorRules, Colors, Palette, palette_of
@@ -100,14 +100,14 @@ class ScrollScale:
         return round(value * to_span / span) if span > 0 else 0
 
 
-class RowTable(ScrollView, can_focus=True):
+class RowTable(ScrollView):
     """The rows that a store shows.
 
     In place of Textual's DataTable (8.2), which keeps and measures every cell: 100,000 rows take
     11 s and 1,100 bytes each there, 50 bytes here; 115 more rows take 240 ms there, 13 ms here.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = bindings(MOVING)
+    BINDINGS: ClassVar[list[BindingType]] = bindings(MOVING, (OPENING,))
     COMPONENT_CLASSES: ClassVar[set[str]] = {
         "row-table--cursor",
         "row-table--cursor-away",
@@ -134,7 +134,7 @@ class RowTable(ScrollView, can_focus=True):
         translate_keys(self)
         self.viewport = Viewport()
         self.landmarks = Landmarks(store)
-        self.relations = RowRelations(store, self.landmarks.gaps)
+        self.relations = RowRelations(store, self.landmarks.gaps, self.landmarks.lost)
         self.view = view
         self.marks = RowMarks()
         self._overview = OverviewBar(store, self.landmarks, self.marks)

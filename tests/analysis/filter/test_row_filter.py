@@ -46,7 +46,7 @@ ROWS: dict[str, Row] = {
     "reset": _frame(4, "reset"),
     "fb": _frame(5, "speed_feedback", motor=1, rpm=990, error=0x0F, online=0x0F),
     "pfb": _frame(6, "position_feedback", motor=4, pulses=-5, error=0, online=0x07),
-    "flags": _frame(7, "speed_feedback", motor=3, rpm=0, error=0x10, online=0x0F),
+    "flags": _frame(7, "speed_feedback", motor=3, rpm=0, error=0x10, online=0x1F),
     "unknown": Frame("it's", 0, bytes.fromhex("AA0900000000000000EE"), NOON, (Fault.UNKNOWN_CMD,)),
     "noise": Damage("it's", 10, b"\x00\x01\x02", None, (Fault.NOISE,)),
     "cut": Damage(

@@ -118,6 +118,7 @@ def values(number: int, sent: Sent) -> dict[str, object]:
         "modbus": "".join(f"[{b:02X}]" if tx else f"<{b:02X}>" for b in data),
         "ns": (1_700_000_000_000 + sent.ms) * 10**6,
         "outgoing": "outgoing" if tx else "incoming",
+        "name": "".join(chr(97 + (number * step) % 26) for step in (7, 5, 3, 11)),
         "noise": "HEAP 3ffb" if number % 3 else "HEAP 20",
     }
 

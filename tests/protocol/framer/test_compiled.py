@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from tests.framer_form import PACKAGE, form_error, interpret
+from tests.waiting import BOUND_S
 
 ROOT = Path(__file__).parents[3]
-BOUND_S = 300
 
 SHARES = {"ordinary": 0.2, "hostile": 0.5}
 """By payload: the share of damaged frames."""

@@ -28,6 +28,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
 )
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
+from fte_sniff.protocol.framer.reserve import KNOWN
 from fte_sniff.protocol.framer.tables import EXTRA
 from tests.examples import examples
 from tests.protocol import oracle
@@ -73,14 +74,38 @@ CASES: dict[str, list[tuple[str, str]]] = {
     ],
     "motor 0": [(SPEED, ""), ("AA 02 00 03 E8 00 00 27 10 EE", "bad_motor"), (SPEED, "")],
     "motor 5": [(SPEED, ""), ("55 02 05 00 00 27 10 00 0F EE", "bad_motor"), (SPEED, "")],
-    "reserve set": [
-        (SPEED, ""),
+    "reserve set where it is always 00": [
+        *[(SPEED, "")] * KNOWN,
         ("AA 01 01 03 E8 00 01 00 00 EE", "reserved_nonzero"),
+        ("AA 00 00 00 00 00 01 00 00 EE", "reserved_nonzero"),
+        (SPEED, ""),
+    ],
+    "reserve set where it is always something else": [
+        *[("AA 01 01 03 E8 FF FF FF FF EE", "")] * KNOWN,
+        ("AA 01 01 03 E8 00 01 00 00 EE", ""),
+        (SPEED, ""),
+        (RESET, ""),
+    ],
+    "reserve set where nothing is known": [
+        (SPEED, ""),
+        ("AA 01 01 03 E8 12 34 00 00 EE", ""),
+        (RESET, ""),
+        ("AA 00 77 12 34 00 00 77 00 EE", ""),
+        (SPEED, ""),
+    ],
+    "reserve of speed feedback": [
+        (SPEED, ""),
+        ("55 01 01 03 E8 12 34 00 0F EE", "reserved_nonzero"),
         (SPEED, ""),
     ],
     "undefined flag": [
         (SPEED, ""),
-        ("55 01 01 03 E8 00 00 80 0F EE", "undefined_flags"),
+        ("55 01 01 03 E8 00 00 00 8F EE", "undefined_flags"),
+        (SPEED, ""),
+    ],
+    "any error flag": [
+        (SPEED, ""),
+        *((f"55 01 01 03 E8 00 00 {error:02X} 0F EE", "") for error in range(256)),
         (SPEED, ""),
     ],
     "noise between": [(SPEED, ""), ("12 34 56 78 9A BC", "noise"), (FEEDBACK, ""), (SPEED, "")],
@@ -112,7 +137,7 @@ CASES: dict[str, list[tuple[str, str]]] = {
         (FEEDBACK, ""),
     ],
     "payload full of headers and tails": [
-        (SPEED, ""),
+        *[(SPEED, "")] * KNOWN,
         ("AA 02 03 AA 55 EE AA 00 EE EE", ""),
         ("55 02 03 EE AA 03 EE 00 0F EE", ""),
         (SPEED, ""),
@@ -130,12 +155,12 @@ CASES: dict[str, list[tuple[str, str]]] = {
         (FEEDBACK, ""),
     ],
     "a header for a NUM that means nothing": [
-        (SPEED, ""),
+        *[(SPEED, "")] * KNOWN,
         ("AA 03 AA FF 93 00 00 00 00 EE", "ambiguous"),
         (SPEED, ""),
     ],
     "a tail for a NUM that means nothing": [
-        (SPEED, ""),
+        *[(SPEED, "")] * KNOWN,
         ("AA 03 EE 00 84 00 00 00 00 EE", "ambiguous"),
         (SPEED, ""),
     ],
@@ -206,7 +231,10 @@ def test_framed_rows_are_frames_and_the_rest_is_damage() -> None:
 
 
 UNDECIDABLE = bytes.fromhex("AA 02 03 EE AA 02 01 03 E8 EE")
-"""PROTOCOL.md, "Why framing is hard here": repeated, it is also the repetition of another frame."""
+"""Repeated, it is also the repetition of another frame.
+
+See docs/reference/protocol.md, "Why frames are hard to find".
+"""
 
 
 def test_the_undecidable_stream_says_so() -> None:
@@ -575,9 +603,11 @@ def next_decoding(data: bytes, start: int, not_before: int, decoded_to: int) -> 
     known = limit - EXTRA
     if known < start + 2 * FRAME_LENGTH:
         return NEVER, NEVER
-    pair = oracle.STRICT_PAIR.search(data, max(start, not_before - 2 * FRAME_LENGTH), known)
+    pair = oracle.UNLEARNED.STRICT_PAIR.search(
+        data, max(start, not_before - 2 * FRAME_LENGTH), known
+    )
     three = oracle.FRAMED_THREE.match(data, start, known)
-    strict = list(oracle.STRICT.finditer(data, start, known))
+    strict = list(oracle.UNLEARNED.STRICT.finditer(data, start, known))
     ends = [found.end() for found in (pair, three, *strict[2:3]) if found]
     arguments = [(end + EXTRA, end) for end in ends if end >= not_before]
     if limit == start + WIDEST:

@@ -25,6 +25,8 @@ from fte_sniff.recording.messages.schema import (
     message_class,
     schema_data,
     schema_name,
+    table_crc,
+    table_text,
 )
 
 ROW = ("offset", "read_delay_ns", "raw", "status", "faults", "time_ns", "kind", "order_uncertain")
@@ -158,3 +160,11 @@ def test_malformed_rows_have_their_own_topic() -> None:
         Damage("port", 0, unknown.raw, 0, (Fault.NOISE,)),
     ]
     assert {topic_of(row).name for row in rows} == {"/fte/malformed"}
+
+
+def test_the_table_of_topics_is_the_one_that_damaged_files_are_read_with() -> None:
+    """A change needs the old table too: recordings with damaged definitions are read with it.
+
+    Then `ports_from_metadata` accepts both checksums, each with its own table.
+    """
+    assert f"{table_crc():08x}" == "55a27f9f", table_text()

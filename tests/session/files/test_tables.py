@@ -1,5 +1,6 @@
 """`fte_sniff.scan` and `fte_sniff.read`: recordings as tables, their promise and their bounds."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -11,18 +12,21 @@ import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from polars.exceptions import ComputeError
 
 import fte_sniff
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.protocol import Frame, Row, record
+from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
+from tests.recording.conftest import some_rows
+from tests.waiting import BOUND_S
 
 SAMPLES = Path(__file__).parents[3] / "samples"
 RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
@@ -222,7 +226,7 @@ def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
         "print([name for name in ('numpy', 'polars', 'mcap') if name in sys.modules])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=BOUND_S
     )
     assert done.stdout.strip() == "[]"
 
@@ -236,11 +240,30 @@ def test_the_example_runs(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=BOUND_S,
     )
     assert "motor" in done.stdout
     assert done.stdout.endswith("rows in damaged.parquet\n")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.mcap", "tables.py"]
+
+
+def test_the_first_example_of_the_documentation_shows_no_motor_that_does_not_exist(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound, flipped = (f"55 01 {motor} 03 E8 00 00 00 0F EE" for motor in ("01", "41"))
+    raw = bytes.fromhex(f"{sound} {flipped} {sound}")
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", 10**18, raw)) + framer.flush()
+    assert [row.faults for row in rows] == [(), (Fault.BAD_MOTOR,), ()]
+    (tmp_path / "logs").mkdir()
+    batch = RowBatch.from_rows(rows)
+    write_recording(tmp_path / "logs/x.mcap", [PortFacts("p")], [batch])
+    (tmp_path / "capture.mcap").write_bytes((tmp_path / "logs/x.mcap").read_bytes())
+    page = (SAMPLES.parent / "docs/python.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(page.partition("```python\n")[2].partition("```")[0], {})
+    printed = capsys.readouterr().out
+    assert re.findall(r"(\d+)\s+┆ 1000", printed) == ["1"]
 
 
 _START = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -487,3 +510,36 @@ def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Pat
     assert RecordingReader(path).span_ns == (0, START + 9)
     at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
     assert scan(path).filter(_time < at).collect()["port"].to_list() == ["b"]
+
+
+@pytest.mark.parametrize("is_closed", [False, True], ids=["while it is written", "after its end"])
+def test_a_query_reads_what_a_recording_has_when_it_runs(tmp_path: Path, is_closed: bool) -> None:
+    path = tmp_path / "x.mcap"
+    later, port = START + 10**12, "/dev/ttyUSB1"
+    writer = RecordingWriter(path, [PortFacts("/dev/ttyUSB0")])
+    writer.write(some_rows(60))
+    writer.flush()
+    table = scan(path)
+    after = table.filter(pl.col("time") >= datetime.fromtimestamp(later // 10**9, UTC))
+    other = table.filter(pl.col("port") == port)
+    assert len(after.collect()) == len(other.collect()) == 0
+    writer.write(some_rows(202, port, later))
+    writer.flush()
+    if is_closed:
+        writer.close()
+    assert len(after.collect()) == len(other.collect()) == 202
+    writer.close()
+
+
+def test_a_query_reads_the_file_that_has_the_name_when_it_runs(tmp_path: Path) -> None:
+    path, other = tmp_path / "x.mcap", tmp_path / "other"
+    for name, port in ((path, "a"), (other, "b")):
+        with RecordingWriter(name, [PortFacts(port)]) as writer:
+            writer.write(some_rows(60, port))
+    table = scan(path).filter(pl.col("port") == "b")
+    assert len(table.collect()) == 0
+    other.replace(path)
+    assert len(table.collect()) == 60
+    path.unlink()
+    with pytest.raises((FileError, ComputeError), match="there is no such file"):
+        table.collect()

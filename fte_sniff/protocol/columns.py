@@ -1,0 +1,291 @@
+"""The column table: each column of a row, with its type, unit, values and look.
+
+Filters, CSV, JSON lines, Parquet, the screen's table, measures of `check`, help and docs derive
+from `COLUMNS`: a new column is one entry there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
+
+from fte_sniff.protocol.rows import Frame, Row
+from fte_sniff.protocol.spec import (
+    FAULT_MEANINGS,
+    FRAME_LENGTH,
+    KINDS,
+    VALUE_FIELDS,
+    Direction,
+    Fault,
+    Field,
+    FrameKind,
+    Status,
+    status_of,
+)
+
+Value: TypeAlias = int | str | list[str] | None
+"""The value of a column: a number, a text, the list of faults, or None."""
+
+
+class ColumnType(StrEnum):
+    """The type of a column's values; all columns but `offset` and `raw` may be null."""
+
+    TIME = "time"
+    """Nanoseconds since 1970 UTC."""
+    TEXT = "text"
+    WORD = "word"
+    WORDS = "words"
+    INT = "int"
+    HEX = "hex"
+    """The row's bytes as hex digits, upper case, no spaces."""
+
+
+class ColumnData(NamedTuple):
+    """The values of a column in many rows."""
+
+    values: Any
+    """A numpy array: numbers, or indices into `words`."""
+    known: Any = None
+    """A mask of the rows that have a value; None if all have one."""
+    words: Sequence[object] | None = None
+    """Texts, or sequences of texts; None stands for no value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of the row contract."""
+
+    name: str
+    type: ColumnType
+    meaning: str
+    of_row: Callable[[Row], Value] | None
+    """The value in a row; None for a field of a frame, which `record` reads with all others."""
+    of_rows: Callable[[Any], ColumnData] | None
+    """The values in a RowBatch; None for HEX."""
+    words: tuple[str, ...] = ()
+    """All possible words of a WORD or WORDS column."""
+    unit: str = ""
+    bits: int = 64
+    """Bits of an INT column's values, which have a sign if `signed`."""
+    signed: bool = True
+    rank: int = 50
+    """Place on the screen, from left to right, the most useful first."""
+    width: int = 0
+    """Cells on the screen; 0 where the values or words decide."""
+    shown: bool = True
+    """Whether the screen shows it if the user has not chosen columns."""
+
+
+def _frame_value(value: Callable[[Frame], Value]) -> Callable[[Row], Value]:
+    return lambda row: value(row) if isinstance(row, Frame) else None
+
+
+def _kind_name(frame: Frame) -> Value:
+    return frame.kind.name if frame.kind else None
+
+
+def _field_column(field: Field) -> Column:
+    fields = (one for kind in KINDS for one in kind.fields if one.name == field.name)
+    meaning = ", or ".join(dict.fromkeys(one.meaning for one in fields))
+    return Column(
+        field.name,
+        ColumnType.INT,
+        f"{meaning} [{field.unit}]" if field.unit else meaning,
+        None,
+        lambda rows: ColumnData(*rows.field(field.name)),
+        unit=field.unit,
+        bits=8 * field.size,
+        signed=field.signed,
+        rank=30,
+    )
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column(
+        "time",
+        ColumnType.TIME,
+        "when the first byte began on the wire, UTC",
+        lambda row: row.t_ns,
+        lambda rows: ColumnData(rows.t_ns, rows.timed),
+        rank=10,
+    ),
+    Column(
+        "port",
+        ColumnType.TEXT,
+        "which wire: the port's name, or the file's",
+        lambda row: row.port,
+        lambda rows: ColumnData(rows.port, words=rows.codebook.ports),
+        rank=15,
+    ),
+    Column(
+        "offset",
+        ColumnType.INT,
+        "of the first byte in that port's stream",
+        lambda row: row.offset,
+        lambda rows: ColumnData(rows.offset),
+        rank=60,
+        width=10,
+    ),
+    Column(
+        "length",
+        ColumnType.INT,
+        "bytes",
+        lambda row: len(row.raw),
+        lambda rows: ColumnData(rows.length),
+        bits=32,
+        signed=False,
+        rank=65,
+    ),
+    Column(
+        "direction",
+        ColumnType.WORD,
+        "which way the frame goes",
+        _frame_value(lambda frame: frame.direction.value),
+        lambda rows: ColumnData(rows.directions, words=(*Direction, None)),
+        tuple(Direction),
+        rank=75,
+    ),
+    Column(
+        "kind",
+        ColumnType.WORD,
+        "kind of frame",
+        _frame_value(_kind_name),
+        lambda rows: ColumnData(rows.kinds, words=(*(kind.name for kind in KINDS), None)),
+        tuple(kind.name for kind in KINDS),
+        rank=20,
+    ),
+    Column(
+        "cmd",
+        ColumnType.INT,
+        "CMD as on the wire",
+        _frame_value(lambda frame: frame.cmd),
+        lambda rows: ColumnData(rows.cmds, rows.framed),
+        bits=8,
+        signed=False,
+        rank=80,
+    ),
+    *map(_field_column, VALUE_FIELDS),
+    Column(
+        "status",
+        ColumnType.WORD,
+        "how far the row can be believed",
+        lambda row: row.status.value,
+        lambda rows: ColumnData(rows.faults, words=[*map(status_of, rows.codebook.faults)]),
+        tuple(Status),
+        rank=70,
+    ),
+    Column(
+        "faults",
+        ColumnType.WORDS,
+        "what is wrong with the row",
+        lambda row: [fault.value for fault in row.faults],
+        lambda rows: ColumnData(rows.faults, words=rows.codebook.faults),
+        tuple(FAULT_MEANINGS),
+        rank=55,
+        width=19,
+    ),
+    Column(
+        "raw",
+        ColumnType.HEX,
+        "the bytes",
+        lambda row: row.raw.hex().upper(),
+        None,
+        rank=50,
+        width=3 * FRAME_LENGTH - 1,
+    ),
+)
+"""The columns in order (JSONL keys, CSV columns, filter fields; never translated)."""
+
+COLUMN_BY_NAME = {column.name: column for column in COLUMNS}
+
+RANKED = tuple(sorted(COLUMNS, key=lambda column: column.rank))
+"""The columns as the screen shows them."""
+
+_OF_ROW = tuple((column.name, column.of_row) for column in COLUMNS)
+
+
+def record(row: Row) -> dict[str, Value]:
+    """The row as a dict of `COLUMNS`, in order: UTC time in ns, `raw` as hex, None if absent."""
+    values = {name: None if of_row is None else of_row(row) for name, of_row in _OF_ROW}
+    if isinstance(row, Frame):
+        values.update(row.values)
+    return values
+
+
+def iso_time(t_ns: int) -> str:
+    """Format nanoseconds since 1970 UTC as ISO 8601: `2026-01-31T12:00:00.000000001Z`."""
+    seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+
+
+def faults_text(faults: tuple[Fault, ...]) -> str:
+    """Join the faults by commas; empty if there are none."""
+    return ",".join(faults)
+
+
+def spaced_hex(raw: bytes) -> str:
+    """Format bytes as hex with spaces: `AA 01 01 03 E8 00 00 00 00 EE`."""
+    return raw.hex(" ").upper()
+
+
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%S%.9fZ"
+"""The format of `iso_time` for polars."""
+
+FEEDBACK = "fb"
+"""Abbreviation of "feedback" where a kind's name does not fit."""
+
+VALUE_FORMS = 4
+"""Number of forms of `value_heads`."""
+
+
+def short_feedback(kind: FrameKind, width: int) -> str | None:
+    """A feedback kind's name shortened to at most `width` cells; None for a command."""
+    if kind.direction is not Direction.FEEDBACK:
+        return None
+    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
+    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+
+
+@cache
+def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
+    """The labels of a kind's fields, in forms of falling length."""
+    fields = kind.fields
+    short = _shortest([field.option for field in fields])
+    return (
+        tuple(f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
+        tuple(_letter(field) for field in fields),
+    )
+
+
+def short_names_of(name: str) -> tuple[str, ...]:
+    """The labels of a field in `value_heads`, the longest first."""
+    heads = [
+        forms[at]
+        for kind in KINDS
+        for at, field in enumerate(kind.fields)
+        if field.name == name
+        for forms in value_heads(kind)
+    ]
+    return tuple(sorted({*filter(None, heads)}, key=len, reverse=True))
+
+
+def _letter(field: Field) -> str:
+    return "" if field.unit else field.option[0].upper()
+
+
+def _shortest(names: Sequence[str]) -> dict[str, str]:
+    """The shortest unique prefix of each name."""
+    return {
+        name: next(
+            name[:size]
+            for size in range(1, len(name) + 1)
+            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+        )
+        for name in names
+    }

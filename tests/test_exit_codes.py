@@ -1,0 +1,126 @@
+"""An error in the program itself never looks like a verdict, and a shortage is one line."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.processes import BOUND_S
+
+SAMPLE = Path(__file__).parents[1] / "samples" / "clean.mcap"
+
+
+def run_with(tmp_path: Path, before: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the program; `before` is Python code that runs when `cli.main` is loaded."""
+    code = "import sys, fte_sniff.cli.main\nmodule = sys.modules['fte_sniff.cli.main']\n"
+    code += f"{before}\n"
+    code += "sys.argv[0] = 'fte-sniff'\nfrom fte_sniff.__main__ import main\nmain()\n"
+
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=4 * BOUND_S,
+        check=False,
+    )
+
+
+CHECK = ("check", str(SAMPLE), "--jobs", "1", "--expect", "count(malformed) == 0")
+
+
+@pytest.mark.parametrize("kind", ["RecursionError", "KeyError", "AssertionError", "BaseException"])
+def test_an_error_in_the_program_is_not_the_verdict_of_a_check(tmp_path: Path, kind: str) -> None:
+    fail = f"def fail(*_): raise {kind}('odd')\nmodule._run = fail"
+    done = run_with(tmp_path, fail, *CHECK)
+    assert done.returncode == 70
+    assert "Traceback" in done.stderr, "a report of the error needs it"
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"fte-sniff: internal error ({kind}: ")
+    assert "report" in last
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        "MemoryError()",
+        "OSError(errno.ENOMEM, 'Cannot allocate memory')",
+        "ImportError('libx.so: failed to map segment from shared object')",
+        'RuntimeError("can\'t start new thread")',
+    ],
+)
+def test_a_shortage_of_memory_is_one_line_and_no_verdict(tmp_path: Path, error: str) -> None:
+    done = run_with(
+        tmp_path, f"import errno\ndef fail(*_): raise {error}\nmodule._run = fail", *CHECK
+    )
+    assert done.returncode == 70
+    assert done.stderr.startswith("fte-sniff: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert "ulimit -v" in done.stderr
+
+
+def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path: Path) -> None:
+    too_much = (
+        "import fte_sniff.session.file_jobs as it\n"
+        "def fail(*_, **__): bytearray(1 << 46)\n"
+        "it.finished_jobs = fail"
+    )
+    done = run_with(tmp_path, too_much, *CHECK)
+    assert (done.returncode, done.stdout) == (70, "")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("megabytes", [200, 260, 280, 300, 330])
+def test_a_low_limit_of_memory_is_no_verdict(tmp_path: Path, megabytes: int) -> None:
+    limit = f"import resource\nresource.setrlimit(resource.RLIMIT_AS, ({megabytes} << 20,) * 2)"
+    done = run_with(tmp_path, limit, *CHECK)
+    assert (done.returncode, done.stdout) == (70, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert "out of memory" in done.stderr
+
+
+@pytest.mark.parametrize("code", [errno.EIO, errno.EAGAIN, errno.ECONNRESET])
+def test_an_error_of_the_system_without_a_file_is_not_put_down_to_standard_output(
+    tmp_path: Path, code: int
+) -> None:
+    fail = (
+        f"import os\ndef fail(*_): raise OSError({code}, os.strerror({code}))\nmodule._run = fail"
+    )
+    done = run_with(tmp_path, fail, *CHECK)
+    assert done.returncode == 4
+    assert len(done.stderr.splitlines()) == 1
+    assert "standard output" not in done.stderr
+
+
+@pytest.mark.parametrize("command", [CHECK, ("hex", "AA0101000000000000EE"), ("--version",)])
+def test_a_standard_output_that_is_full_is_named(tmp_path: Path, command: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "fte_sniff", *command],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=BOUND_S,
+            check=False,
+        )
+    assert done.returncode == 4
+    assert done.stderr.startswith("fte-sniff: standard output cannot be written: the disk is full")
+
+
+DEEP = "x = " + "[" * 100_000 + "]" * 100_000
+
+
+@pytest.mark.parametrize(
+    ("text", "code"), [(f"[[rule]]\n{DEEP}", 2), ("[[rule]]\nexpect = 7\n", 2)], ids=["deep", "odd"]
+)
+def test_rules_that_nest_without_end_are_one_line(tmp_path: Path, text: str, code: int) -> None:
+    (tmp_path / "rules.toml").write_text(text)
+    done = run_with(tmp_path, "", "check", str(SAMPLE), "--rules", "rules.toml")
+    assert done.returncode == code, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "rules.toml" in done.stderr

@@ -1,0 +1,392 @@
+"""The program where modules, functions and signals of POSIX do not exist, as on Windows.
+
+Nobody has run it on Windows. Here it runs on Linux, after what Windows lacks was removed: its
+output is that of an ordinary run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from serial import SerialException
+from serial.tools.list_ports_common import ListPortInfo
+
+from fte_sniff import platform
+from fte_sniff.capture.port_errors import check_name, port_error
+from fte_sniff.capture.reconnect import SameName, identity_of
+from fte_sniff.cli.options import FileName
+from fte_sniff.recording import output_file
+from fte_sniff.recording.output_file import Existing, OutputPath
+from tests.cli.forked import Program
+from tests.pseudo_terminals import Pty
+from tests.waiting import BOUND_S
+
+ROOT = Path(__file__).parents[1]
+
+# Libraries that saw Linux when they were imported still need what they found. Not removed: what
+# polars, platformdirs, shutil, subprocess and pyserial use on Linux (os.uname, getuid, statvfs,
+# SIGKILL, O_NOCTTY).
+WITHOUT_POSIX = """
+import asyncio, multiprocessing.connection, os, select, selectors, signal, subprocess, sys
+import tempfile, time
+import serial, serial.rfc2217, serial.tools.list_ports, serial.urlhandler.protocol_socket
+
+selectors.DefaultSelector = selectors.SelectSelector
+multiprocessing.connection.default_family = "AF_INET"
+for name in "fcntl termios tty pty pwd grp resource".split():
+    sys.modules[name] = None
+of_windows = "SIGABRT SIGFPE SIGILL SIGINT SIGSEGV SIGTERM SIG_DFL SIG_IGN".split()
+of_linux = "SIGKILL SIGCHLD".split()
+removed = {
+    os: "fork forkpty killpg getpgrp tcgetpgrp openpty ttyname mkfifo pread pwrite fdatasync fchmod"
+    " sched_getaffinity O_CLOEXEC O_NOFOLLOW O_TMPFILE O_DIRECTORY".split(),
+    select: "poll epoll".split(),
+    time: "clock_gettime clock_gettime_ns CLOCK_MONOTONIC CLOCK_BOOTTIME".split(),
+    signal: ["setitimer", "getitimer", "alarm", "pause", "sigwait", "pthread_sigmask"]
+    + ["pthread_kill", "ITIMER_REAL", "SIG_BLOCK", "SIG_UNBLOCK", "SIG_SETMASK"]
+    + [one for one in dir(signal) if one[:3] == "SIG" and one not in of_windows + of_linux],
+}
+for module, names in removed.items():
+    for name in names:
+        if hasattr(module, name):
+            delattr(module, name)
+"""
+
+BLOCKED = f"""
+blocking = {WITHOUT_POSIX!r}
+exec(blocking)
+import fte_sniff.session.worker_process as workers
+workers._START = blocking + workers._START
+"""
+
+Result = tuple[int, bytes, bytes]
+
+
+def environment_in(folder: Path, **variables: str) -> dict[str, str]:
+    """Ours, with settings of the program in `folder`."""
+    return {key: text for key, text in os.environ.items() if key != "COLUMNS"} | {
+        "PYTHONPATH": str(ROOT),
+        "FTE_SNIFF_CONFIG": str(folder / "config.toml"),
+        "XDG_STATE_HOME": str(folder / "state"),
+        "NO_COLOR": "1",
+        "TERM": "xterm-256color",
+        **variables,
+    }
+
+
+@contextmanager
+def loaded(before: str, **variables: str) -> Iterator[Program]:
+    """The program, loaded once for many runs."""
+    with Program(environment_in(ROOT, **variables), ROOT, before) as program:
+        yield program
+
+
+@pytest.fixture(scope="module")
+def ordinary() -> Iterator[Program]:
+    with loaded("") as program:
+        yield program
+
+
+@pytest.fixture(scope="module")
+def without_posix() -> Iterator[Program]:
+    with loaded(BLOCKED) as program:
+        yield program
+
+
+@pytest.fixture(scope="module", params=["gbk", "cp1252"])
+def encoded(request: pytest.FixtureRequest) -> Iterator[tuple[Program, str]]:
+    """The program without POSIX, with standard streams in an encoding of Windows."""
+    with loaded(BLOCKED, PYTHONIOENCODING=request.param) as program:
+        yield program, request.param
+
+
+def run(program: Program, folder: Path, *words: str) -> Result:
+    """Exit code, standard output and standard error."""
+    return program.run(list(words), b"", folder, environment_in(folder))[:3]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with samples, rules, and a recording to repair."""
+    for name in ("damaged.mcap", "clean.mcap", "damaged.raw", "damaged.hex"):
+        (tmp_path / name).write_bytes((ROOT / "samples" / name).read_bytes())
+    whole = (tmp_path / "clean.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    (tmp_path / "old.csv").write_text("old\n")
+    (tmp_path / "rules.toml").write_text('[[rule]]\nmeasure = "malformed"\nmax = 1000\n')
+    return tmp_path
+
+
+FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
+
+COMMANDS = {
+    "version": "--version",
+    "help": "--help",
+    "hex": f"hex {FRAME}",
+    "encode": "encode position --motor 2 --rpm 1000 --pulses 10000",
+    "decode": "decode damaged.mcap",
+    "decode filter": "decode damaged.mcap --filter malformed",
+    "decode raw": "decode damaged.raw",
+    "decode hex": "decode damaged.hex --format csv",
+    "decode several": "decode clean.mcap damaged.mcap --format jsonl",
+    "decode to standard output": "decode clean.mcap --format raw -o -",
+    "decode to CSV": "decode clean.mcap -o out.csv",
+    "decode over a file": "decode clean.mcap -o old.csv --force",
+    "decode to MCAP": "decode clean.mcap -o out.mcap",
+    "decode to Parquet": "decode clean.mcap -o out.parquet",
+    "stats": "stats damaged.mcap clean.mcap",
+    "stats jobs": "stats damaged.mcap clean.mcap --jobs 2",
+    "stats json": "stats damaged.mcap --format json",
+    "check": "check damaged.mcap --expect count(malformed)==0",
+    "repair": "repair cut.mcap -o out.mcap",
+    "repair over a file": "repair cut.mcap -o clean.mcap --force",
+    "ports": "ports",
+    "completion": "completion bash",
+    "no such file": "decode absent.mcap",
+    "a file that exists": "decode clean.mcap -o old.csv",
+    "no such port": "live /dev/absent --plain",
+}
+
+
+def copied(folder: Path, other: Path) -> Path:
+    """The files of a folder in another."""
+    for path in folder.iterdir():
+        (other / path.name).write_bytes(path.read_bytes())
+    return other
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """The content of each file in a folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
+def test_command_does_the_same_without_posix(
+    folder: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    ordinary: Program,
+    without_posix: Program,
+    words: str,
+) -> None:
+    other = copied(folder, tmp_path_factory.mktemp("other"))
+    expected = run(ordinary, folder, *words.split())
+    assert run(without_posix, other, *words.split()) == expected
+    assert b"Traceback" not in expected[2]
+    assert files_of(other) == files_of(folder)
+
+
+@pytest.mark.parametrize("command", ["bridge sim://", "simulate"])
+def test_command_that_needs_a_pseudo_terminal_names_another_way(
+    tmp_path: Path, without_posix: Program, command: str
+) -> None:
+    code, output, errors = run(without_posix, tmp_path, *command.split())
+    assert (code, output, errors.count(b"\n")) == (2, b"", 1)
+    assert b"pseudo-terminals, which Windows does not have: use it in WSL" in errors
+
+
+def test_simulated_port_is_recorded_without_posix(
+    tmp_path: Path, ordinary: Program, without_posix: Program
+) -> None:
+    """Rows, file and exit code are those of an ordinary run."""
+    words = ("live", "sim://?seed=1&flip=0.01", "--plain", "--count", "300", "-o")
+    recorded = []
+    for name, program in (("x.mcap", ordinary), ("y.mcap", without_posix)):
+        code, output, errors = run(program, tmp_path, *words, name)
+        assert code == 0, errors
+        assert output.count(b"\n") == 301
+        assert errors.endswith(f"recorded to {name}\n".encode())
+        recorded.append(run(ordinary, tmp_path, "decode", name, "--format", "raw", "-o-")[:2])
+    assert recorded[0] == recorded[1]
+
+
+STARTED = [sys.executable, "-c", f"{BLOCKED}\nfrom fte_sniff.__main__ import main\nmain()"]
+"""The program without POSIX, as a process of its own."""
+
+
+@contextmanager
+def served(data: bytes) -> Iterator[int]:
+    """The TCP port of a server that sends data to one client, and waits for its end."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            connection = server.accept()[0]
+            with connection:
+                connection.sendall(data)
+                connection.recv(1)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield server.getsockname()[1]
+        thread.join(BOUND_S)
+        assert not thread.is_alive(), "the client did not hang up"
+
+
+def test_socket_is_recorded_without_posix(tmp_path: Path, without_posix: Program) -> None:
+    data = (ROOT / "samples" / "clean.raw").read_bytes()
+    with served(data) as port:
+        url = f"socket://127.0.0.1:{port}"
+        words = ("live", url, "--plain", "--count", str(len(data) // 10), "-o", "x.mcap")
+        code, _, errors = run(without_posix, tmp_path, *words)
+    assert code == 0, errors
+    decoded = run(without_posix, tmp_path, "decode", "x.mcap", "--format", "raw", "-o-")
+    assert decoded[:2] == (0, data)
+
+
+def test_ctrl_c_ends_a_capture_without_posix(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [*STARTED, "live", "sim://", "--headless", "-o", "x.mcap"],
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        env=environment_in(tmp_path),
+    ) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == b"capturing sim://, recording to x.mcap\n"
+        process.send_signal(signal.SIGINT)
+        errors = process.communicate(timeout=BOUND_S)[1]
+    assert process.returncode == 0, errors
+    assert errors.endswith(b"recorded to x.mcap\n")
+
+
+def test_worker_that_ends_before_it_connects_does_not_block(tmp_path: Path) -> None:
+    program = """
+import fte_sniff.session.worker_process as workers
+workers._START = "raise SystemExit(3)"
+process, connection = workers.start_worker(print)
+try:
+    connection.recv()
+except (EOFError, OSError):
+    print(process.wait())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_POSIX + program],
+        env=environment_in(tmp_path),
+        capture_output=True,
+        timeout=BOUND_S,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == (b"3\n", b"")
+
+
+def test_screen_opens_without_posix(folder: Path, pty: Pty) -> None:
+    """With a driver of Textual for tests, which presses the keys, on a real terminal."""
+    driver = "textual.drivers.headless_driver:HeadlessDriver"
+    done = subprocess.run(
+        [*STARTED, "view", "damaged.mcap"],
+        stdin=pty.near,
+        stdout=pty.near,
+        stderr=subprocess.PIPE,
+        cwd=folder,
+        env=environment_in(folder, TEXTUAL_DRIVER=driver, TEXTUAL_PRESS="down,end,q"),
+        timeout=BOUND_S,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+ENCODED = {
+    "help": "live --help",
+    "hex": f"hex {FRAME}",
+    "decode": "decode 记录.mcap --limit 5",
+    "decode csv": "decode 记录.mcap --format csv --limit 5",
+    "decode jsonl": "decode 记录.mcap --format jsonl --limit 5",
+    "stats": "stats 记录.mcap",
+    "check": "check 记录.mcap --expect count(malformed)==0",
+    "report": "report 记录.mcap -o 报告.html",
+    "doctor": "doctor",
+    "an error": "decode 没有.mcap",
+    "live": "live sim:// --plain --count 3 -o 新.mcap",
+}
+
+
+@pytest.mark.parametrize("words", ENCODED.values(), ids=ENCODED)
+def test_console_of_any_encoding_shows_the_output(
+    folder: Path, encoded: tuple[Program, str], words: str
+) -> None:
+    """What an encoding lacks is written with backslashes."""
+    program, encoding = encoded
+    (folder / "clean.mcap").rename(folder / "记录.mcap")
+    code, output, errors = run(program, folder, *words.split())
+    assert code in (0, 1, 4), errors
+    assert b"Traceback" not in errors
+    named = {"stats": "记录.mcap", "report": "报告.html", "live": "新.mcap"}.get(words.split()[0])
+    if named is not None and "--help" not in words:
+        assert named.encode(encoding, "backslashreplace") in output + errors
+
+
+@pytest.mark.parametrize(
+    "name", ["C:\\logs\\x.mcap", "C:/logs/x.mcap", "\\\\server\\share\\x.mcap", "x.mcap"]
+)
+def test_path_of_windows_is_a_file_name(name: str) -> None:
+    assert str(FileName().convert(name, None, None)) == name
+
+
+@pytest.mark.parametrize("name", ["COM3", "\\\\.\\COM10"])
+def test_port_of_windows_is_a_port_name(name: str) -> None:
+    check_name(name)
+    assert identity_of(name, name, [ListPortInfo(name)]) == SameName(name)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("PermissionError(13, 'Access is denied.', None, 5)", "COM3 is busy: "),
+        ("FileNotFoundError(2, 'The system cannot find it.', None, 2)", "COM3: no such port; "),
+    ],
+)
+def test_error_of_pyserial_on_windows_is_explained(text: str, message: str) -> None:
+    error = SerialException(f"could not open port 'COM3': {text}")
+    assert str(port_error("COM3", "COM3", error)).startswith(message)
+
+
+def test_name_of_a_new_recording_is_valid_on_windows(
+    tmp_path: Path, without_posix: Program
+) -> None:
+    assert run(without_posix, tmp_path, "live", "sim://", "--plain", "--count", "1")[0] == 0
+    (made,) = tmp_path.glob("*.mcap")
+    assert re.fullmatch(r"fte-sniff-[\w-]+\.mcap", made.name)
+
+
+def test_file_is_read_and_written_at_an_offset(tmp_path: Path, monkeypatch) -> None:
+    """Without `os.pread`, the position of the file stays too."""
+    monkeypatch.setattr(platform, "POSIX", False)
+    descriptor = os.open(tmp_path / "file", platform.open_flags("O_RDWR", "O_CREAT"))
+    try:
+        assert os.write(descriptor, b"0123456789") == 10
+        os.lseek(descriptor, 3, os.SEEK_SET)
+        assert platform.read_at(descriptor, 4, 6) == b"6789"
+        assert os.read(descriptor, 2) == b"34"
+        assert platform.write_at(descriptor, b"ab", 1) == 2
+        assert platform.read_at(descriptor, 4, 0) == b"0ab3"
+    finally:
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize(("end", "content"), [("commit", b"new"), ("discard", b"old")])
+def test_file_that_is_replaced_is_moved_aside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, content: bytes
+) -> None:
+    """Windows gives an open file no other name; an output that fails restores the old file."""
+    monkeypatch.setattr(output_file, "POSIX", False)
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"old")
+    output = OutputPath(path, Existing.REPLACE)
+    os.write(output.descriptor, b"new")
+    getattr(output, end)()
+    if end == "commit":
+        output.close()
+    assert files_of(tmp_path) == {"x.mcap": content}
+
+
+def test_what_a_system_lacks_is_left_out() -> None:
+    assert platform.signals("SIGINT", "SIGBREAK_OF_NOBODY") == (signal.SIGINT,)
+    assert platform.open_flags("O_RDWR", "O_OF_NOBODY") == os.O_RDWR

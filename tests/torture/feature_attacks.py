@@ -1,0 +1,432 @@
+"""Attacks on what works together with others: files of other programs, notes, growing files, jobs.
+
+What each must give is known from elsewhere: from the writer's rows, from one process in the place
+of several, from the same page with harmless texts.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from time import sleep
+
+import polars as pl
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap_protobuf.decoder import DecoderFactory
+
+import fte_sniff
+from fte_sniff.protocol import DEFAULT_BAUD, Frame, PortEvent, PortEventKind
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.retention import RecordingOptions
+from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.session.notes import Note, Notes
+from tests.torture.case import OUT_OF_MEMORY, Case, Started, promise
+from tests.torture.damage import START_NS, VARIANTS, damaged, numbered_frame, recording
+from tests.torture.file_attacks import (
+    ReadRow,
+    check_read_by_both,
+    csv_rows,
+    decoded,
+    official_rows,
+)
+from tests.torture.process_attacks import check_times, wait_until
+
+_PORTS = [PortFacts("p", DEFAULT_BAUD)]
+_SECTOR = 512
+FAST = "sim://?rate=10000"
+
+
+def _frames(first: int, count: int) -> list[Frame]:
+    """Frames of one wire, a millisecond apart."""
+    return [
+        Frame("p", 10 * number, numbered_frame(number), START_NS + number * 10**6)
+        for number in range(first, first + count)
+    ]
+
+
+def _as_read(frames: list[Frame]) -> list[ReadRow]:
+    return [ReadRow(row.port, row.offset, row.raw.hex().upper(), row.t_ns) for row in frames]
+
+
+def rotate_oldest(case: Case) -> None:
+    """Put files of another program on names of a capture that deletes its oldest file.
+
+    None of them is deleted, and the rows that are left are the last ones.
+    """
+    random, limit = case.random, 500_000
+    sizes = ("--rotate", "100kB", "--max-size", f"{limit // 1000}kB", "--on-full", "rotate-oldest")
+    program = case.start(
+        *("live", FAST, "--baud=3000000", "--plain", "-o", "x.mcap", "--flush-every=0.05", *sizes)
+    )
+    foreign: dict[Path, bytes] = {}
+    for _ in range(random.randrange(1, 4)):
+        files = _known_files(case, program, len(foreign) + 2)
+        if program.has_ended:
+            break
+        target = random.choice((files[0], files[-1], _next_name(files[-1])))
+        content = random.randbytes(random.choice((1, 2_000)))
+        case.path("foreign").write_bytes(content)
+        case.path("foreign").replace(target)
+        foreign[target] = content
+    _known_files(case, program, 8)
+    program.interrupt()
+    run = program.wait()
+    for path, content in foreign.items():
+        promise(path.exists(), f"{path.name} of another program was deleted\n{run.errors}")
+        promise(path.read_bytes() == content, f"{path.name} of another program was changed")
+    ours = [path for path in sorted(case.folder.glob("x_*.mcap")) if path not in foreign]
+    rows = [row for path in ours for row in check_read_by_both(case, path)]
+    check_times(run.output, rows)
+    promise(run.code in (0, 4), f"exit code {run.code}\n{run.errors}")
+    total = sum(path.stat().st_size for path in ours)
+    # The limit is checked after each flush, and the last file is closed with an index.
+    promise(total <= limit + 200_000, f"{total:,} bytes are left of at most {limit:,}")
+    if not foreign or run.code == 0:
+        ends = {row.offset + len(row.raw) // 2 for row in rows}
+        gaps = [row.offset for row in rows if row.offset not in ends]
+        # Before the first row, and at each file that lost its name.
+        promise(len(gaps) <= 1 + len(foreign), f"rows are missing before {gaps}\n{run.errors}")
+
+
+def _known_files(case: Case, program: Started, number: int) -> list[Path]:
+    """The capture's files, once the last has at least this number or the limit ends them."""
+
+    def files() -> list[Path]:
+        return sorted(case.folder.glob("x_*.mcap"))
+
+    def is_there() -> bool:
+        is_stopped = "recording stopped: its files have reached" in program.errors
+        is_begun = bool(files()) and _number_of(files()[-1]) >= number
+        return program.has_ended or is_stopped or is_begun
+
+    wait_until(is_there, f"file {number} is not begun\n{program.errors}")
+    return files()
+
+
+def _number_of(path: Path) -> int:
+    return int(path.stem.rpartition("_")[2])
+
+
+def _next_name(path: Path) -> Path:
+    return path.with_stem(f"x_{_number_of(path) + 1:05}")
+
+
+_TAKE_NOTES = """
+import sys
+from pathlib import Path
+from fte_sniff.session.notes import Note, Notes
+first, port = int(sys.argv[1]), sys.argv[2]
+for number in range(first, first + 20):
+    notes = Notes([Path("x.mcap")])
+    notes.set(Note(None, port, number, f"note {number}"))
+    while notes.save():
+        pass
+"""
+_LINES = ("\u2028", "\u0085", "\x1c", "\n", "\r", "\\", '"', "\x00", "𝄞", "端口")
+
+
+def notes(case: Case) -> None:
+    """Take notes with several writers at once, on ports with any name: none is lost."""
+    random = case.random
+    case.path("x.mcap").write_bytes(recording(random.randrange(VARIANTS)))
+    port = "tty" + "".join(random.choices(_LINES, k=3)).replace("\x00", "")
+    writers = range(random.choice((1, 2, 3)))
+    started = [case.start_python("-c", _TAKE_NOTES, str(100 * one), port) for one in writers]
+    for one in started:
+        run = one.wait()
+        promise(run.code == 0, run.errors)
+    kept = Notes([case.path("x.mcap")])
+    promise(not kept.damage, f"the notes cannot be read: {kept.damage}")
+    taken = {100 * one + number for one in writers for number in range(20)}
+    found = {note.offset: note for note in kept.notes.values() if note.port == port}
+    promise(found.keys() == taken, f"{len(found)} of {len(taken)} notes are left")
+    wrong = [note for number, note in found.items() if note.text != f"note {number}"]
+    promise(not wrong, f"other texts: {wrong[:3]}")
+    kept.set(Note(None, port, 1, "last"))
+    promise(kept.save() is None, "a note is not saved")
+
+
+def scan(case: Case) -> None:
+    """Query a recording that grows after `scan` was called: all rows that are there now."""
+    random = case.random
+    path = case.path("x.mcap")
+    counts = [random.randrange(1, 400) for _ in range(random.randrange(2, 6))]
+    asked, made = random.randrange(len(counts)), 0
+    with RecordingWriter(path, _PORTS) as writer, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        writer.write(_frames(0, made))
+        query = fte_sniff.scan(path) if asked == 0 else None
+        for number, count in enumerate(counts):
+            writer.write(_frames(made, count))
+            writer.flush()
+            made += count
+            query = fte_sniff.scan(path) if number == asked else query
+        assert query is not None
+        found = query.collect()
+        promise(found.height == made, f"{found.height} of {made} rows of a recording that grew")
+        motor = found.filter(found["motor"] == 1)
+        chosen = query.filter(pl.col("motor") == 1).collect()
+        promise(chosen.equals(motor), f"a filter gives {chosen.height} of {motor.height} rows")
+        late = found["time"][made // 2]
+        chosen = query.filter(pl.col("time") >= late).collect()
+        wanted = found.filter(found["time"] >= late)
+        promise(chosen.equals(wanted), f"a time gives {chosen.height} of {wanted.height} rows")
+
+
+_RULES = """\
+[rules]
+few = "count(malformed) <= 3"
+speed = "max(rpm) < 30000"
+gap = "max_gap(motor = 1) < 1000"
+"""
+
+
+def rules(case: Case) -> None:
+    """Check by rules that are whole, damaged or nested: 1 is a verdict and nothing else."""
+    random = case.random
+    case.path("source.mcap").write_bytes(recording(random.randrange(VARIANTS)))
+    deep = random.randrange(1, 60_000)
+    text = random.choice(
+        (
+            _RULES.encode(),
+            damaged(random, _RULES.encode()),
+            _RULES.encode() + b"a = " + b"[" * deep + b"]" * deep,
+            b"a = " + b"{a=" * deep,
+            b'[rules]\na = "' + b"(" * deep + b'"\n',
+            b'[rules]\na = "' + b"not " * deep + b'count(all) > 1"\n',
+            b"a." * deep + b"a = 1\n",
+            random.randbytes(random.randrange(2_000)),
+        )
+    )
+    case.path("rules.toml").write_bytes(text)
+    words = ("check", "source.mcap", "--rules", "rules.toml", "--format", "json")
+    memory = random.choice((None, None, 300, 600, 1_000))
+    run = (
+        case.start_python("-c", _LITTLE_MEMORY, str(memory << 20), *words)
+        if memory
+        else case.start(*words)
+    ).wait()
+    promise(run.code in (0, 1, 2, 4, OUT_OF_MEMORY), f"exit code {run.code}\n{run.errors}")
+    if run.code > 1:
+        return
+    promise(run.output, f"exit code {run.code} without a verdict\n{run.errors}")
+    verdicts = {rule["verdict"] for rule in json.loads(run.output)["rules"]}
+    promise(verdicts, "a verdict without a rule")
+    promise((run.code == 0) == (verdicts == {"pass"}), f"exit code {run.code} for {verdicts}")
+
+
+_LITTLE_MEMORY = """
+import resource, runpy, sys
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
+del sys.argv[1]
+runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+"""
+
+
+def follow(case: Case) -> None:
+    """Follow a recording that grows, and rotates: each row once, with its time."""
+    random = case.random
+    path, table = case.path("x.mcap"), case.path("rows.csv")
+    rotates = RecordingOptions(max_index_bytes=random.choice((None, 2_000)))
+    recorder = Recorder(path, _PORTS, options=rotates)
+    program = case.start("decode", "--follow", path.name, "-o", table)
+    made = 0
+    for _ in range(random.randrange(1, 8)):
+        count = random.randrange(1, 300)
+        recorder.write(_frames(made, count))
+        recorder.flush()
+        made += count
+        sleep(random.choice((0, 0.05, 0.3)))
+    wait_until(lambda: program.has_ended or len(_whole_rows(table)) >= made, "rows are missing")
+    count = random.randrange(1, 300)
+    recorder.write(_frames(made, count))
+    recorder.close()
+    made += count
+    run = program.wait()
+    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
+    found, wanted = csv_rows(table), _as_read(_frames(0, made))
+    promise(found == wanted, f"{len(found)} rows of {made} are followed\n{run.errors}")
+
+
+def _whole_rows(table: Path) -> list[bytes]:
+    """Lines of a table that is being written, without its head."""
+    for path in (table, *table.parent.glob(f"*{table.name}*.part")):
+        if path.exists():
+            return path.read_bytes().split(b"\n")[1:-1]
+    return []
+
+
+def jobs(case: Case) -> None:
+    """Read damaged files with several processes: what one process prints, and its exit code."""
+    random = case.random
+    for number in range(random.randrange(2, 6)):
+        data = recording(random.randrange(VARIANTS))
+        case.path(f"{number}.mcap").write_bytes(random.choice((data, damaged(random, data))))
+    words: tuple[str, ...] = random.choice(
+        (
+            ("stats", "--format", "json"),
+            ("stats",),
+            ("check", "--format", "json", "--expect", "count(malformed) <= 3"),
+            ("check", "--expect", "max_gap(motor = 1) < 0.1", "--expect", "count(all) > 1"),
+        )
+    )
+    files = sorted(path.name for path in case.folder.glob("*.mcap"))
+    one, several = (case.run(*words, *files, "--jobs", count) for count in ("1", "3"))
+    promise(one.code == several.code, f"{words}: exit codes {one.code} and {several.code}")
+    promise(one.output == several.output, f"{words}: other output with three jobs")
+    lines = (Counter(run.errors.splitlines()) for run in (one, several))
+    promise(next(lines) == next(lines), f"{words}: other messages\n{one.errors}\n{several.errors}")
+
+
+_ON_FILE = """
+import json, pathlib, sys
+with open("done.jsonl", "a") as file:
+    print(json.dumps([sys.argv[1:], pathlib.Path(sys.argv[-1]).exists()]), file=file)
+"""
+_FILE_NAMES = ("x.mcap", "-x.mcap", "--force.mcap", "a b.mcap", "$(touch ran).mcap", "'x;.mcap")
+
+
+def on_file(case: Case) -> None:
+    """Run a command for each finished file, whatever its name: each file once, as a path."""
+    random = case.random
+    case.path("run.py").write_text(_ON_FILE)
+    name = random.choice(_FILE_NAMES)
+    command = f"{sys.executable} run.py --to here"
+    words = ("live", FAST, "--baud=3000000", "--headless", f"--output={name}", "--rotate=100kB")
+    program = case.start(*words, "--flush-every=0.05", "--on-file", command)
+    done, wanted = case.path("done.jsonl"), random.randrange(1, 4)
+    wait_until(
+        lambda: program.has_ended or (done.exists() and done.read_bytes().count(b"\n") >= wanted),
+        "the command does not run",
+    )
+    program.interrupt()
+    run = program.wait()
+    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
+    calls = [json.loads(line) for line in done.read_text().splitlines()]
+    promise(all(exists for _, exists in calls), f"a path that does not exist: {calls}")
+    promise(all(words[:-1] == ["--to", "here"] for words, _ in calls), f"other words: {calls}")
+    paths = [words[-1] for words, _ in calls]
+    promise(not any(path.startswith("-") for path in paths), f"an option, not a path: {paths}")
+    named = Counter(Path(path).name for path in paths)
+    files = Counter(path.name for path in case.folder.glob("*.mcap"))
+    promise(named == files, f"{named} instead of {files}\n{run.errors}")
+    promise(not case.path("ran").exists(), "a shell ran a part of the name")
+
+
+_TEXTS = (
+    *("<script>alert(1)</script>", "</script><img src=x onerror=alert(1)>", "<!--", "]]>", "&lt;"),
+    *("'\"><b>", "\u202e", "\x1b[31m", "{{7*7}}", "${1}", "</title>", "\u2028", "javascript:1"),
+)
+
+
+class _Tags(HTMLParser):
+    """The elements and attributes of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: Counter[tuple[str, tuple[str, ...]]] = Counter()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found[tag, tuple(name for name, _ in attrs)] += 1
+
+
+def report_texts(case: Case) -> None:
+    """Report on ports, hosts and events with hostile texts: the page has no other element."""
+    random = case.random
+    hostile = "".join(random.sample(_TEXTS, 4))
+    pages = []
+    for name, text in (("hostile", hostile), ("harmless", "x" * len(hostile))):
+        path = case.path(f"{name}.mcap")
+        events = [
+            PortEvent(START_NS + 10**8, text, PortEventKind.LOST, text),
+            PortEvent(START_NS + 2 * 10**8, text, PortEventKind.FOUND_AGAIN, text),
+        ]
+        with RecordingWriter(path, [PortFacts(text, DEFAULT_BAUD)], {"host": text}) as writer:
+            writer.write([Frame(text, row.offset, row.raw, row.t_ns) for row in _frames(0, 300)])
+            for event in events:
+                writer.write_event(event)
+        saved = Notes([path])
+        saved.set(Note(START_NS, text, 0, text))
+        saved.save()
+        run = case.run("report", path, "-o", case.path(f"{name}.html"))
+        promise(run.code == 0, f"{name}: exit code {run.code}\n{run.errors}")
+        pages.append(case.path(f"{name}.html").read_text())
+    first, second = (_Tags(), _Tags())
+    for tags, page in zip((first, second), pages, strict=True):
+        tags.feed(page)
+    other = (first.found - second.found) + (second.found - first.found)
+    promise(not other, f"elements that texts made: {dict(other)}")
+
+
+def two_damages(case: Case) -> None:
+    """Damage two sectors of a recording: only rows of the chunks that they hit are lost."""
+    random, data = case.random, recording(case.random.randrange(VARIANTS))
+    altered, hit = bytearray(data), []
+    for _ in range(2):
+        at = random.choice((random.randrange(len(data)), 8 + random.randrange(3_000)))
+        at = min(at, len(data) - 1)
+        match random.choice(("byte", "zeros", "junk", "end")):
+            case "byte":
+                span = slice(at, at + 1)
+                altered[at] ^= 1 << random.randrange(8)
+            case "zeros":
+                span = slice(at // _SECTOR * _SECTOR, at // _SECTOR * _SECTOR + _SECTOR)
+                altered[span] = bytes(len(altered[span]))
+            case "junk":
+                span = slice(at // _SECTOR * _SECTOR, at // _SECTOR * _SECTOR + _SECTOR)
+                altered[span] = random.randbytes(len(altered[span]))
+            case _:
+                span = slice(max(len(altered) - random.randrange(1, _SECTOR), 8), len(data))
+                del altered[span]
+        hit.append(span)
+    case.path("whole.mcap").write_bytes(data)
+    rows = official_rows(case.path("whole.mcap"))
+    path = case.path("damaged.mcap")
+    path.write_bytes(altered)
+    run, found = decoded(case, path)
+    invented = Counter(found) - Counter(rows)
+    promise(not invented, f"rows that were never recorded: {list(invented)[:3]}")
+    kept = Counter[ReadRow]()
+    for start, end, chunk_rows in _chunks(data):
+        if not any(span.start < end and span.stop > start for span in hit):
+            kept.update(chunk_rows)
+    lost = kept - Counter(found)
+    about = f"damage at {[(span.start, span.stop) for span in hit]} of {len(data)}"
+    promise(not lost, f"{lost.total()} rows of chunks that are whole are lost; {about}")
+    silent = run.code == 0 and "fte-sniff: " not in run.errors
+    promise(len(found) == len(rows) or not silent, f"a silent loss; {about}")
+    promise(found or run.code, f"no row of {len(rows)}, and exit code 0; {about}")
+
+
+def _chunks(data: bytes) -> Iterator[tuple[int, int, list[ReadRow]]]:
+    """Start, end and rows of each chunk of a whole recording."""
+    summary = make_reader(io.BytesIO(data)).get_summary()
+    assert summary is not None
+    spans = iter(summary.chunk_indexes)
+    for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
+        if not isinstance(record, Chunk):
+            continue
+        rows = []
+        for inner in breakup_chunk(record):
+            if not isinstance(inner, Message):
+                continue
+            channel: Channel = summary.channels[inner.channel_id]
+            if channel.topic != "/fte/port":
+                schema = summary.schemas[channel.schema_id]
+                decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
+                assert decode is not None
+                row = decode(inner.data)
+                raw = row.raw.hex().upper()
+                t_ns = row.time_ns if row.HasField("time_ns") else inner.log_time
+                rows.append(ReadRow(channel.metadata["port"], row.offset, raw, t_ns))
+        span = next(spans)
+        yield span.chunk_start_offset, span.chunk_start_offset + span.chunk_length, rows

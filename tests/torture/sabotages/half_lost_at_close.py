@@ -1,0 +1,10 @@
+# Appended to recording/writer.py: at the end, every second entry that waits is forgotten.
+_close = RecordingWriter.close
+
+
+def _close_with_half(self):
+    self._pending = self._pending[::2]
+    _close(self)
+
+
+RecordingWriter.close = _close_with_half
