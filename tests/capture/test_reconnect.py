@@ -3,8 +3,8 @@
 import os
 import socket
 import subprocess
-import sys
 import threading
+from contextlib import contextmanager
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
@@ -26,6 +26,7 @@ from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from tests.waiting import BOUND_S, condition_text, while_waiting
 
 CLOCK = Clock.tied()
+SLEEPER, OTHER = ("sleep", "infinity"), ("tail", "-f", "/dev/null")
 
 
 @pytest.fixture
@@ -217,9 +218,7 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     adapter.pull(pty)
     lost = received.until_event(PortEventKind.LOST)
     theirs = new_pty()
-    with subprocess.Popen(
-        [sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=theirs.near
-    ) as user:
+    with held(theirs, *SLEEPER) as user:
         before = theirs.attributes()
         adapter.plug(theirs)
         refused = received.until_event(PortEventKind.NOT_OPENED)
@@ -233,20 +232,28 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     received.until_event(PortEventKind.FOUND_AGAIN)
 
 
+@contextmanager
 def held(pty, *words):
-    """A process of a program that has a terminal open, as socat has its own."""
-    return subprocess.Popen(words, stdin=pty.near, stdout=subprocess.DEVNULL)
+    """A process of a program that has a terminal open, as socat has its own; ends with the block.
+
+    It must not read: once a port has its settings, a read without bytes is an end of file.
+    """
+    with subprocess.Popen(words, stdin=pty.near, stdout=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
-    with held(pty, "cat") as first:
+    with held(pty, *SLEEPER) as first:
         received = Received(opened(adapter.name))
         adapter.pull(pty)
         received.until_event(PortEventKind.LOST)
         first.terminate()
-    with held(again, "cat") as second:
+    with held(again, *SLEEPER) as second:
         adapter.plug(again)
         received.until_event(PortEventKind.FOUND_AGAIN)
         assert PortEventKind.NOT_OPENED not in [event.kind for event in received.events]
@@ -256,15 +263,15 @@ def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter
 def test_another_program_beside_the_known_one_is_named_alone(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
-    with held(pty, "cat") as first:
+    with held(pty, *SLEEPER) as first:
         received = Received(opened(adapter.name))
         adapter.pull(pty)
         received.until_event(PortEventKind.LOST)
         first.terminate()
-    with held(again, "cat") as second, held(again, "sleep", "600") as other:
+    with held(again, *SLEEPER) as second, held(again, *OTHER) as other:
         adapter.plug(again)
         refused = received.until_event(PortEventKind.NOT_OPENED)
-        assert f"sleep (pid {other.pid}) has it open; close that" in refused.detail
+        assert f"tail (pid {other.pid}) has it open; close that" in refused.detail
         other.terminate()
         received.until_event(PortEventKind.FOUND_AGAIN)
         second.terminate()
