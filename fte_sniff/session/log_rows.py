@@ -112,6 +112,8 @@ _FAR_NS: Final = 10**9
 """A fall of times where the clock was set back."""
 _LOW: Final = 0.5
 """Share of the bytes of a log in frames, from which on it is not low."""
+_FAR_BELOW: Final = 0.7
+"""Part of the share in the sample from which on the share of the whole log is not far below it."""
 _MANY_BYTES: Final = 100
 _SWAPPED: Final = 0.9
 """Of the frames of both directions, how many go the other way if the wires are swapped."""
@@ -308,7 +310,8 @@ class _Streams:
                 f" ({against[0][1]}): this is normal in the log of a tap; {otherwise}"
             )
         in_frames = FRAME_LENGTH * sum(own.frames.total() for own in self._streams.values())
-        if sampled is not None and self.size >= _MANY_BYTES and in_frames < _LOW * self.size:
+        low = max(_LOW, _FAR_BELOW * (sampled or 0))
+        if sampled is not None and self.size >= _MANY_BYTES and in_frames < low * self.size:
             yield (
                 f"only {in_frames / self.size:.0%} of the bytes read are in frames"
                 f" ({sampled:.0%} in its sample); another form may be right: --explain shows what"

@@ -114,6 +114,7 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
             "max needs a field, and 'rmp' is none "
             'at character 5 of "max(-->rmp) < 3"; did you mean rpm?',
         ),
+        ("mean(speed) < 3", "did you mean rpm?"),
         ("duration(1) > 0", "a ')' is missing at character 10"),
         ("duration() > 0 AND duration() < 9", "a rule is one comparison at character 16"),
         (

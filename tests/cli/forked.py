@@ -1,7 +1,7 @@
 """The program in processes of its own that need not load it: forked from one that has.
 
 Each has its own streams, folder, environment and exit code, runs `fte_sniff/__main__.py` from its
-first line, and ends as an interpreter does. What a start itself does is no matter of this file;
+first line, and ends as an interpreter does. What a start itself does does not concern this file;
 tests of that start the program anew, as `processes.py` does.
 
     test           Program             loaded once        the program
@@ -62,7 +62,7 @@ class Program:
             root: where `tests` lies.
             before: Python source that is executed before it is loaded.
         """
-        # Its streams are pipes as those of its runs are: what a stream is, it learns but once.
+        # Its streams are pipes as those of its runs are: what a stream is, it learns only once.
         self._near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with far:
             self._process = subprocess.Popen(

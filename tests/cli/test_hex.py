@@ -161,7 +161,7 @@ def test_a_dump_is_read_and_what_is_doubtful_told(run) -> None:
     assert bare.stderr == "fte-sniff: line 1 holds words that are not read as bytes: '0000'\n"
     way = run("hex", "-", stdin=f"RX: {FRAME}\n")
     assert way.stdout == bare.stdout
-    # A tap receives both directions, so the label of one frame is no reason for a doubt.
+    # A tap receives both directions, so the label of one frame is not a reason to doubt it.
     assert way.stderr == ""
 
 

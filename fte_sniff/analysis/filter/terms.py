@@ -22,6 +22,7 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.protocol.columns import RANKED
+from fte_sniff.protocol.spec import NAME_OF_ROLE
 
 if TYPE_CHECKING:
     import polars as pl
@@ -198,18 +199,31 @@ def mismatch(left: Term, right: Term) -> MistakeError:
         right_is=TranslatableText(right.type.value),
     )
     fix = how_to_compare(left)
-    if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
+    if left.column is None and right.type is TermType.NAME:
+        meant = _FIELD_OF_ROLE.get(right.label.lower())
+        fix = TranslatableText("a name is a condition: write {name} alone", name=right.label)
+        if meant:
+            fix = TranslatableText("did you mean {near}?", near=meant)
+    elif left.type is TermType.NUMBER and right.type is TermType.LITERAL:
         fix = TranslatableText("write a number, without quotes")
     elif left.type is TermType.HEX and right.type is TermType.NUMBER:
         fix = TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
     return MistakeError(right.start, what, fix)
 
 
+_FIELD_OF_ROLE: Final = {str(role): name for role, name in NAME_OF_ROLE.items()}
+"""What people call a field: `speed` is a kind of frame, and its field is `rpm`."""
+
+
 def nearest(word: str, choices: Iterable[str]) -> str:
-    """`did you mean x?`, or an empty text if no choice is similar."""
+    """`did you mean x?`, or an empty text if no choice is similar.
+
+    A role, such as `speed`, means the field of that role.
+    """
     names, typed = list(choices), word.lower()
     near = (
-        [name for name in names if len(word) > 1 and name.startswith(typed)]
+        [name for name in names if name == _FIELD_OF_ROLE.get(typed)]
+        or [name for name in names if len(word) > 1 and name.startswith(typed)]
         or [name for name in names if _abbreviates(typed, name)]
         or difflib.get_close_matches(typed, names, n=1)
     )

@@ -83,7 +83,7 @@ class Shapes:
     def alike_lines(self, text: bytes) -> Iterator[Alike]:
         """The lines of a text that have the shape of another line, shape by shape.
 
-        Lines that hold no bytes come with a size of 0, if they are no headings.
+        Lines that hold no bytes come with a size of 0, unless they are headings.
         """
         ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
         starts = np.append(0, ends[:-1] + 1)

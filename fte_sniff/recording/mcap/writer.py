@@ -6,7 +6,7 @@ Until a chunk holds them, they are part of the tail: a file without messages exp
 
 What a reader needs to know if the first chunk and the summary are damaged is repeated in a metadata
 record: after the first chunk with new definitions, and then at twice the distance each time, up to
-4 MB. Readers skip it; definitions that stand twice in the data they remark.
+4 MB. Readers skip it; they would warn about a definition that is in the data twice.
 
 The summary grows with each chunk. A long summary is written only after as much new data; between,
 the file ends without summary, which is legal and makes tools scan the file. A caller that needs a

@@ -29,6 +29,10 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("'motor' = 'rpm'", ("two texts are compared", "without single quotes")),
     ("nois OR truncated", ("unknown name 'nois'", "did you mean noise?")),
     ("port = COM3", ("unknown name 'COM3'", "in quotes: 'COM3'")),
+    ("speed > 500", ("speed is a name", "character 1", "did you mean rpm?")),
+    ("500 < Position", ("Position is a name", "character 7", "did you mean pulses?")),
+    ("rotation > 3", ("unknown name 'rotation'", "did you mean wz_mrad_s?")),
+    ("noise > 3", ("noise is a name", "a name is a condition: write noise alone")),
     ("motor = noise", ("motor is a number, noise is a name", "compare it, as in motor = 1")),
     # words
     ("kind = 'sped'", ("kind is never 'sped'", "character 8", "did you mean speed?")),

@@ -249,6 +249,17 @@ def test_a_byte_pattern_matches_only_at_byte_boundaries(
     assert wanted.matches(RowBatch.from_rows(rows)).tolist() == expected
 
 
+@pytest.mark.parametrize("special", [*" \t\n#-&~é中[].*()|\\^$+?{}<>@/", "[a].*(b)|c\\d^$", "\0"])
+def test_a_pattern_takes_special_characters_as_they_are(special: str) -> None:
+    rows = [Damage(port, 0, b"\0", None, (Fault.NOISE,)) for port in (f"A{special}1", "Ax1", "A1")]
+    for text in (
+        f"port LIKE '_{special}%'",
+        f"port ILIKE 'a{special}1'",
+        f"port LIKE 'A{special}1'",
+    ):
+        assert RowFilter.parse(text).select(rows) == rows[:1]
+
+
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])
 def test_no_rows_give_no_rows(text: str) -> None:
     wanted = RowFilter.parse(text)
