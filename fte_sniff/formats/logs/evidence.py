@@ -309,7 +309,7 @@ class Hypothesis:
                 self.cuts.setdefault(without_labels(key), cut)
 
     def unwoven(self) -> Hypothesis:
-        """This hypothesis with two wires, if its bytes are those of two wires in turn; else itself."""
+        """This hypothesis, or one of two wires if its bytes are those of two wires in turn."""
         lane = self.lanes[0] if len(self.lanes) == 1 else None
         if self.share >= _ALMOST_ALL or lane is None or {len(one.data) for one in lane.runs} != {1}:
             return self
