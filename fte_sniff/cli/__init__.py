@@ -4,6 +4,7 @@ Modules:
 
     bridge             `fte-sniff bridge`: pass bytes between host and controller; record both.
     capture_command    Run a capture with screen or plain lines.
+    capture_loop       The loop of a capture, for all its observers.
     check              `fte-sniff check`: a verdict about files, for acceptance tests and CI.
     check_report       Verdicts as a table, JSON or JUnit XML.
     completion         `fte-sniff completion`: scripts for shells; ports, files, filters.

@@ -8,8 +8,7 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from glob import escape
 from pathlib import Path
@@ -19,6 +18,7 @@ import click
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
+from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
 from fte_sniff.cli.options import (
     FileName,
@@ -34,31 +34,26 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.output import print_saved, summary
 from fte_sniff.cli.recording_options import capture_plan, recording_options
-from fte_sniff.cli.service import FileCommand, ServiceManager
+from fte_sniff.cli.service import FileCommand, FinishedFiles, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
-from fte_sniff.cli.streams import (
-    abandon_stdout,
-    ending_signals,
-    has_no_reader,
-    print_err,
-)
+from fte_sniff.cli.streams import STDOUT, has_no_reader, print_err
 from fte_sniff.errors import FteSniffError, UsageError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
-from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
+from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
+from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert
-    from fte_sniff.analysis.verdicts import RuleCheck
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.recorder import Outcome
     from fte_sniff.session.capture_state import CapturePlan
     from fte_sniff.session.live_session import LiveSession
+    from fte_sniff.session.notes import Notes
     from fte_sniff.tui.options import StartOptions
 
 
-_STDOUT = Path("-")
+_DASH = Path("-")
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
@@ -151,78 +146,49 @@ def run_capture(
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
-    code = 0
-    with _judged(rules) as observe:
-        if headless or on_file is not None:
-            others = {"--plain": plain, "--filter": filter_text, "--alert": alert_text}
-            _check_headless(headless, plan, [name for name, given in others.items() if given])
-            _record_headless(plan, FileCommand(on_file), observe)
-        elif _is_stdout(plan.recording):
-            _record_to_stdout(plan, observe)
-        elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
-            if resolution is not None:
-                print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
-            _print_lines(plan, filter_text, alert_of(alert_text), observe)
-        else:
-            from fte_sniff.tui.options import StartOptions
-
-            start = StartOptions(
-                row_filter=row_filter(filter_text),
-                alert=alert_of(alert_text),
-                keep_rows=keep_rows,
-                leave_at_end=plan.duration_s is not None or plan.count is not None,
-                signals=_ending_signals(plan),
-                line_setup=setup,
-                language=settings.language(lang),
-                colors=settings.colors,
-                choices=settings.choices,
-                save_choices=settings.keep,
-                warnings=settings.trouble,
-            )
-            code = _show_screen(plan, start, observe)
-    sys.exit(code)
-
-
-Observer = Callable[[FeedUpdate], None]
-
-
-@contextmanager
-def _judged(path: Path | None) -> Iterator[Observer | None]:
-    """Context that checks the rows its observer receives, and prints the verdicts at the end.
-
-    Raises FteSniffError if a rule is invalid; exits with code 1 if a rule does not pass.
-    """
-    if path is None:
-        yield None
-        return
-    rules = read_rules(path)
-    from fte_sniff.analysis.verdicts import RuleCheck
-
-    check = RuleCheck(rules)
-    try:
-        yield lambda update: check.observe(update.rows, update.events, update.changes)
-    except FteSniffError:
-        if check.total.rows:
-            _print_verdicts(check)
-        raise
-    _print_verdicts(check)
-    if any(one.refuses for one in check.verdicts()):
-        sys.exit(1)
-
-
-def _print_verdicts(check: RuleCheck) -> None:
-    for line in verdict_lines(check.verdicts(), None):
-        print_err(line.plain.rstrip())
-    if check.unseen:
-        print_err(
-            f"fte-sniff: {check.unseen:,} rows arrived too fast to be checked; run check on the "
-            "recording"
+    judge = None if rules is None else Judge(rules)
+    drive = None
+    if headless or on_file is not None:
+        others = {"--plain": plain, "--filter": filter_text, "--alert": alert_text}
+        _check_headless(headless, plan, [name for name, given in others.items() if given])
+        observers = _service(plan, FileCommand(on_file))
+    elif _is_stdout(plan.recording):
+        observers = [Announcer(plan), StdoutReport(plan)]
+    elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+        if resolution is not None:
+            print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
+        lines = PlainLines(
+            row_filter(filter_text), alert_of(alert_text), ports=len(plan.wiring.names) > 1
         )
+        observers = [Announcer(plan), Report(plan), lines]
+    else:
+        from fte_sniff.tui.options import StartOptions
+
+        start = StartOptions(
+            row_filter=row_filter(filter_text),
+            alert=alert_of(alert_text),
+            keep_rows=keep_rows,
+            leave_at_end=plan.duration_s is not None or plan.count is not None,
+            signals=_ending_signals(plan),
+            line_setup=setup,
+            language=settings.language(lang),
+            colors=settings.colors,
+            choices=settings.choices,
+            save_choices=settings.keep,
+            warnings=settings.trouble,
+        )
+        rest = RestOfScreen(plan)
+        screen = Screen(start, rest)
+        observers, drive = [screen, Announcer(plan, intro=None), rest], screen.show
+    if judge is not None:
+        observers = [judge, *observers]
+    code = capture(plan, observers, _ending_signals(plan), drive)
+    sys.exit(1 if judge is not None and judge.refuses else code)
 
 
 def _is_stdout(recording: Path | None) -> bool:
     """True if the recording goes to standard output: `-`, /dev/stdout or the same file."""
-    if recording is None or recording == _STDOUT:
+    if recording is None or recording == _DASH:
         return recording is not None
     try:
         return os.path.samestat(recording.stat(), os.fstat(sys.stdout.fileno()))
@@ -235,39 +201,6 @@ def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
     return tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not plan.outlives_view)
 
 
-def _ended_by_signals(
-    session: LiveSession, plan: CapturePlan
-) -> AbstractContextManager[Callable[[], None]]:
-    return ending_signals(session.stop, _ending_signals(plan), session.hurry)
-
-
-def _print_lines(
-    plan: CapturePlan, filter_text: str | None, alert: Alert | None, observe: Observer | None
-) -> None:
-    wanted = row_filter(filter_text)
-    from fte_sniff.session.live_session import LiveSession
-
-    session = LiveSession(plan, observe)
-    select = list if wanted is None else wanted.select
-    lines = PlainLines(select, ports=len(plan.wiring.names) > 1, alert=alert)
-    with _ended_by_signals(session, plan):
-        session.begin()
-        _report_device(session)
-        if session.state.recording is not None:
-            print_err(f"recording to {session.state.recording}")
-        _report_pipe(session)
-        _report_survivor(plan, session)
-        try:
-            for update in _updates(session):
-                lines.write(update, session.state.error)
-        except BrokenPipeError:
-            abandon_stdout()
-        finally:
-            finish_session(session)
-        lines.close(session.state.progress.waiting, plan.count)
-        _report_recording(session)
-
-
 def _check_headless(headless: bool, plan: CapturePlan, others: Sequence[str]) -> None:
     if not headless:
         raise UsageError("--on-file works with --headless; add it")
@@ -277,123 +210,78 @@ def _check_headless(headless: bool, plan: CapturePlan, others: Sequence[str]) ->
         raise UsageError("--headless records to files; name one with -o, or leave out --no-record")
 
 
-def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer | None) -> None:
-    """Record as a service: no rows on standard output."""
-    from fte_sniff.session.live_session import LiveSession
-
-    manager = ServiceManager(os.environ)
-    rotating = signals("SIGUSR1")
-    for number in rotating:
-        signal.signal(number, signal.SIG_IGN)
-    session = LiveSession(plan, observe)
-    lines = PlainLines(lambda _: [])
-    with _ended_by_signals(session, plan):
-        session.begin()
-        for number in rotating:
-            signal.signal(number, lambda *_: session.rotate())
-        _report_device(session)
-        _report_pipe(session)
-        lines.follow_files(session.state.recording)
-        ports = printable(" and ".join(plan.wiring.names))
-        print_err(f"capturing {ports}, recording to {session.state.recording}")
-        manager.notify("READY=1")
-        try:
-            for update in _updates(session):
-                lines.write(update, session.state.error)
-                command.update(session.state.recordings, session.state.recording)
-                manager.alive(session.received_at_s)
-                if session.stopping:
-                    manager.notify("STOPPING=1")
-        finally:
-            finish_session(session)
-        lines.close(session.state.progress.waiting, plan.count)
-        command.update(session.state.recordings, None)
-        try:
-            _report_recording(session)
-        finally:
-            command.wait()
+def _service(plan: CapturePlan, command: FileCommand) -> list[Observer]:
+    """Observers of a capture that records as a service: no rows on standard output."""
+    ports = printable(" and ".join(plan.wiring.names))
+    return [
+        Service(command),
+        Announcer(plan, f"capturing {ports}, recording to"),
+        FinishedFiles(command),
+        Report(plan, follows_files=True),
+    ]
 
 
-def _record_to_stdout(plan: CapturePlan, observe: Observer | None) -> None:
-    """Write the recording, and nothing else, to standard output; a lost reader ends it."""
-    from fte_sniff.session.live_session import LiveSession
+class Judge(Observer):
+    """Checks the rows by the rules of a file, and prints the verdicts at the end."""
 
-    session = LiveSession(plan, observe)
-    lines = PlainLines(lambda _: [])
-    with _ended_by_signals(session, plan):
-        session.begin()
-        _report_device(session)
-        print_err("recording to standard output")
-        try:
-            for update in _updates(session):
-                gone = session.state.recording is None and has_no_reader(sys.stdout.fileno())
-                lines.write(update, None if gone else session.state.error)
-                if session.state.recording is None:
-                    session.stop()
-        finally:
-            finish_session(session)
-        lines.close(session.state.progress.waiting, plan.count)
-        if session.state.error is not None:
-            # A reader that went away ends the capture; rows after that are no loss.
-            ended = has_no_reader(sys.stdout.fileno()) and session.state.stopped_recording
-            raise ended or session.state.error
+    def __init__(self, path: Path) -> None:
+        """Read the rules; raises FteSniffError if one is invalid."""
+        rules = read_rules(path)
+        from fte_sniff.analysis.verdicts import RuleCheck
 
+        self._check = RuleCheck(rules)
 
-def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | None) -> int:
-    """Show the screen; the exit code is not 0 if it failed."""
-    from fte_sniff.session.live_session import LiveSession
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Check the rows and events."""
+        self._check.observe(update.rows, update.events, update.changes)
 
-    code = 0
-    seen: list[Tally] = []
-    session = LiveSession(plan, observe)
-    with _ended_by_signals(session, plan):
-        # Imported while the capture process starts on another core and opens the port.
-        from fte_sniff.session.notes import Notes, capture_start
-        from fte_sniff.tui.app import run_screen
+    def ended(self, session: LiveSession) -> None:
+        """Print the verdicts, unless the capture failed before the first row."""
+        check = self._check
+        if session.state.error is not None and not check.total.rows:
+            return
+        for line in verdict_lines(check.verdicts(), None):
+            print_err(line.plain.rstrip())
+        if check.unseen:
+            print_err(
+                f"fte-sniff: {check.unseen:,} rows arrived too fast to be checked; run check on "
+                "the recording"
+            )
 
-        session.begin()
-        _report_pipe(session)
-        _report_survivor(plan, session)
-    files = [path for path in session.state.recordings if path.is_file()]
-    notes = Notes(files, [capture_start(path) for path in files])
-    try:
-        if not session.stopping:
-            options = replace(options, notes=notes)
-            code = run_screen(session, options, on_exit=seen.append)
-    finally:
-        # The screen has replaced the signal handlers.
-        with _ended_by_signals(session, plan) as request_end:
-            # A stopped terminal may not block the exit either.
-            request_end()
-            finish_session(session, seen, plan.count)
-            _report_recording(session)
-            print_saved(notes)
-    return code
+    @property
+    def refuses(self) -> bool:
+        """Whether a rule does not pass."""
+        return any(one.refuses for one in self._check.verdicts())
 
 
-def _report_device(session: LiveSession) -> None:
-    if session.state.device is not None:
-        print_err(f"a host program can open {printable(session.state.device)}")
+class Announcer(Observer):
+    """Prints where the capture goes: when it begins, and when everything is recorded."""
 
+    def __init__(self, plan: CapturePlan, intro: str | None = "recording to") -> None:
+        """`intro` stands before the name of the recording; None prints it only at the end."""
+        self._plan, self._intro = plan, intro
+        self._to_stdout = _is_stdout(plan.recording)
 
-def _report_pipe(session: LiveSession) -> None:
-    if session.state.waits_for_reader:
-        print_err(f"waiting for a reader of {session.state.recording}")
+    def begun(self, session: LiveSession) -> None:
+        """Print the file, and what a user may have to do."""
+        state = session.state
+        if self._intro is not None:
+            if state.device is not None:
+                print_err(f"a host program can open {printable(state.device)}")
+            if state.recording is not None:
+                name = STDOUT if self._to_stdout else state.recording
+                print_err(f"{self._intro} {name}")
+        if state.waits_for_reader:
+            print_err(f"waiting for a reader of {state.recording}")
+        if self._plan.outlives_view:
+            pid = session.capture_pid
+            print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
 
-
-def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:
-    if plan.outlives_view:
-        pid = session.capture_pid
-        print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
-
-
-def _report_recording(session: LiveSession) -> None:
-    """Print the path of the recording; raise the error of the capture, if any."""
-    state = session.state
-    if state.recording is not None and state.outcome is not None:
-        _print_recording(state.recordings, state.recording, state.outcome)
-    if state.error is not None:
-        raise state.error
+    def ended(self, session: LiveSession) -> None:
+        """Print the files that were recorded."""
+        state = session.state
+        if state.recording is not None and state.outcome is not None and not self._to_stdout:
+            _print_recording(state.recordings, state.recording, state.outcome)
 
 
 def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
@@ -422,56 +310,40 @@ def _pattern(first: Path) -> str:
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 
 
-class PlainLines:
-    """Prints and counts the rows and events of a capture."""
+class Report(Observer):
+    """Prints port events and problems as they come, and the summary at the end."""
 
-    def __init__(
-        self,
-        select: Callable[[Sequence[Row]], list[Row]],
-        *,
-        ports: bool = False,
-        alert: Alert | None = None,
-    ) -> None:
-        self._select = select
-        self._alert = alert
-        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
+    def __init__(self, plan: CapturePlan, *, follows_files: bool = False) -> None:
+        """With `follows_files` each file after the first one is reported."""
+        self._limit = plan.count
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure: FteSniffError | None = None
         self._recording: str | None = None
-        self._follows_files = False
-        self._not_shown = 0
+        self._follows_files = follows_files
 
-    def follow_files(self, first: Path | None) -> None:
-        """Report each file after the first one."""
-        self._follows_files, self._recording = True, str(first)
+    def begun(self, session: LiveSession) -> None:
+        """Remember the first file."""
+        self._recording = str(session.state.recording)
 
-    def write(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
-        """Print an update; report an error of the capture once.
-
-        Raises OSError if standard output cannot be written.
-        """
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Count the rows; print the events, and an error of the capture once."""
         for event in update.events:
             self._print_event(event)
         if update.state.running:
-            self._print_problem(failure, update.state.recording)
-        self._not_shown = update.state.not_shown
+            self._print_problem(self._failure_of(session), update.state.recording)
         self._tally.update(update.rows)
-        self._writer.write(self._select(update.rows))
-        rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
-        if rings and sys.stderr.isatty():
-            sys.stderr.write("\a")
-            sys.stderr.flush()
-        sys.stdout.flush()
 
-    def close(self, unframed: int, limit: int | None = None) -> None:
-        """Print the summary; see there for `unframed` and `limit`."""
+    def ended(self, session: LiveSession) -> None:
+        """Print the summary."""
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        if self._not_shown:
-            print_err(f"{self._not_shown:,} more rows arrived too fast to be printed")
-        print_err(summary(self._tally, unframed=unframed, limit=limit))
+        _print_summary(self._tally, session, "printed", self._limit)
+
+    def _failure_of(self, session: LiveSession) -> FteSniffError | None:
+        """The error of a capture that continues, if the user has to know it."""
+        return session.state.error
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and the file in which it continues."""
@@ -490,37 +362,108 @@ class PlainLines:
             print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
-def finish_session(
-    session: LiveSession, seen: Sequence[Tally] = (), limit: int | None = None
-) -> None:
-    """Stop a session and wait for its end; reports data still to be written, prints no rows.
+class StdoutReport(Report):
+    """Reports a capture that records to standard output; a lost reader ends it."""
 
-    To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary,
-    which also names the `limit` of the rows.
-    """
-    session.stop()
-    not_shown = 0
-    for update in _updates(session):
-        not_shown = update.state.not_shown
-        for tally in seen:
-            tally.update(update.rows)
-    session.close()
-    for tally in seen:
-        if not_shown:
-            print_err(f"{not_shown:,} more rows arrived too fast to be shown")
-        print_err(summary(tally, unframed=session.state.progress.waiting, limit=limit))
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Report, and request the end once the recording has stopped."""
+        super().update(update, session)
+        if session.state.recording is None:
+            session.stop()
+
+    def ended(self, session: LiveSession) -> None:
+        """Print the summary; raise the reason why the recording stopped if the reader has gone.
+
+        A reader that goes away ends the capture, so rows after that are not lost.
+        """
+        super().ended(session)
+        state = session.state
+        if state.error is not None and state.stopped_recording is not None and _lost_reader():
+            raise state.stopped_recording
+
+    def _failure_of(self, session: LiveSession) -> FteSniffError | None:
+        gone = session.state.recording is None and _lost_reader()
+        return None if gone else session.state.error
 
 
-def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
-    """The updates until the end; reports data still to be written."""
-    from fte_sniff.session.live_session import WAIT_S
+def _lost_reader() -> bool:
+    return has_no_reader(sys.stdout.fileno())
 
-    running = True
-    reported: set[str] = set()
-    while running:
-        update = session.wait(WAIT_S)
-        running, backlog = update.state.running, session.state.backlog
-        if running and backlog is not None and backlog not in reported:
-            reported.add(backlog)
-            print_err(f"{backlog}; Ctrl-C drops them")
-        yield update
+
+class PlainLines(Observer):
+    """Prints one line for each row that passes a filter."""
+
+    def __init__(
+        self, wanted: RowFilter | None, alert: Alert | None = None, *, ports: bool = False
+    ) -> None:
+        """With `ports` each line names its port; None filters nothing, and alerts to nothing."""
+        self._select = list if wanted is None else wanted.select
+        self._alert = alert
+        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Print the rows; raises OSError if standard output cannot be written."""
+        self._writer.write(self._select(update.rows))
+        rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
+        if rings and sys.stderr.isatty():
+            sys.stderr.write("\a")
+            sys.stderr.flush()
+        sys.stdout.flush()
+
+
+class RestOfScreen(Observer):
+    """Counts the rows that come after the screen was closed, and prints the summary of all."""
+
+    def __init__(self, plan: CapturePlan) -> None:
+        self._limit = plan.count
+        self._tally: Tally | None = None
+
+    def begin_with(self, tally: Tally) -> None:
+        """Count from here on, beginning with the rows that the screen has shown."""
+        self._tally = tally
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Count the rows."""
+        if self._tally is not None:
+            self._tally.update(update.rows)
+
+    def ended(self, session: LiveSession) -> None:
+        """Print the summary, if there was a screen."""
+        if self._tally is not None:
+            _print_summary(self._tally, session, "shown", self._limit)
+
+
+class Screen(Observer):
+    """The screen; it polls the capture itself, and prints at the end where notes were saved."""
+
+    def __init__(self, options: StartOptions, rest: RestOfScreen) -> None:
+        self._options, self._rest = options, rest
+        self._notes: Notes | None = None
+
+    def starting(self) -> None:
+        """Import the screen while the capture process starts on another core."""
+        import fte_sniff.session.notes
+        import fte_sniff.tui.app  # noqa: F401
+
+    def show(self, session: LiveSession) -> int:
+        """Show the screen until the user leaves it; the exit code is not 0 if it failed."""
+        from fte_sniff.session.notes import Notes, capture_start
+        from fte_sniff.tui.app import run_screen
+
+        files = [path for path in session.state.recordings if path.is_file()]
+        self._notes = Notes(files, [capture_start(path) for path in files])
+        if session.stopping:
+            return 0
+        options = replace(self._options, notes=self._notes)
+        return run_screen(session, options, on_exit=self._rest.begin_with)
+
+    def ended(self, session: LiveSession) -> None:
+        """Print where the notes were saved."""
+        if self._notes is not None:
+            print_saved(self._notes)
+
+
+def _print_summary(tally: Tally, session: LiveSession, shown: str, limit: int | None) -> None:
+    if session.state.not_shown:
+        print_err(f"{session.state.not_shown:,} more rows arrived too fast to be {shown}")
+    print_err(summary(tally, unframed=session.state.progress.waiting, limit=limit))

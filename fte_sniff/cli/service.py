@@ -15,11 +15,16 @@ import subprocess
 from collections.abc import MutableMapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, quoted, reason_of
-from fte_sniff.platform import ENDING_SIGNALS, POSIX
+from fte_sniff.platform import ENDING_SIGNALS, POSIX, signals
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.session.live_session import LiveSession
 
 PATIENCE_S: Final = 1.0
 """How long a command may run after the end of the capture until this is reported."""
@@ -62,6 +67,52 @@ class ServiceManager:
             channel.sendto(state.encode(), self._address)
 
 
+class Service(Observer):
+    """A capture as a service: messages to the service manager, SIGUSR1, commands at the end.
+
+    It is the first observer: the manager hears READY once all others have printed that the capture
+    began, and the wait for commands is the last thing at the end.
+    """
+
+    def __init__(self, command: FileCommand) -> None:
+        self._manager = ServiceManager(os.environ)
+        self._command = command
+        self._rotating = signals("SIGUSR1")
+        for number in self._rotating:
+            signal.signal(number, signal.SIG_IGN)  # by default it ends the program
+
+    def begun(self, session: LiveSession) -> None:
+        """Begin the next file at each SIGUSR1."""
+        for number in self._rotating:
+            signal.signal(number, lambda *_: session.rotate())
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Report that the capture runs, or stops."""
+        self._manager.notify("READY=1")
+        self._manager.alive(session.received_at_s)
+        if session.stopping:
+            self._manager.notify("STOPPING=1")
+
+    def ended(self, session: LiveSession) -> None:
+        """Wait for the commands, also if the recording failed."""
+        self._command.wait()
+
+
+class FinishedFiles(Observer):
+    """Runs a command for each finished file, the last one at the end."""
+
+    def __init__(self, command: FileCommand) -> None:
+        self._command = command
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Run it for files that are finished."""
+        self._command.update(session.state.recordings, session.state.recording)
+
+    def ended(self, session: LiveSession) -> None:
+        """Run it for the last file."""
+        self._command.update(session.state.recordings, None)
+
+
 def _leave(*_: object) -> None:
     raise KeyboardInterrupt
 
@@ -87,15 +138,15 @@ class FileCommand:
         self._running: dict[Path, subprocess.Popen[bytes]] = {}
 
     def update(self, recordings: Sequence[Path], current: Path | None) -> None:
-        """Run it for files that are finished since the last call; report commands that failed."""
+        """Report commands that failed; run it for files that are finished since the last call."""
+        for path, process in list(self._running.items()):
+            if process.poll() is not None:
+                self._report(path)
         for path in recordings if self._words else ():
             if path != current and path not in self._finished:
                 self._finished.add(path)
                 if path.exists():
                     self._start(path)
-        for path, process in list(self._running.items()):
-            if process.poll() is not None:
-                self._report(path)
 
     def wait(self) -> None:
         """Wait for the commands that still run, up to the next signal that ends a capture."""

@@ -12,20 +12,24 @@ import subprocess
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import pytest
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.cli.capture_command import PlainLines
+from fte_sniff.capture.port_source import PortGroup
+from fte_sniff.cli.capture_command import PlainLines, Report
+from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Frame, PortEvent, PortEventKind
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.capture_process import MOST_WAITING
-from fte_sniff.session.live_session import END_WITHIN_S
+from fte_sniff.session.capture_state import CapturePlan, CaptureState, WriteProgress
+from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -447,7 +451,9 @@ def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_pa
     assert run("decode", "x.mcap").stdout == done.stdout.decode()
 
 
-def test_a_standard_output_that_is_full_is_one_line(run, environment, tmp_path: Path) -> None:
+def test_full_standard_output_is_one_line_after_the_path_of_the_recording(
+    run, environment, tmp_path: Path
+) -> None:
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(
             [*PROGRAM, "live", SIM, "-o", "x.mcap"],
@@ -460,8 +466,10 @@ def test_a_standard_output_that_is_full_is_one_line(run, environment, tmp_path: 
             check=False,
         )
     assert done.returncode == 4
-    recording, refusal = done.stderr.decode().splitlines()
+    recording, summary, recorded, refusal = done.stderr.decode().splitlines()
     assert recording == "recording to x.mcap"
+    assert " rows" in summary
+    assert recorded == "recorded to x.mcap"
     assert "disk is full" in refusal
     assert "cut" not in run("decode", "x.mcap").stderr
 
@@ -654,10 +662,30 @@ def event(kind: PortEventKind, detail: str) -> PortEvent:
     return PortEvent(1, PORT, kind, detail)
 
 
-def test_port_events_that_matter_are_told_as_they_come_and_counted_at_the_end(
+class Reporting:
+    """A report, and the updates of a session."""
+
+    def __init__(self, *others: Observer, count: int | None = None) -> None:
+        self._observers = [Report(CapturePlan(PortGroup((PORT,)), None, count=count)), *others]
+        self._session = LiveSession.__new__(LiveSession)
+        self._session.state = CaptureState((PORT,))
+
+    def update(self, state: FeedState, rows: Sequence[Row] = (), **more: Any) -> None:
+        for one in self._observers:
+            one.update(FeedUpdate(state, rows, **more), self._session)
+
+    def becomes(self, **state: Any) -> None:
+        self._session.state = replace(self._session.state, **state)
+
+    def end(self) -> None:
+        for one in self._observers:
+            one.ended(self._session)
+
+
+def test_port_events_that_matter_are_reported_as_they_come_and_counted_at_the_end(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    lines = PlainLines(list)
+    reporting = Reporting()
     events = [
         event(PortEventKind.OPENED, "115200 baud"),
         event(PortEventKind.OVERRUN, "512 bytes were lost"),
@@ -666,40 +694,43 @@ def test_port_events_that_matter_are_told_as_they_come_and_counted_at_the_end(
         event(PortEventKind.LOST, "hung up"),
         event(PortEventKind.CLOSED, "as asked"),
     ]
-    lines.write(FeedUpdate(FeedState(PORT), events=events), None)
+    reporting.update(FeedState(PORT), events=events)
     assert capsys.readouterr().err.splitlines() == [
         r"tty\x1b[31m overrun: 512 bytes were lost",
         r"tty\x1b[31m overrun: 7 bytes were lost\x1b[2J",
         r"tty\x1b[31m line error",
         r"tty\x1b[31m lost: hung up",
     ]
-    lines.close(0)
+    reporting.end()
     assert "port events: overrun 2, line_error 1, lost 1" in capsys.readouterr().err.splitlines()
 
 
-def test_a_failure_is_told_once_while_the_capture_goes_on(
+def test_failure_is_reported_once_while_the_capture_goes_on(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    lines = PlainLines(list)
+    reporting = Reporting(PlainLines(None))
+    reporting.becomes(error=FileError("recording stopped: full"))
     for number in range(3):
-        row = Frame("p", 10 * number, FRAME, number)
-        lines.write(FeedUpdate(FeedState("p"), [row]), FileError("recording stopped: full"))
-    told = capsys.readouterr()
-    assert told.err == "recording stopped: full\n"
-    assert told.out.count("\n") == 4
+        reporting.update(FeedState("p"), [Frame("p", 10 * number, FRAME, number)])
+    printed = capsys.readouterr()
+    assert printed.err == "recording stopped: full\n"
+    assert printed.out.count("\n") == 4
 
 
-def test_a_failure_with_which_it_ends_is_left_to_whoever_ends_it(
+def test_failure_that_ends_the_capture_is_left_to_the_caller(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    PlainLines(list).write(FeedUpdate(FeedState("p", running=False)), FileError("full"))
+    reporting = Reporting()
+    reporting.becomes(error=FileError("full"))
+    reporting.update(FeedState("p", running=False))
     assert capsys.readouterr().err == ""
 
 
 def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = PlainLines(list)
-    lines.write(FeedUpdate(FeedState("p", rows=5000, not_shown=4999)), None)
-    lines.close(0)
+    reporting = Reporting()
+    reporting.becomes(not_shown=4999)
+    reporting.update(FeedState("p", rows=5000, not_shown=4999))
+    reporting.end()
     assert "4,999 more rows arrived too fast to be printed" in capsys.readouterr().err
 
 
@@ -707,8 +738,8 @@ def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str])
 def test_bytes_that_were_not_decoded_after_the_limit_are_named_so(
     capsys: pytest.CaptureFixture[str], limit: int | None, after: str
 ) -> None:
-    lines = PlainLines(list)
-    rows = [Frame("p", 10 * number, FRAME, 0) for number in range(3)]
-    lines.write(FeedUpdate(FeedState("p"), rows), None)
-    lines.close(20, limit)
+    reporting = Reporting(count=limit)
+    reporting.update(FeedState("p"), [Frame("p", 10 * number, FRAME, 0) for number in range(3)])
+    reporting.becomes(progress=WriteProgress(waiting=20))
+    reporting.end()
     assert f"nothing malformed, 20 bytes {after}not decoded" in capsys.readouterr().err

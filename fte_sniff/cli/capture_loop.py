@@ -1,0 +1,114 @@
+"""The loop of a capture: start, wait, report, and end in one order for all observers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from signal import Signals
+from typing import TYPE_CHECKING
+
+from fte_sniff.cli.streams import abandon_stdout, ending_signals, print_err
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.live_session import LiveSession
+
+
+class Observer:
+    """Receives what happens in a capture; this base class does nothing with it."""
+
+    def starting(self) -> None:
+        """Prepare while the capture process opens the port, for example by imports."""
+
+    def begun(self, session: LiveSession) -> None:
+        """Handle that the port and the recording, if any, are open."""
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Handle rows and events; not called again after it has raised an exception."""
+
+    def ended(self, session: LiveSession) -> None:
+        """Handle the end; also called if the capture or another observer failed."""
+
+
+def capture(
+    plan: CapturePlan,
+    observers: Sequence[Observer],
+    numbers: Sequence[Signals],
+    drive: Callable[[LiveSession], int] | None = None,
+) -> int:
+    """Run a capture until it ends, or until its end is requested.
+
+    The first observer receives everything first, but the end last: what waits at the end does so
+    after all others have printed.
+
+    Args:
+        plan: what to capture.
+        observers: what is called, in this order.
+        numbers: the signals that request the end.
+        drive: polls the session in place of this function, under signal handlers of its own.
+
+    Returns:
+        The exit code of `drive`, otherwise 0.
+
+    Raises:
+        FteSniffError: the capture failed; everything is closed and reported before.
+    """
+    from fte_sniff.session.live_session import LiveSession
+
+    active = list(observers)
+
+    def observe(update: FeedUpdate) -> None:
+        for one in tuple(active):
+            try:
+                one.update(update, session)
+            except BaseException:
+                active.remove(one)  # or it raises again for the rest
+                raise
+
+    code = 0
+    session = LiveSession(plan, observe)
+    ending = partial(ending_signals, session.stop, numbers, session.hurry)
+    with ExitStack() as handlers:
+        handlers.enter_context(ending())
+        for one in observers:
+            one.starting()
+        session.begin()
+        with ExitStack() as ends:
+            try:
+                for one in observers:
+                    ends.callback(one.ended, session)
+                    one.begun(session)
+                if drive is None:
+                    _drain(session)
+                else:
+                    handlers.close()
+                    code = drive(session)
+            except BrokenPipeError:
+                abandon_stdout()
+            finally:
+                if drive is not None:
+                    # A stopped terminal may not block the exit either.
+                    request_end = handlers.enter_context(ending())
+                    request_end()
+                session.stop()
+                _drain(session)
+                session.close()
+        if session.state.error is not None:
+            raise session.state.error
+    return code
+
+
+def _drain(session: LiveSession) -> None:
+    """Wait until the end, and report what is still to be written; observers receive the rows."""
+    from fte_sniff.session.live_session import WAIT_S
+
+    running = True
+    reported: set[str] = set()
+    while running:
+        running = session.wait(WAIT_S).state.running
+        backlog = session.state.backlog
+        if running and backlog is not None and backlog not in reported:
+            reported.add(backlog)
+            print_err(f"{backlog}; Ctrl-C drops them")
