@@ -40,6 +40,8 @@ POLLS = 80
 POLL_NS = 50_000_000
 MORE_POLLS = 5
 """Polls after the last row, until the panes show it."""
+POLLS_PER_DRAWING = 20
+"""What nobody sees is not drawn; the keys are pressed after a drawing."""
 MOST_ROUNDS = 200
 IDLE_WITHIN_S = 60.0
 
@@ -162,7 +164,8 @@ async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
         for poll in range(POLLS + MORE_POLLS):
             capture.advance()
             app.tick()
-            await idle(app)
+            if poll % POLLS_PER_DRAWING == 0 or poll >= POLLS:
+                await idle(app)
             if poll == POLLS // 2:
                 for keys in picture.keys:
                     await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))

@@ -12,11 +12,11 @@ import select
 import socket
 import struct
 import termios
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from fte_sniff.capture.pty import set_speed
+from tests.beside import Work, server_socket
 
 IAC, SB, SE = b"\xff", b"\xfa", b"\xf0"
 _WILL, _WONT, _DO, _DONT = b"\xfb", b"\xfc", b"\xfd", b"\xfe"
@@ -40,7 +40,7 @@ class Server:
 
     def __init__(self, terminal: str) -> None:
         self._port = os.open(terminal, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self._listening = socket.create_server(("127.0.0.1", 0))
+        self._listening = server_socket()
         self.url = f"rfc2217://127.0.0.1:{self._listening.getsockname()[1]}"
         self.data = b""
         """All bytes that clients sent for the line."""
@@ -53,13 +53,12 @@ class Server:
         self.answers: dict[int, bytes | None] = {}
         """What it answers to a command instead of the value asked for; None for nothing."""
         self._ending, self._hang_up = os.pipe()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+        self._work = Work(self._run)
 
     def hang_up(self) -> None:
         """Die: the client's connection and the listening socket are closed."""
         os.write(self._hang_up, b"!")
-        self._thread.join()
+        self._work.ended()
 
     def close(self) -> None:
         self.hang_up()

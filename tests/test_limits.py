@@ -1,7 +1,8 @@
 """No test has a limit in seconds: how fast and how busy the machine is decides nothing.
 
 A wait ends after `waiting.BOUND_S` alone; costs are compared by `cost.py`; speed is measured in
-`benchmarks/`. These rules find what would break that, with a reason for each.
+`benchmarks/`. These rules find what would break that, with a reason for each. They also find
+programs, threads and servers that could outlive a test or hold it up: `beside.py` starts those.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ WAITS = frozenset(
 )
 LONGEST_STEP_S = 1
 """A shorter wait is a step of a loop."""
+STARTERS = frozenset({"Popen", "Thread", "Timer", "create_server"})
+"""What starts something that may never end."""
+BESIDE = frozenset({"beside.py", "cli/forked.py"})
 COST_HELPERS = frozenset({"cost.py", "cli/forked.py", "torture/case.py", "torture/costs.py"})
 """They compare processor times with each other."""
 
@@ -52,6 +56,18 @@ def processor_times_in(tree: ast.Module) -> Iterator[tuple[int, str]]:
             names = [node.attr]
         for name in PROCESSOR_TIME.intersection(names):
             yield node.lineno, f"{name}: compare with cost.grows_linearly, or measure in benchmarks"
+
+
+def endless_waits_in(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and reason of each thing that may run, or hold up a test, for ever."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        given = [*node.args, *node.keywords]
+        if _name(node.func) in STARTERS:
+            yield node.lineno, f"{_name(node.func)}: beside.py starts it"
+        elif _name(node.func) in ("join", "communicate") and not given:
+            yield node.lineno, "a wait without waiting.BOUND_S"
 
 
 def _name(node: ast.expr) -> str:
@@ -105,6 +121,8 @@ def test_no_test_has_a_limit_in_seconds(path: Path) -> None:
     found = [] if name == "waiting.py" else [*limits_in(tree)]
     if name not in COST_HELPERS:
         found += processor_times_in(tree)
+    if name not in BESIDE and not name.startswith("torture/"):
+        found += endless_waits_in(tree)
     assert found == [], f"tests/{name}: line and reason"
 
 
@@ -122,11 +140,15 @@ def test_no_test_has_a_limit_in_seconds(path: Path) -> None:
         "from time import process_time",
         "time.perf_counter()",
         "usage.ru_utime",
+        "with subprocess.Popen(words) as process: pass",
+        "threading.Thread(target=serve).start()",
+        "thread.join()",
+        "process.communicate()",
     ],
 )
 def test_limits_are_found(source: str) -> None:
     tree = ast.parse(source)
-    assert [*limits_in(tree), *processor_times_in(tree)]
+    assert [*limits_in(tree), *processor_times_in(tree), *endless_waits_in(tree)]
 
 
 @pytest.mark.parametrize(
@@ -135,6 +157,8 @@ def test_limits_are_found(source: str) -> None:
         "assert monotonic() - start >= WAIT_S",
         "assert before_ns <= event.t_ns <= time.time_ns()",
         "process.wait(BOUND_S)",
+        "process.communicate(timeout=BOUND_S)",
+        "', '.join(words)",
         "session.wait(0.1)",
         "port = opened('rate=1', timeout=5)",
         "assert 1 < count",
@@ -142,4 +166,4 @@ def test_limits_are_found(source: str) -> None:
 )
 def test_what_is_no_limit_is_not_found(source: str) -> None:
     tree = ast.parse(source)
-    assert not [*limits_in(tree), *processor_times_in(tree)]
+    assert not [*limits_in(tree), *processor_times_in(tree), *endless_waits_in(tree)]

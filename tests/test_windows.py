@@ -9,10 +9,8 @@ from __future__ import annotations
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +25,7 @@ from fte_sniff.capture.reconnect import SameName, identity_of
 from fte_sniff.cli.options import FileName
 from fte_sniff.recording import output_file
 from fte_sniff.recording.output_file import Existing, OutputPath
+from tests.beside import Work, running, server_socket
 from tests.cli.forked import Program
 from tests.pseudo_terminals import Pty
 from tests.waiting import BOUND_S
@@ -216,7 +215,7 @@ STARTED = [sys.executable, "-c", f"{BLOCKED}\nfrom fte_sniff.__main__ import mai
 @contextmanager
 def served(data: bytes) -> Iterator[int]:
     """The TCP port of a server that sends data to one client, and waits for its end."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
 
         def serve() -> None:
             connection = server.accept()[0]
@@ -224,11 +223,9 @@ def served(data: bytes) -> Iterator[int]:
                 connection.sendall(data)
                 connection.recv(1)
 
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
+        serving = Work(serve)
         yield server.getsockname()[1]
-        thread.join(BOUND_S)
-        assert not thread.is_alive(), "the client did not hang up"
+        serving.ended()
 
 
 def test_socket_is_recorded_without_posix(tmp_path: Path, without_posix: Program) -> None:
@@ -243,7 +240,7 @@ def test_socket_is_recorded_without_posix(tmp_path: Path, without_posix: Program
 
 
 def test_ctrl_c_ends_a_capture_without_posix(tmp_path: Path) -> None:
-    with subprocess.Popen(
+    with running(
         [*STARTED, "live", "sim://", "--headless", "-o", "x.mcap"],
         stderr=subprocess.PIPE,
         cwd=tmp_path,

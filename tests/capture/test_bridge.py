@@ -5,9 +5,7 @@ import os
 import random
 import select
 import struct
-import subprocess
 import termios
-import threading
 from dataclasses import dataclass, field
 
 import pytest
@@ -27,6 +25,7 @@ from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+from tests.beside import Work, held
 from tests.waiting import BOUND_S, while_waiting
 
 CLOCK = Clock.tied()
@@ -41,8 +40,7 @@ class Kept:
     items: list = field(default_factory=list)
 
     def __post_init__(self):
-        self._thread = threading.Thread(target=self._take)
-        self._thread.start()
+        self._work = Work(self._take)
 
     def _take(self):
         for item in self.bridge:
@@ -59,8 +57,7 @@ class Kept:
 
     def end(self):
         self.bridge.stop()
-        self._thread.join(BOUND_S)
-        assert not self._thread.is_alive()
+        self._work.ended()
 
 
 @pytest.fixture
@@ -97,18 +94,15 @@ def test_every_byte_is_passed_on_both_ways_and_kept_as_two_wires(bridges, pty, u
     there, back = random.Random(1).randbytes(50_000), random.Random(2).randbytes(50_000)
     with opened(kept) as host:
         until(lambda: kept.kinds(HOST) == ["opened"])
-        writers = [
-            threading.Thread(target=host.write, args=(there,)),
-            threading.Thread(target=pty.send, args=(back,)),
-        ]
-        for writer in writers:
-            writer.start()
         received = []
-        reader = threading.Thread(target=lambda: received.append(host.read(len(back))))
-        reader.start()
+        threads = [
+            Work(host.write, there),
+            Work(pty.send, back),
+            Work(lambda: received.append(host.read(len(back)))),
+        ]
         assert from_far(pty, len(there)) == there
-        for thread in (*writers, reader):
-            thread.join(BOUND_S)
+        for thread in threads:
+            thread.ended()
         assert received == [back]
     kept.end()
     assert kept.data(HOST) == there
@@ -295,10 +289,9 @@ def test_the_port_is_the_bridges_alone_while_it_runs(bridges, pty):
 
 
 def test_another_program_at_the_port_is_pointed_out(bridges, pty, until):
-    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+    with held(pty.near) as other:
         kept = bridges()
         until(lambda: kept.kinds(pty.device) == ["opened"])
-        other.terminate()
     detail = kept.events(pty.device)[0].detail
     assert f"a host program can open {kept.bridge.device}; 115200 baud" in detail
     assert f"sleep (pid {other.pid}) has it open too" in detail

@@ -1,11 +1,11 @@
 import os
-import subprocess
 
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.discovery import Holder, holders_of, list_ports, listings
 from fte_sniff.capture.port_errors import permission_fix
 from fte_sniff.errors import printable
+from tests.beside import held
 
 
 def found(device, **facts):
@@ -39,9 +39,8 @@ def test_the_ports_of_this_machine_are_devices():
 
 def test_who_has_a_device_open_is_named_and_oneself_is_not(pty):
     assert holders_of(pty.device) == []
-    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+    with held(pty.near) as other:
         assert holders_of(pty.device) == [Holder(other.pid, "sleep")]
-        other.terminate()
     assert holders_of("/dev/no-such-port") == []
 
 

@@ -4,7 +4,6 @@ import os
 import random
 import socket
 import struct
-import threading
 
 import pytest
 import serial
@@ -17,6 +16,7 @@ from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent
+from tests.beside import Work, server_socket
 from tests.rfc2217_server import (
     DTR_OFF,
     DTR_ON,
@@ -52,7 +52,7 @@ def taken(source, count):
 def test_every_byte_of_the_far_line_arrives(server, pty):
     sent = random.Random(1).randbytes(100_000) + bytes(range(256)) + b"\xff" * 1000
     with open_source(server.url, PortSettings(), CLOCK) as source:
-        threading.Thread(target=pty.send, args=(sent,)).start()
+        Work(pty.send, sent)
         assert taken(source, len(sent)) == sent
     assert source.end is SourceEnd.STOPPED
     assert server.data == b""
@@ -109,7 +109,7 @@ def test_what_came_in_before_the_connection_died_can_still_be_read(server, pty, 
 
 
 def test_a_server_that_does_not_speak_rfc2217_is_refused():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with server_socket() as listening:
         url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"
 
         def speak():
@@ -119,11 +119,10 @@ def test_a_server_that_does_not_speak_rfc2217_is_refused():
                 while client.recv(4096):  # what is left unread would end it as if it were no server
                     pass
 
-        speaker = threading.Thread(target=speak)
-        speaker.start()
+        speaker = Work(speak)
         with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
-        speaker.join()
+        speaker.ended()
 
 
 def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
@@ -148,7 +147,7 @@ def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, comma
 
 
 def test_a_server_that_hangs_up_at_once_is_told_from_none():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with server_socket() as listening:
         url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"
 
         def hang_up():
@@ -157,16 +156,15 @@ def test_a_server_that_hangs_up_at_once_is_told_from_none():
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             client.close()
 
-        server = threading.Thread(target=hang_up)
-        server.start()
+        server = Work(hang_up)
         with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
-        server.join()
+        server.ended()
 
 
 def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
     sent = os.urandom(200_000)
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with server_socket() as listening:
         url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
         source = open_source(url, PortSettings(), CLOCK)
         client, _ = listening.accept()
@@ -178,7 +176,7 @@ def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
 
 
 def test_a_socket_is_bridged_both_ways():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with server_socket() as listening:
         url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
         bridge = Bridge(url).open(CLOCK)
         client, _ = listening.accept()

@@ -3,8 +3,6 @@
 import itertools
 import os
 import signal
-import socket
-import subprocess
 import threading
 
 import pytest
@@ -18,6 +16,7 @@ from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from tests.beside import Work, held, server_socket
 from tests.examples import examples
 
 CLOCK = Clock.tied()
@@ -60,7 +59,7 @@ def bytes_taken(items, count, source=None):
 def test_all_that_comes_is_yielded_in_order_between_opened_and_closed(pty, source_of):
     source = source_of(pty.device)
     sent = os.urandom(20_000)
-    threading.Thread(target=pty.send, args=(sent,)).start()
+    Work(pty.send, sent)
     items = list(bytes_taken(source, len(sent)))
     assert data_of(items) == sent
     assert events_of(items) == ["opened", "closed"]
@@ -129,8 +128,8 @@ def test_a_server_that_sends_and_hangs_up_loses_nothing(source_of):
         with connection:
             connection.sendall(sent)
 
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        threading.Thread(target=serve, args=(server,)).start()
+    with server_socket() as server:
+        Work(serve, server)
         items = list(source_of(f"socket://127.0.0.1:{server.getsockname()[1]}"))
     assert data_of(items) == sent
     assert events_of(items) == ["opened", "lost"]
@@ -162,7 +161,7 @@ def test_what_loops_back_is_read(source_of):
 def test_stop_from_another_thread_yields_what_had_arrived(pty, source_of):
     source = source_of(pty.device)
     pty.send(b"just in time")
-    threading.Thread(target=source.stop).start()
+    Work(source.stop)
     items = list(source)
     assert data_of(items) == b"just in time"
     assert events_of(items) == ["opened", "closed"]
@@ -250,9 +249,8 @@ def told_by(item):
 
 
 def test_another_program_at_the_port_is_pointed_out(pty, source_of):
-    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+    with held(pty.near) as other:
         detail = next(iter(source_of(pty.device))).detail
-        other.terminate()
     assert detail.startswith("115200 baud 8N1, DTR off, RTS off; ")
     assert f"sleep (pid {other.pid}) has it open too" in detail
 
@@ -261,7 +259,7 @@ def test_another_program_at_the_port_is_pointed_out(pty, source_of):
 @given(st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=20))
 def test_however_the_bytes_come_they_are_the_same_bytes(pieces):
     sent = b"".join(pieces)
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         name = f"socket://127.0.0.1:{server.getsockname()[1]}"
         port = open_port(name)
         connection, _ = server.accept()

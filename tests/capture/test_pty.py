@@ -1,6 +1,5 @@
 import os
 import termios
-import threading
 import time
 from collections import deque
 from contextlib import closing
@@ -23,7 +22,7 @@ from fte_sniff.protocol import (
     Framer,
     encode,
 )
-from tests.waiting import BOUND_S
+from tests.beside import Work
 
 ALONE = SimulationParameters(host="off", rate=1000)
 
@@ -32,12 +31,10 @@ ALONE = SimulationParameters(host="off", rate=1000)
 def device():
     """A simulated controller that runs in a thread."""
     with open_simulated(ALONE, DEFAULT_BAUD) as bridge:
-        thread = threading.Thread(target=lambda: deque(bridge, maxlen=0))
-        thread.start()
+        work = Work(lambda: deque(bridge, maxlen=0))
         yield bridge.device
         bridge.stop()
-        thread.join(BOUND_S)
-        assert not thread.is_alive()
+        work.ended()
 
 
 class Listener:

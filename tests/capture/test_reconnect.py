@@ -1,10 +1,7 @@
 """Ports that are lost and come back: real pseudo-terminals behind a link, and real servers."""
 
 import os
-import socket
-import subprocess
 import threading
-from contextlib import contextmanager
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
@@ -23,10 +20,11 @@ from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from tests.beside import Work, held, server_socket
 from tests.waiting import BOUND_S, condition_text, while_waiting
 
 CLOCK = Clock.tied()
-SLEEPER, OTHER = ("sleep", "infinity"), ("tail", "-f", "/dev/null")
+OTHER = ("tail", "-f", "/dev/null")
 
 
 @pytest.fixture
@@ -153,7 +151,7 @@ def test_time_goes_on_while_it_is_waited_for_and_stop_ends_it_at_once(new_pty, a
 
 
 def test_a_server_that_comes_back_is_found_again(opened):
-    with socket.create_server(("127.0.0.1", 0), reuse_port=True) as server:
+    with server_socket() as server:
         host, number = server.getsockname()
         source = opened(f"socket://{host}:{number}")
         received = Received(source)
@@ -171,18 +169,17 @@ def test_a_server_that_comes_back_is_found_again(opened):
 
 
 def test_a_server_that_hangs_up_at_once_is_asked_slowly(opened):
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
 
         def serve():
             for _ in range(4):
                 server.accept()[0].close()
 
-        serving = threading.Thread(target=serve)
-        serving.start()
+        serving = Work(serve)
         received = Received(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
         kinds = [PortEventKind.LOST, PortEventKind.FOUND_AGAIN]
         received.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 3)
-        serving.join()
+        serving.ended()
     lost = [event.t_ns for event in received.events if event.kind is PortEventKind.LOST]
     found = [event.t_ns for event in received.events if event.kind is PortEventKind.FOUND_AGAIN]
     waits_s = [(after - before) / 1e9 for before, after in zip(lost, found, strict=True)]
@@ -200,7 +197,7 @@ def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened, monk
         raise PortError("{name} takes no connection", name=name)
 
     monkeypatch.setattr(reconnect, "open_port", open_when_closed)
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         source = opened(f"socket://127.0.0.1:{server.getsockname()[1]}")
         received = Received(source)
         connection, _ = server.accept()
@@ -218,7 +215,7 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     adapter.pull(pty)
     lost = received.until_event(PortEventKind.LOST)
     theirs = new_pty()
-    with held(theirs, *SLEEPER) as user:
+    with held(theirs.near) as user:
         before = theirs.attributes()
         adapter.plug(theirs)
         refused = received.until_event(PortEventKind.NOT_OPENED)
@@ -232,28 +229,15 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     received.until_event(PortEventKind.FOUND_AGAIN)
 
 
-@contextmanager
-def held(pty, *words):
-    """A process of a program that has a terminal open, as socat has its own; ends with the block.
-
-    It must not read: once a port has its settings, a read without bytes is an end of file.
-    """
-    with subprocess.Popen(words, stdin=pty.near, stdout=subprocess.DEVNULL) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
-    with held(pty, *SLEEPER) as first:
+    with held(pty.near) as first:
         received = Received(opened(adapter.name))
         adapter.pull(pty)
         received.until_event(PortEventKind.LOST)
         first.terminate()
-    with held(again, *SLEEPER) as second:
+    with held(again.near) as second:
         adapter.plug(again)
         received.until_event(PortEventKind.FOUND_AGAIN)
         assert PortEventKind.NOT_OPENED not in [event.kind for event in received.events]
@@ -263,12 +247,12 @@ def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter
 def test_another_program_beside_the_known_one_is_named_alone(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
-    with held(pty, *SLEEPER) as first:
+    with held(pty.near) as first:
         received = Received(opened(adapter.name))
         adapter.pull(pty)
         received.until_event(PortEventKind.LOST)
         first.terminate()
-    with held(again, *SLEEPER) as second, held(again, *OTHER) as other:
+    with held(again.near) as second, held(again.near, *OTHER) as other:
         adapter.plug(again)
         refused = received.until_event(PortEventKind.NOT_OPENED)
         assert f"tail (pid {other.pid}) has it open; close that" in refused.detail
@@ -292,7 +276,7 @@ def test_a_port_that_is_back_but_busy_is_told(new_pty, adapter, opened):
 
 def test_a_port_that_cannot_return_ends(pty):
     source = open_source(pty.device, PortSettings(), CLOCK, reconnect=True)
-    threading.Thread(target=pty.unplug).start()
+    Work(pty.unplug)
     kinds = [item.kind for item in source if isinstance(item, PortEvent)]
     assert kinds == [PortEventKind.OPENED, PortEventKind.LOST]
     assert source.end is SourceEnd.LOST

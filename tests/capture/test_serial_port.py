@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import termios
-import threading
 
 import pytest
 import serial
@@ -28,6 +27,7 @@ from fte_sniff.capture.serial_port import (
 from fte_sniff.capture.url_handlers import protocol_socket
 from fte_sniff.errors import PortError, ValueRangeError
 from fte_sniff.protocol import byte_time_ns
+from tests.beside import Work, running, server_socket
 
 
 def message_of(name, settings=PortSettings()):  # noqa: B008
@@ -130,7 +130,7 @@ def test_a_server_that_is_not_there_is_told_once(scheme):
 
 
 def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         where = f"127.0.0.1:{server.getsockname()[1]}"
         message = message_of(f"rfc2217://{where}")
     assert message.endswith(f"not speak RFC 2217; if it sends plain bytes, open socket://{where}")
@@ -160,13 +160,10 @@ def test_a_port_can_be_open_once_only(pty):
 
 def test_a_busy_port_names_who_has_it(pty):
     code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
-    holder = subprocess.Popen(
-        [sys.executable, "-c", code, pty.device], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    with holder:
+    words = [sys.executable, "-c", code, pty.device]
+    with running(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         holder.stdout.readline()
         message = message_of(pty.device)
-        holder.stdin.close()
     assert "is busy: python" in message
     assert f"(pid {holder.pid}) has it open; close that first" in message
     open_port(pty.device).close()
@@ -233,14 +230,13 @@ def test_too_many_open_files_are_no_unknown_kind_of_port():
 
 
 def test_bytes_that_a_server_sends_at_once_are_there():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        greeting = threading.Thread(target=greet, args=(server,))
-        greeting.start()
+    with server_socket() as server:
+        greeting = Work(greet, server)
 
         class SlowToOpen(protocol_socket.Serial):
             def _reconfigure_port(self):
                 # pyserial comes here between connecting and throwing away what has arrived.
-                greeting.join()
+                greeting.ended()
                 super()._reconfigure_port()
 
         with SlowToOpen(f"socket://127.0.0.1:{server.getsockname()[1]}", timeout=5) as port:
@@ -249,7 +245,7 @@ def test_bytes_that_a_server_sends_at_once_are_there():
 
 
 def test_socket_ports_are_those_that_keep_their_first_bytes():
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}")
         assert isinstance(port, protocol_socket.Serial)
         port.close()
@@ -295,7 +291,7 @@ def test_a_simulated_line_is_as_late_as_this_machine():
 
 
 def test_a_server_is_as_late_as_a_network():
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         name = f"socket://127.0.0.1:{server.getsockname()[1]}"
         with open_port(name) as port:
             assert max_latency_ns(port) == HOST_NS + NETWORK_NS

@@ -2,7 +2,6 @@ import os
 import re
 import struct
 import termios
-import threading
 from itertools import pairwise
 from pathlib import Path
 
@@ -35,6 +34,7 @@ from fte_sniff.capture.uart_errors import (
     parse_counters,
 )
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEventKind
+from tests.beside import Work
 
 KINDS = ("framing", "parity", "breaks", "overruns", "buffer_overruns")
 UART = Path("/dev/ttyS0")
@@ -104,7 +104,7 @@ def test_a_real_terminal_marks_as_it_is_unmarked(pty):
         enable_error_marks(port.fileno())
         assert pty.attributes()[0] & termios.INPCK
         read, raw = reader_of(port), b""
-        threading.Thread(target=pty.send, args=(sent,)).start()
+        Work(pty.send, sent)
         while len(raw) < len(as_marked(sent, [])):
             raw += read()
     assert raw == as_marked(sent, [])

@@ -14,7 +14,7 @@ import fte_sniff.capture  # noqa: F401
 from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.capture.url_handlers import protocol_sim
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
-from tests.waiting import BOUND_S
+from tests.beside import Work
 
 
 @pytest.fixture
@@ -127,12 +127,10 @@ def test_a_blocked_read_ends_when_another_thread_says_so(opened, ending, until):
         with suppress(serial.PortNotOpenError):  # it was closed before it could be read
             got.append(port.read(1))
 
-    thread = threading.Thread(target=read)
-    thread.start()
+    reading = Work(read)
     getattr(port, ending)()
-    thread.join(BOUND_S)
+    reading.ended()
     assert got in ([b""], [])
-    assert not thread.is_alive()
 
 
 def test_a_closed_port_says_so(opened):

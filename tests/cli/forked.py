@@ -31,6 +31,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import fte_sniff
+from tests.beside import Work
 from tests.waiting import BOUND_S
 
 MOST = 1 << 17
@@ -114,22 +115,19 @@ class Program:
             late.start()
             stack.callback(late.cancel)
             written = [b"", b""]
-            threads = [
-                threading.Thread(target=_give, args=(give, stdin)),
-                threading.Thread(target=_take, args=(err, written, 1)),
-            ]
-            for thread in threads:
-                thread.start()
-            _take(out, written, 0)
-            for thread in threads:
-                thread.join()
+            for thread in (
+                Work(_give, give, stdin),
+                Work(_take, out, written, 0),
+                Work(_take, err, written, 1),
+            ):
+                thread.ended()
             status, cpu_s, peak_bytes = json.loads(self._answer())
             assert not late.finished.is_set(), f"waited {BOUND_S} s for the end of {arguments}"
         return Ended(status, *written, cpu_s, peak_bytes)
 
     def _answer(self) -> bytes:
         answer = self._near.recv(MOST)
-        assert answer, self._process.communicate()[1].decode()
+        assert answer, self._process.communicate(timeout=BOUND_S)[1].decode()
         return answer
 
 

@@ -12,12 +12,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fte_sniff.recording.reader import RecordingReader
+from tests.beside import Process, running
 from tests.waiting import BOUND_S, while_waiting
 from tests.waiting import wait_until as wait_until
 
 PROGRAM = (sys.executable, "-m", "fte_sniff")
 FRAME = bytes.fromhex("AA0000000000000000EE")
-Process = subprocess.Popen[bytes]
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def started(
     environment: Mapping[str, str], folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL
 ) -> Iterator[Process]:
     """The running program in `folder`, with its output in pipes; killed at the end if it runs."""
-    with subprocess.Popen(
+    with running(
         [*PROGRAM, *arguments],
         stdin=stdin,
         stdout=subprocess.PIPE,
@@ -46,11 +46,7 @@ def started(
         env=dict(environment),
         cwd=folder,
     ) as process:
-        try:
-            yield process
-        finally:
-            if process.poll() is None:
-                process.kill()
+        yield process
 
 
 def children_of(pid: int) -> list[int]:
@@ -117,7 +113,9 @@ def stderr_until(process: Process, wanted: str) -> str:
         next(awaited)
         for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
             if stream is process.stderr:
-                found += os.read(stream.fileno(), 1)
+                more = os.read(stream.fileno(), 1)
+                assert more, f"it ended before {wanted!r}: {found!r}"
+                found += more
             else:
                 os.read(stream.fileno(), 1 << 16)
     return found.decode()

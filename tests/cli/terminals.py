@@ -16,6 +16,7 @@ from itertools import cycle
 from pathlib import Path
 from time import monotonic
 
+from tests.beside import running
 from tests.cli.processes import BOUND_S, PROGRAM
 
 
@@ -111,7 +112,7 @@ def terminal(
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
     with (
         nullcontext(near) if errors is None else errors.open("wb") as stderr,
-        subprocess.Popen(
+        running(
             [*program, *arguments],
             stdin=near,
             stdout=near,

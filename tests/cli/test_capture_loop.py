@@ -87,7 +87,7 @@ def test_driver_polls_in_place_of_the_loop_and_the_rest_reaches_the_observers() 
     observers = [Noted("first", calls), Noted("last", calls)]
 
     def drive(session: LiveSession) -> int:
-        session.wait(1.0)
+        session.wait(0.5)
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
         return 7
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,6 +17,7 @@ from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import RowBatch
+from tests.beside import running
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal
 
@@ -185,7 +185,7 @@ def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: P
 @pytest.mark.parametrize("name", ["clean.mcap", "clean.hex", "clean.raw"])
 def test_a_named_pipe_is_read_once(run, samples: Path, tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with subprocess.Popen(["cp", samples / name, tmp_path / "pipe"]):
+    with running(["cp", samples / name, tmp_path / "pipe"]):
         done = run("check", tmp_path / "pipe", "--expect", "count(ok) == 1200")
     assert (done.returncode, done.stderr) == (0, "")
 

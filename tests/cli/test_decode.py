@@ -48,6 +48,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import RecordingInput
+from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 
@@ -256,8 +257,10 @@ def test_output_to_a_named_pipe(
             "fte-sniff: pipe is no regular file; name another\n",
         )
     else:
-        with (tmp_path / "copy").open("wb") as copy:
-            reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=copy)
+        with (
+            (tmp_path / "copy").open("wb") as copy,
+            running(["cat", tmp_path / "pipe"], stdout=copy) as reader,
+        ):
             assert run(*words, "-o", "link").returncode == 0
             assert reader.wait(BOUND_S) == 0
         assert run(*words, "-o", "file").returncode == 0
@@ -381,13 +384,11 @@ def test_a_pipe_is_closed(tmp_path: Path, samples: Path, name: str) -> None:
     query = InputQuery((pipe,), InputKind.MCAP if name == "make.py" else None)
     with warnings.catch_warnings(record=True, category=ResourceWarning) as found:
         warnings.simplefilter("always")
-        with subprocess.Popen(["cp", samples / name, pipe]) as writer:
+        with running(["cp", samples / name, pipe]):
             try:
                 assert sum(len(batch.rows) for batch in query.read(None)) > 500
             except FileError:
                 assert name == "make.py"
-            finally:
-                writer.kill()
         gc.collect()
     assert not [one.message for one in found if str(pipe) in str(one.message)]
 

@@ -19,6 +19,7 @@ import pytest
 from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import received
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+from tests.beside import Work, held, running
 from tests.cli.conftest import Run
 from tests.cli.processes import PROGRAM, ended, first_output, started
 from tests.waiting import BOUND_S
@@ -44,7 +45,6 @@ class Line:
         self._far, self._baud, self._inverted = far, baud, inverted
         self._received: dict[int, bytes] = {}
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
         self.bauds_set: list[int] = []
 
     @contextmanager
@@ -52,12 +52,12 @@ class Line:
         # The most used bauds are computed before the start, so that sending is not interrupted.
         for baud in (DEFAULT_BAUD, self._baud):
             self._received_at(baud)
-        self._thread.start()
+        sending = Work(self._run)
         try:
             yield self
         finally:
             self._ended.set()
-            self._thread.join()
+            sending.ended()
 
     def _run(self) -> None:
         os.set_blocking(self._far, False)
@@ -166,11 +166,10 @@ def test_a_dead_wire_is_told_and_nothing_is_written_to_it(run: Run) -> None:
 def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None:
     with wire() as (far, port):
         near = os.open(port, os.O_RDWR | os.O_NOCTTY)
-        with subprocess.Popen(["sleep", "60"], stdin=near) as other:
+        with held(near) as other:
             os.close(near)
             with Line(far, 115_200).sending():
                 code, said = doctor(run, port, "--seconds", LONG)
-            other.terminate()
     assert code == 1
     assert said["bad"] == [
         f"sleep (pid {other.pid}) has it open, and takes bytes away -> "
@@ -182,7 +181,7 @@ def test_a_busy_port_says_who_has_it_and_exits_with_3(run: Run) -> None:
     code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
     with wire() as (_, port):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        with subprocess.Popen([sys.executable, "-c", code, port], **pipes) as holder:  # type: ignore[call-overload]
+        with running([sys.executable, "-c", code, port], **pipes) as holder:
             holder.stdout.readline()
             done = run("doctor", port)
             holder.stdin.write(b"\n")

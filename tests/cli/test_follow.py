@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from mcap.reader import make_reader
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
+from tests.beside import running
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import (
     FRAME,
@@ -57,20 +59,11 @@ def made_rows(count: int = 20) -> list[Row]:
 @contextmanager
 def writing(environment, folder: Path, name: str) -> Iterator[Process]:
     """A process that records to a file and holds its lock."""
-    from subprocess import PIPE, Popen
-
-    with Popen(
-        [sys.executable, "-c", WRITER, name],
-        stdin=PIPE,
-        stdout=PIPE,
-        env=dict(environment),
-        cwd=folder,
-    ) as process:
-        try:
-            until(process, b"open\n")
-            yield process
-        finally:
-            process.kill()
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    words = [sys.executable, "-c", WRITER, name]
+    with running(words, **pipes, env=dict(environment), cwd=folder) as process:
+        until(process, b"open\n")
+        yield process
 
 
 def flush(writer: Process, frames: int = 1) -> None:

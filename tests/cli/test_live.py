@@ -5,12 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import pty as terminals
 import select
 import signal
-import socket
 import subprocess
-import threading
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +18,7 @@ import pytest
 
 from fte_sniff.protocol import FRAME_LENGTH, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
+from tests.beside import Work, server_socket
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -36,6 +34,7 @@ from tests.cli.processes import (
     wait_until,
     wire,
 )
+from tests.cli.terminals import terminal
 from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
@@ -177,7 +176,7 @@ def test_a_killed_view_leaves_a_closed_file(run, environment, tmp_path: Path) ->
     with started(environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         process.kill()
-        process.wait()
+        process.wait(BOUND_S)
     # The capture process ends by itself once it finds that nobody listens.
     wait_until(lambda: holding(tmp_path / "x.mcap") == [])
     done = run("decode", "x.mcap")
@@ -362,7 +361,7 @@ def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Ad
 
 
 def test_a_server_that_goes_and_comes_is_found_again(environment, tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
+    with server_socket() as server:
         name = f"socket://127.0.0.1:{server.getsockname()[1]}"
         with started(environment, tmp_path, "live", name, "--no-record") as process:
             server.settimeout(BOUND_S)
@@ -536,12 +535,11 @@ class Watched:
         self.got = b""
         self._far = far
         self._ends, self._ending = os.pipe()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+        self._work = Work(self._run)
 
     def end(self) -> None:
         os.write(self._ending, b"!")
-        self._thread.join()
+        self._work.ended()
         os.close(self._ends)
         os.close(self._ending)
         # What was written before the last program let go of the line is there yet.
@@ -635,37 +633,16 @@ def test_no_byte_when_the_recording_cannot_be_made(run):
 
 
 def test_no_byte_from_a_screen_with_busy_keys(environment, tmp_path: Path):
-    with watched_wire() as (watched, name):
-        pid, screen = terminals.fork()
-        if pid == 0:
-            os.chdir(tmp_path)
-            arguments = [*PROGRAM, "live", name, "--no-record"]
-            os.execve(arguments[0], arguments, {**environment, "TERM": "xterm-256color"})
-        try:
-            shown = b""
-            while b"LIVE" not in shown:
-                assert select.select([screen], [], [], BOUND_S)[0], shown
-                shown += os.read(screen, 65536)
-            # Typed ahead: into the table, into a prompt, and the keys that leave both.
-            os.write(screen, b"jjkk G g /motor = 1\r \x1b[A\x1b[B\x1b[5~\x1b[6~")
-            os.write(screen, b"Q")
-            _drain(screen)
-        finally:
-            os.close(screen)
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
+    with (
+        watched_wire() as (watched, name),
+        terminal(environment, tmp_path, "live", name, "--no-record") as screen,
+    ):
+        screen.until("LIVE")
+        # Typed ahead: into the table, into a prompt, and the keys that leave both.
+        screen.type("jjkk G g /motor = 1\r \x1b[A\x1b[B\x1b[5~\x1b[6~")
+        screen.type("Q")
+        assert screen.ended() == 0
     assert watched.got == b""
-
-
-def _drain(screen: int) -> None:
-    """Read what is drawn, until the program has let go of the screen."""
-    while select.select([screen], [], [], BOUND_S)[0]:
-        try:
-            if not os.read(screen, 65536):
-                return
-        except OSError:
-            return
-    raise AssertionError("it does not end")
 
 
 @pytest.mark.parametrize(("dtr", "rts"), [*itertools.product(("on", "off"), repeat=2)])
@@ -686,7 +663,7 @@ def test_an_rfc2217_server_is_asked_for_the_lines_and_given_no_byte(
 
 
 def test_a_socket_is_given_no_byte(environment, tmp_path: Path):
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with server_socket() as listening:
         url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
         with started(environment, tmp_path, "live", url, "--plain", "--no-record") as process:
             client, _ = listening.accept()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +19,7 @@ from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.cli.measuring import processes_for
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
+from tests.beside import server_socket
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
 
 FILES = 12
@@ -208,9 +208,8 @@ def test_another_program_at_the_address_is_one_line(
     run, recordings: Path, environment: dict[str, str], answer: bytes, reason: str
 ) -> None:
     environment |= SOON
-    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as executor:
+    with server_socket() as server, ThreadPoolExecutor(1) as executor:
         where = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        server.settimeout(BOUND_S)
         running = executor.submit(run, "stats", recordings, "--cluster", where)
         with server.accept()[0] as connection:
             connection.sendall(answer)

@@ -36,6 +36,7 @@ from fte_sniff.protocol import (
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.writer import BulkWriter
 from fte_sniff.row_batch import RowBatch
+from tests.beside import running
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 from tests.waiting import BOUND_S
 
@@ -607,8 +608,10 @@ def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, sampl
 
 def test_the_page_goes_through_a_pipe_and_replaces_none(run, tmp_path: Path, samples: Path) -> None:
     os.mkfifo(tmp_path / "pipe.pdf")
-    with (tmp_path / "copy").open("wb") as copy:
-        reader = subprocess.Popen(["cat", tmp_path / "pipe.pdf"], stdout=copy)
+    with (
+        (tmp_path / "copy").open("wb") as copy,
+        running(["cat", tmp_path / "pipe.pdf"], stdout=copy) as reader,
+    ):
         done = run("report", samples / "clean.mcap", "-o", "pipe.pdf", "--force")
         assert reader.wait(BOUND_S) == 0
     assert done.returncode == 0, done.stderr

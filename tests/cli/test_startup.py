@@ -11,6 +11,7 @@ import pytest
 
 from fte_sniff import __version__
 from fte_sniff.cli.main import COMMANDS
+from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 from tests.cli.terminals import terminal
@@ -182,7 +183,7 @@ def test_nothing_is_loaded_before_ctrl_c_is_seen_to() -> None:
 def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> None:
     # A library that takes for ever to load, in the place of the first that is loaded.
     (tmp_path / "click.py").write_text("print('loading', flush=True)\ninput()\n")
-    with subprocess.Popen(
+    with running(
         [sys.executable, "-m", "fte_sniff", "live", "sim://"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

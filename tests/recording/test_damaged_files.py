@@ -4,7 +4,6 @@ import os
 import random
 import re
 import struct
-import threading
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator
@@ -29,13 +28,13 @@ from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
+from tests.beside import Work
 from tests.cli.conftest import ROOT, plain_environment
 from tests.cli.forked import Ended, Program
 from tests.examples import examples
 from tests.recording.conftest import START, some_rows, unprivileged
 from tests.torture.damage import MAGIC
 from tests.torture.damage import records as _records
-from tests.waiting import BOUND_S
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 CHUNK = 6
@@ -682,10 +681,9 @@ def test_a_pipe_is_read_as_often_as_wanted(
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     content = recorded[0].read_bytes()
-    feeder = threading.Thread(target=pipe.write_bytes, args=(content,))
-    feeder.start()
+    feeder = Work(pipe.write_bytes, content)
     reader = RecordingReader(pipe)
-    feeder.join(timeout=BOUND_S)
+    feeder.ended()
     assert list(reader) == recorded[1]
     assert list(reader) == recorded[1]
     assert list(reader.events()) == recorded[2]

@@ -1,13 +1,13 @@
 """The wait for the disk is what a thread neither runs nor waits for a processor."""
 
 import os
-import threading
 import time
 from pathlib import Path
 
 import pytest
 
 from fte_sniff.recording.disk_wait import DiskWait
+from tests.beside import Work
 from tests.waiting import BOUND_S
 
 pytestmark = pytest.mark.skipif(
@@ -24,14 +24,13 @@ def test_a_call_that_blocks_is_a_wait() -> None:
         with wait.call():
             os.read(reading, 1)
 
-    thread = threading.Thread(target=blocked)
-    thread.start()
+    work = Work(blocked)
     until_s = time.monotonic() + BOUND_S
     while wait.seconds < LONG_S:  # known while the call lasts
         assert time.monotonic() < until_s, "the wait was not counted"
         time.sleep(0.01)
     os.write(writing, b"x")
-    thread.join()
+    work.ended()
     assert wait.seconds >= LONG_S
     os.close(reading)
     os.close(writing)

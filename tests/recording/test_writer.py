@@ -35,6 +35,7 @@ from fte_sniff.recording.metadata import (
 from fte_sniff.recording.output_file import stopped_by_error
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
+from tests.beside import running
 from tests.recording.conftest import file_size_limit, some_rows, unprivileged
 from tests.torture.damage import CHUNK, METADATA, records
 
@@ -353,9 +354,7 @@ while True:
 @pytest.mark.parametrize("flushes", [1, 7, 40])
 def test_a_killed_writer_leaves_what_was_flushed(tmp_path: Path, flushes: int) -> None:
     path = tmp_path / "killed.mcap"
-    with subprocess.Popen(
-        [sys.executable, "-c", ENDLESS, str(path)], stdout=subprocess.PIPE, text=True
-    ) as child:
+    with running([sys.executable, "-c", ENDLESS, str(path)], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         for _ in range(flushes):
             child.stdout.readline()

@@ -20,6 +20,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, WriteProgress
+from tests.beside import Work
 from tests.recording.conftest import entries_in
 from tests.waiting import BOUND_S
 
@@ -67,14 +68,13 @@ def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended
     outbox = Outbox(ours, lambda: None)
     plan = CapturePlan(PortGroup(tuple(source.uncertainty_ns)), None, **limits)  # type: ignore[arg-type]
     ended = CaptureLoop(plan, Clock.tied(), source, None, outbox).run()
-    closing = threading.Thread(target=outbox.close, args=(ended,))
-    closing.start()
+    closing = Work(outbox.close, ended)
     rows: list[Row] = []
     events: list[PortEvent] = []
     while isinstance(message := theirs.recv(), RowsMessage):
         rows += message.rows
         events += message.events
-    closing.join(BOUND_S)
+    closing.ended()
     return rows, events, ended
 
 
@@ -232,10 +232,9 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
     total = MOST_WAITING * 3
     for start in range(0, total, 1024):
         outbox.put(rows(start, 1024))
-    closing = threading.Thread(target=outbox.close, args=(Ended(),))
-    closing.start()
+    closing = Work(outbox.close, Ended())
     batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
-    closing.join(BOUND_S)
+    closing.ended()
     seen = [row for batch in batches for row in batch.rows]
     assert batches[-1].total_rows == total
     assert len(seen) + batches[-1].not_shown == total

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import termios
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +34,7 @@ from fte_sniff.session.doctor import (
     virtual_usb_findings,
 )
 from fte_sniff.session.framer_hash import library_name
+from tests.beside import Work
 from tests.recording.conftest import unprivileged
 
 AT_57600 = (LineSetting(57_600, False), 0.99)
@@ -348,14 +348,11 @@ def test_line_errors_are_told_with_what_was_heard(pty):
 def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
     with LineListener(pty.device, SETTINGS) as listener:
         found = []
-        sampling = threading.Thread(
-            target=lambda: found.append(listener.sample(57_600, FOR_EVER_S, 4))
-        )
-        sampling.start()
+        sampling = Work(lambda: found.append(listener.sample(57_600, FOR_EVER_S, 4)))
         until(lambda: pty.attributes()[4] == termios.B57600)
         # What comes at once may still be of the old baud, and is not taken.
         until(lambda: pty.send(b"\xff\x00\xff\xff") or found)
-        sampling.join()
+        sampling.ended()
         iflag, oflag, _, lflag, *_ = pty.attributes()
     assert set(found[0]) == {0xFF, 0x00}
     assert not iflag & (termios.BRKINT | termios.PARMRK | termios.IGNPAR | termios.ICRNL)
@@ -366,7 +363,7 @@ def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
 
 def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):
     with LineListener(pty.device, SETTINGS) as listener:
-        threading.Timer(0.05, pty.unplug).start()
+        Work(pty.unplug)
         with pytest.raises(PortError, match=r"was lost: .*; check cable and power"):
             listener.listen(FOR_EVER_S, 1)
 

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from fte_sniff.session.notes import (
     read_place,
     save_place,
 )
+from tests.beside import running
 from tests.waiting import BOUND_S
 
 T_NS = 1_769_860_800_000_000_123
@@ -124,14 +126,15 @@ for number in range(60):
 
 def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
     words = [sys.executable, "-c", WRITER, str(recording)]
-    writers = [subprocess.Popen([*words, port], stdin=subprocess.PIPE) for port in "pqr"]
-    for writer in writers:
-        assert writer.stdin is not None
-        writer.stdin.write(b"go\n")
-        writer.stdin.flush()
-    for writer in writers:
-        with writer:
-            assert writer.wait(BOUND_S) == 0
+    with ExitStack() as stack:
+        writers = [
+            stack.enter_context(running([*words, port], stdin=subprocess.PIPE)) for port in "pqr"
+        ]
+        for writer in writers:
+            assert writer.stdin is not None
+            writer.stdin.write(b"go\n")
+            writer.stdin.flush()
+        assert [writer.wait(BOUND_S) for writer in writers] == [0, 0, 0]
     assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(60)}
     assert [path.name for path in recording.parent.glob("*run*")] == [beside(recording).name]
 

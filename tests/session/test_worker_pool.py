@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 
 from fte_sniff.errors import FileError
 from fte_sniff.session.worker_pool import WorkerPool
+from tests.beside import running
 from tests.cli.processes import BOUND_S, wait_until
 
 
@@ -93,7 +93,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
         "from tests.session.test_worker_pool import *\n"
         f"WorkerPool(1).submit(wait_in, {str(tmp_path)!r}).result()"
     )
-    with subprocess.Popen([sys.executable, "-c", program]) as process:
+    with running([sys.executable, "-c", program]) as process:
         wait_until(lambda: bool(list(tmp_path.iterdir())))
         (worker,) = tmp_path.iterdir()
         process.kill()

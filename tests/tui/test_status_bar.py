@@ -105,16 +105,14 @@ def test_every_key_of_the_line_has_a_rank() -> None:
     assert sorted(key.action for key in SHOWN) == sorted(SHOWN_FIRST)
 
 
-@pytest.mark.parametrize("width", range(6, 140))
-def test_keys_stand_whole_and_help_always(width: int) -> None:
-    found = fitting_keys(SHOWN, width)
-    assert found[0].action == "help"
-    assert sum(len(f"{key.key_display} {key.description} ") for key in found) - 1 <= width
-    more = fitting_keys(SHOWN, width + 1)
-    assert {key.action for key in found[:1]} <= {key.action for key in more}
+def test_keys_stand_whole_and_help_always() -> None:
+    for width in range(6, 140):
+        found = fitting_keys(SHOWN, width)
+        assert found[0].action == "help"
+        assert sum(len(f"{key.key_display} {key.description} ") for key in found) - 1 <= width
 
 
-@pytest.mark.parametrize("size", [(20, 10), (40, 20), (80, 24), (200, 60)])
+@pytest.mark.parametrize("size", [(20, 10), (200, 60)])
 def test_the_line_of_keys_ends_with_a_whole_one(feed: Any, size: tuple[int, int]) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         last = lines(app)[-1]
@@ -170,10 +168,12 @@ def test_the_mode_of_the_view(state: FeedState, paused: bool, following: bool, m
     assert mode_of(state, paused, following) is mode
 
 
-@pytest.mark.parametrize("width", [0, 1, 10, 24, 40, 80, 200])
-@pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("title", ["p", "/dev/serial/by-id/usb-串口-if00-port0", "\x1b[31m[red]"])
-def test_the_title_fills_its_width(width: int, mode: Mode, title: str) -> None:
+@given(
+    st.sampled_from(Mode),
+    st.text(st.sampled_from("p/串口-0\x1b[31m]"), min_size=1, max_size=60),
+    st.sampled_from([0, 1, 10]) | st.integers(24, 200),
+)
+def test_the_title_fills_its_width(mode: Mode, title: str, width: int) -> None:
     line = title_text(replace(LIVE, title=title, progress=0.42), mode, 12_345, width)
     assert line.isprintable()
     assert width < 24 or (cell_len(line) == width and mode in line)
@@ -218,15 +218,15 @@ def test_the_title_tells_how_many_rows_wait() -> None:
     assert title_text(LIVE, Mode.PAUSED, 1234, 80).endswith(" PAUSED, 1,234 new ")
 
 
-@pytest.mark.parametrize("width", [40, 60, 80])
-def test_that_the_end_is_not_followed_is_told_at_every_width(width: int) -> None:
-    assert title_text(LIVE, Mode.SCROLLED, 48_160, width).endswith(" SCROLLED +48,160 ")
+def test_that_the_end_is_not_followed_is_told_at_every_width() -> None:
+    for width in range(40, 201):
+        assert title_text(LIVE, Mode.SCROLLED, 48_160, width).endswith(" SCROLLED +48,160 ")
 
 
-@pytest.mark.parametrize("width", [40, 60, 71, 72, 80])
 @pytest.mark.parametrize(("share", "shown"), [(1e-6, "<0."), (0.0512, "5.1"), (1.0, "100%")])
-def test_the_malformed_are_told_at_every_width(width: int, share: float, shown: str) -> None:
-    assert shown in status_text(replace(NUMBERS, malformed_share=share), width)
+def test_the_malformed_are_told_at_every_width(share: float, shown: str) -> None:
+    for width in range(40, 201):
+        assert shown in status_text(replace(NUMBERS, malformed_share=share), width)
 
 
 def test_the_numbers_at_forty_cells() -> None:
@@ -244,9 +244,9 @@ def test_the_numbers_at_eighty_cells() -> None:
     )
 
 
-@pytest.mark.parametrize("width", range(0, 120, 7))
-def test_the_numbers_fill_their_width(width: int) -> None:
-    assert len(status_text(replace(NUMBERS, not_shown=7), width)) == width
+def test_the_numbers_fill_their_width() -> None:
+    for width in range(201):
+        assert len(status_text(replace(NUMBERS, not_shown=7), width)) == width
 
 
 def test_the_numbers_stand_still_while_they_grow() -> None:

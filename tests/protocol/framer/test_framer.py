@@ -200,25 +200,18 @@ def _check(case: list[tuple[str, str]], rows: list[Row]) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_case_whole(name: str) -> None:
+def test_case(name: str) -> None:
+    """Alone, byte by byte, and before other frames."""
+    case = CASES[name]
+    data = _bytes(case)
+    _check(case, _rows_of([data]))
+    _check(case, _rows_of([bytes([byte]) for byte in data]))
+    _check(case + TRAILING, _rows_of([_bytes(case + TRAILING)]))
+
+
+def _rows_of(reads: list[bytes]) -> list[Row]:
     framer = Framer("p")
-    rows = framer.feed(Chunk("p", None, _bytes(CASES[name])))
-    _check(CASES[name], rows + framer.flush())
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_case_byte_by_byte(name: str) -> None:
-    framer, rows = Framer("p"), []
-    for byte in _bytes(CASES[name]):
-        rows += framer.feed(Chunk("p", None, bytes([byte])))
-    _check(CASES[name], rows + framer.flush())
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_case_with_trailing_data(name: str) -> None:
-    case = CASES[name] + TRAILING
-    framer = Framer("p")
-    _check(case, framer.feed(Chunk("p", None, _bytes(case))) + framer.flush())
+    return [row for data in reads for row in framer.feed(Chunk("p", None, data))] + framer.flush()
 
 
 def test_framed_rows_are_frames_and_the_rest_is_damage() -> None:
