@@ -161,7 +161,7 @@ TOO_MANY_FILES = TranslatableText("too many open files; try `ulimit -n 4096`")
 """The limit of the process or the system is reached: no fault of the file."""
 
 UNREADABLE: Mapping[type[OSError], str] = {
-    FileNotFoundError: "{path}: there is no such file; check the name and the folder",
+    FileNotFoundError: "{path}: no such file; check the name and the folder",
     IsADirectoryError: "{path} is a directory; name the files in it",
     PermissionError: "{path}: no permission to read it; try `ls -l` and `chmod u+r`",
     OSError: "{path} cannot be read: {reason}; copy it and try again",

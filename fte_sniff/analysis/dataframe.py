@@ -134,7 +134,7 @@ SCHEMA: Final[Mapping[str, pl.DataType]] = {
 
 
 def wide(table: pl.DataFrame) -> pl.DataFrame:
-    """The same columns of a frame of `TABLE_SCHEMA`, in the types of `SCHEMA`."""
+    """The columns of a frame of `TABLE_SCHEMA`, in the types of `SCHEMA`."""
     return table.cast({name: SCHEMA[name] for name in table.columns})
 
 

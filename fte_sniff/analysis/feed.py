@@ -37,7 +37,7 @@ class StreamChange:
 
 
 def shifted(changes: Iterable[StreamChange], by: int) -> list[StreamChange]:
-    """The same changes with their indices raised by `by`."""
+    """These changes with their indices raised by `by`."""
     return [replace(change, index=change.index + by) for change in changes]
 
 
@@ -164,7 +164,7 @@ class FeedState:
     running: bool = True
     """Whether more rows can come."""
     ended: str | None = None
-    """Why it ended, one line for people; None while it runs, or if there is no reason to show."""
+    """Why it ended, one line for people; None while it runs, or without a reason to show."""
     trouble: str | None = None
     """What went wrong although it runs on, one line for people: the recording has stopped."""
     waiting: bool = False

@@ -353,7 +353,7 @@ class _MaxGap(Measure):
             self._continues = later._continues
 
     def _whole(self) -> _MaxGap:
-        """The same with the runs at both ends, if no rows precede and follow."""
+        """With the runs at both ends, as no rows precede and follow."""
         whole = copy(self)
         whole._first = copy(self._first)
         for run in self._runs:
@@ -539,7 +539,7 @@ class _OnlineShare(Measure):
         self._on_ns += later._on_ns
 
     def value(self, total: RowCount) -> float | None:
-        """The share of time, 0 to 1; of the frames if there is no time between them."""
+        """The share of time, 0 to 1; of the frames if all have one time."""
         if not self._own:
             return None
         return self._on_ns / self._known_ns if self._known_ns else self._frames_on / self._frames

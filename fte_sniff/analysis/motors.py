@@ -83,7 +83,7 @@ class MotorFrames:
         return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
 
     def after(self, cmd: int, t_ns: int) -> MotorFrames:
-        """The same frames after one from before the batch."""
+        """These frames after one from before the batch."""
         return MotorFrames(
             np.concatenate(([_BEFORE_BATCH], self.indices)),
             np.concatenate(([cmd], self.cmds)),

@@ -193,7 +193,7 @@ class _Parser:
             raise self._error(name, "a rule begins with a measure", _measures())
         measure = name.text
         if measure not in MEASURES:
-            what = f"'{measure}' is no measure"
+            what = f"'{measure}' is not a measure"
             raise self._error(name, what, nearest(measure, MEASURES) or _measures())
         self._expect_symbol("(", f"write {MEASURES[measure].example}")
         argument, filter_text = self._arguments(measure)
@@ -251,7 +251,7 @@ class _Parser:
         what = f"{measure} needs {takes.value}"
         column = COLUMN_BY_NAME.get(token.text)
         if takes is Argument.FIELD and column is not None:
-            what = f"{token.text} is a {column.type.value}, no number"
+            what = f"{token.text} is a {column.type.value}, not a number"
         elif token.type is not TokenType.END:
             what += f", and {quoted(self._text[token.start : token.end])} is none"
         raise self._error(
@@ -289,7 +289,7 @@ class _Parser:
         token = self._take()
         if token.word == "NAN":
             fix = "every comparison with NaN is false; write a number"
-            raise self._error(token, "NaN is no number", fix)
+            raise self._error(token, "NaN is not a number", fix)
         if token.type is not TokenType.NUMBER:
             raise self._error(token, "a number is missing", "compare the measure with a number")
         if not math.isfinite(token.number):
@@ -313,7 +313,7 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputTextError(f"{source}: is no valid TOML: {error}") from error
+        raise InputTextError(f"{source}: is not valid TOML: {error}") from error
     except RecursionError as error:
         raise InputTextError(f"{source}: is nested too deeply for rules") from error
     for key in document:

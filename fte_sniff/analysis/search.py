@@ -223,7 +223,7 @@ class HitPosition:
     """Number of a row among the hits."""
 
     number: int | None
-    """From 1; None if the row is no hit, or not counted yet."""
+    """From 1; None if the row is not a hit, or not counted yet."""
     total: int
     """Number of hits so far that are in the store."""
 

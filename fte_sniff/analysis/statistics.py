@@ -302,13 +302,13 @@ class _Stream:
         """`interrupted` is whether frames are missing before the first one."""
         self._interrupted = interrupted
         self._first_ns: int | None = None
-        """Time of the first frame, if there is no gap before it."""
+        """Time of the first frame, unless a gap is before it."""
         self.count = 0
         self.periods = Durations()
         self.recent = RecentValues()
         self.ranges: dict[str, tuple[int, int]] = {}
         self._last_ns: int | None = None
-        """Time of the frame before, if there is no gap after it."""
+        """Time of the frame before, unless a gap is after it."""
         self._measured = self._measured_ns = 0
         self.latest: tuple[bytes, ...] = ()
         self.last_ns: int | None = None

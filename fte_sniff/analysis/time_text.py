@@ -65,7 +65,7 @@ class ClockTime:
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
 
     def on_day_after(self, t_ns: int, zone: tzinfo) -> int:
-        """The same on the next day."""
+        """This time on the next day."""
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone) + timedelta(days=1), zone)
 
     def _on(self, day: date, zone: tzinfo) -> int:
@@ -115,7 +115,9 @@ def day_of(text: str) -> date:
     try:
         day = date.fromisoformat(text.strip())
     except ValueError:
-        raise InputTextError(f"--date: {quoted(text)} is no day; write it as 2026-01-31") from None
+        raise InputTextError(
+            f"--date: {quoted(text)} is not a day; write it as 2026-01-31"
+        ) from None
     if day.year not in _YEARS:
         raise InputTextError(
             f"--date: {day} is out of range; times go from {_YEARS.start} to {_YEARS[-1]}"
@@ -136,7 +138,7 @@ def zone_of(text: str) -> tzinfo:
         return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
     except (ValueError, OSError, KeyError):
         raise InputTextError(
-            f"--zone: {quoted(text)} is no zone; write +08:00, UTC, or a name as Asia/Shanghai"
+            f"--zone: {quoted(text)} is not a zone; write +08:00, UTC, or a name as Asia/Shanghai"
         ) from None
 
 

@@ -46,7 +46,7 @@ class _Groups:
     """Minimum, maximum and last value of each bucket; shape (3, buckets)."""
 
     def merged(self, numbers: Ints) -> _Groups:
-        """The same with other bucket numbers, which must not fall."""
+        """These groups with other bucket numbers, which must not fall."""
         if not len(numbers):
             return self
         starts = np.flatnonzero(np.concatenate(([True], numbers[1:] != numbers[:-1])))

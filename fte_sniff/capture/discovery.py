@@ -74,7 +74,7 @@ def list_ports() -> list[PortListing]:
 
 
 def listing_of(name: str) -> PortListing | None:
-    """One port by any of its names; None if it is no terminal device."""
+    """One port by any of its names; None if it is not a terminal device."""
     if not POSIX:
         return next((one for one in list_ports() if one.device.lower() == name.lower()), None)
     if not _is_terminal(name):

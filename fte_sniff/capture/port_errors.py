@@ -282,7 +282,7 @@ def one_line(error: BaseException) -> str:
 
 
 def worded(text: str) -> str:
-    """The same text, as a `TranslatableText` if it is known."""
+    """This text, as a `TranslatableText` if it is known."""
     if text in _PYSERIAL_TEXTS:
         return _PYSERIAL_TEXTS[text]
     if system := _SYSTEM.fullmatch(text):

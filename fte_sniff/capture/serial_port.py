@@ -317,7 +317,7 @@ def has_low_latency(serial_struct: bytes) -> bool:
 
 
 def with_low_latency(serial_struct: bytes) -> bytes:
-    """The same `struct serial_struct` with the low latency flag set."""
+    """This `struct serial_struct` with the low latency flag set."""
     numbers = list(_SERIAL_STRUCT.unpack(serial_struct))
     numbers[_FLAGS] |= _LOW_LATENCY
     return _SERIAL_STRUCT.pack(*numbers)

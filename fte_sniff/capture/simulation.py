@@ -82,7 +82,7 @@ class Parameter:
         return f"{whole}>= {low}" if math.isinf(self.high) else f"{whole}{low}..{high}"
 
     def read(self, text: str) -> int | float | str:
-        """Parse `text`; raises PortError if it is no legal value."""
+        """Parse `text`; raises PortError if it is not a legal value."""
         try:
             value = type(self.default)(text)
         except ValueError:

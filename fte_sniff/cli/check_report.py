@@ -38,7 +38,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
     Raises:
         FileError: the file cannot be read.
         InputTextError: a rule is invalid.
-        UsageError: there is no rule.
+        UsageError: no rule is given.
     """
     from fte_sniff.analysis.rules import rule_at, rules_of_toml
 

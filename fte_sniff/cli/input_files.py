@@ -242,7 +242,7 @@ class InputQuery:
         t_ns = time_ns(self.start.strip(), self.zone_given() or UTC)
         if t_ns is None or t_ns < 0:
             raise InputTextError(
-                f"--start: {quoted(self.start)} is no time from 1970 on; write it as"
+                f"--start: {quoted(self.start)} is not a time from 1970 on; write it as"
                 " 2026-01-31T12:00:00Z"
             )
         return t_ns
@@ -256,7 +256,7 @@ class InputQuery:
                     click.echo(printable(f"{path}: {line}"))
 
     def zone_given(self) -> tzinfo | None:
-        """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
+        """The zone of `--zone`, or None; raises InputTextError for an unknown zone."""
         return None if self.zone is None else zone_of(self.zone)
 
     def row_filter(self) -> RowFilter | None:
@@ -383,7 +383,7 @@ def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
             raise UsageError(f"{path} is a port, not a file; `{live}` captures it")
         if _is_filter(str(path)) and not path.exists():
             raise UsageError(
-                f"there is no file {quoted(str(path))}; a filter is an option: --filter"
+                f"no such file: {quoted(str(path))}; a filter is an option: --filter"
                 f" {shlex.quote(str(path))}"
             )
     if files.count(STDIN) > 1:

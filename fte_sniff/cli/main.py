@@ -95,7 +95,7 @@ class LazyGroup(click.Group):
 
 
 def _unknown_command(name: str) -> str:
-    """Why there is no such command, and the command that was probably meant."""
+    """That a command is unknown, and the command that was probably meant."""
     from fte_sniff.cli.options import is_port_name
 
     shown = shlex.quote(name)

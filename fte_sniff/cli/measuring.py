@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _WAITING_PER_WORKER: Final = 2
 
 _SCHEMES: Final = ("tcp", "tls", "ws", "wss")
-"""Of schedulers; `inproc` is no other process, and `ucx` needs a package of its own."""
+"""Of schedulers; `inproc` is not another process, and `ucx` needs a package of its own."""
 
 jobs_options = all_of(
     click.option(
@@ -151,7 +151,7 @@ def _check_address(address: str) -> None:
         is_valid = False
     if not is_valid:
         raise UsageError(
-            f"--cluster {quoted(address)} is no address of a Dask scheduler; write it as"
+            f"--cluster {quoted(address)} is not the address of a Dask scheduler; write it as"
             " tcp://192.168.0.9:8786"
         )
 

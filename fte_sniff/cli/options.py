@@ -175,7 +175,7 @@ def _length(text: str, option: str) -> int:
 def _absolute(text: str, option: str, zone: tzinfo) -> int:
     t_ns = time_ns(text, zone)
     if t_ns is None:
-        raise InputTextError(f"{option}: {quoted(text)} is no time; write it {_HELP}")
+        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
     if t_ns < 0:
         raise InputTextError(
             f"{option}: {quoted(text)} is before {iso_time(0)}, and so before any row"

@@ -88,7 +88,7 @@ def gap_text(gaps: Sequence[Gap]) -> str:
 
 
 def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
-    """Why there are no rows or no frames, or what to check; empty otherwise."""
+    """Why rows or frames are missing, or what to check; empty otherwise."""
     if reading is not None:
         if not tally.rows and reading.span is not None:
             return "no row is between --from and --to"

@@ -90,7 +90,7 @@ class ProgressLine:
 def progress_line(*, reads_stdin: bool = False) -> Iterator[ProgressLine]:
     """Context that shows a new `Progress` while the commands in it read files.
 
-    It shows nothing if standard error is no terminal, or if the user types what is read.
+    It shows nothing unless standard error is a terminal, or if the user types what is read.
     """
     typed = reads_stdin and sys.stdin.isatty()
     line = ProgressLine(Progress(), shown=sys.stderr.isatty() and not typed)

@@ -88,7 +88,7 @@ class LogReader:
         return 0 if self._file is None or self._file.closed else self._file.tell()
 
     def again(self) -> LogReader:
-        """The same log from its start; raises UsageError if it can be read only once."""
+        """This log from its start; raises UsageError if it can be read only once."""
         if not self.is_file:
             raise UsageError(
                 f"{self.name} can be read only once, so its first and last time are not known"
@@ -200,8 +200,8 @@ class LogReader:
         """What the log is, by a sample: the kind with the most frames.
 
         Raises:
-            FileError: it is no text.
-            InputTextError: there are no bytes in it.
+            FileError: it is not text.
+            InputTextError: no bytes are in it.
         """
         options, plain, self._sampled = self.options, None, lines
         if options.form is None and options.pattern is None:

@@ -129,7 +129,7 @@ class PlainLog(LogForm):
                 yield StreamBytes(name, bytes(data), [len(data)], [block.first])
 
     def notes(self) -> list[str]:
-        """That there are no frames, in a log of more than a few bytes."""
+        """That frames are missing, in a log of more than a few bytes."""
         return ["no frames found; it is read as plain hex"] if self.is_chance else []
 
     def explain(self) -> list[str]:

@@ -60,7 +60,7 @@ class RichWriter:
     """Writes one coloured line a row, cut at the terminal's right edge.
 
     Long bytes are cut so that the faults stay in sight. On a narrow terminal the times are short,
-    there are no offsets, and faults precede the bytes.
+    offsets are left out, and faults precede the bytes.
     """
 
     def __init__(self, console: Console, *, ports: bool) -> None:

@@ -37,7 +37,7 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
     """The wanted language, else that of the locale, else English.
 
     None and `AUTO` mean the locale: `LC_ALL`, `LC_MESSAGES` or `LANG` of the environment.
-    Raises UsageError if there is no such language.
+    Raises UsageError for an unknown language.
     """
     if wanted not in (None, AUTO):
         if wanted not in LANGUAGES:

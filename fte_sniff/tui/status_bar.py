@@ -455,7 +455,7 @@ _TINY, _LOW = 12, 20
 
 
 class Rank(IntEnum):
-    """What a notice is about. Of those that are no warnings, the highest is shown."""
+    """What a notice is about. Of those that are not warnings, the highest is shown."""
 
     STATE = 0
     EVENT = 1
@@ -549,7 +549,7 @@ class NoticeLine(Vertical):
                 self.warn(text, topic)
 
     def remove_answer(self, notice: Notice | None) -> None:
-        """Remove this answer, if there is no other: a key has acted since."""
+        """Remove this answer, if it is the only one: a key has acted since."""
         if notice is not None and notice is self.answer:
             self.unpin(Rank.ANSWER)
 

@@ -61,7 +61,7 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
     [
         (
             "cuont(malformed) == 0",
-            "'cuont' is no measure at character 1 of \"-->cuont(malformed) == 0\"; "
+            "'cuont' is not a measure at character 1 of \"-->cuont(malformed) == 0\"; "
             "did you mean count?",
         ),
         ("", "the rule ends too soon: a rule begins with a measure"),
@@ -86,10 +86,10 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
         ("count(malformed) ==", "the rule ends too soon: a number is missing"),
         (
             "count(malformed) == NaN",
-            'NaN is no number at character 21 of "count(malformed) == -->NaN"; '
+            'NaN is not a number at character 21 of "count(malformed) == -->NaN"; '
             "every comparison with NaN is false",
         ),
-        ("count(malformed) == -nan", "NaN is no number"),
+        ("count(malformed) == -nan", "NaN is not a number"),
         ("count(malformed) == 1e999", "this number is too large"),
         ("count(malformed) == none", "a number is missing"),
         (
@@ -105,10 +105,10 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
             "online needs a motor, and '5' is none "
             'at character 8 of "online(-->5) > 0"; there are 1, 2, 3, 4',
         ),
-        ("min(kind) > 0", "kind is a word, no number at character 5"),
-        ("max(port) > 0", "port is a text, no number"),
-        ("mean(time) > 0", "time is a time, no number"),
-        ("max(faults) > 0", "faults is a words, no number"),
+        ("min(kind) > 0", "kind is a word, not a number at character 5"),
+        ("max(port) > 0", "port is a text, not a number"),
+        ("mean(time) > 0", "time is a time, not a number"),
+        ("max(faults) > 0", "faults is a words, not a number"),
         (
             "max(rmp) < 3",
             "max needs a field, and 'rmp' is none "
@@ -136,7 +136,7 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
         ("duration() > -1h", "duration is in s: write the number in s"),
         ("max(rpm) < 5rps", "max is in RPM: write the number in RPM"),
         ("duration() > 5 and", "a rule is one comparison at character 16"),
-        ("duration() > 1_000", "'1_000' is no number at character 14"),
+        ("duration() > 1_000", "'1_000' is not a number at character 14"),
         ("mean(error) < 1x", "mean is without a unit: write the number alone"),
         ("dealy(p95) < 20ms", "did you mean delay?"),
         ("count(malformed; DROP) == 0", "';' has no meaning in a filter"),
@@ -171,7 +171,7 @@ def test_rules_of_a_file() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[[rule]", "r.toml: is no valid TOML: "),
+        ("[[rule]", "r.toml: is not valid TOML: "),
         ("", "r.toml: has no rules; a rule is a table [[rule]] with name and expect"),
         ("[rule]\nname = 'x'", "r.toml: has no rules"),
         ("rule = [1]", "r.toml: has no rules"),

@@ -138,8 +138,8 @@ def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path
     ("text", "message"),
     [
         ('[[rule]]\nname = "x"\nexpct = "y"\n', "unknown key 'expct'; did you mean expect?"),
-        ('[[rule]]\nname = "x"\nexpect = "min(kind) > 0"\n', "kind is a word, no number"),
-        ('[[rule]]\nname = "x"\nexpect = "duration() > nan"\n', "NaN is no number"),
+        ('[[rule]]\nname = "x"\nexpect = "min(kind) > 0"\n', "kind is a word, not a number"),
+        ('[[rule]]\nname = "x"\nexpect = "duration() > nan"\n', "NaN is not a number"),
     ],
 )
 def test_an_invalid_rule_is_one_line_and_nothing_is_read(
@@ -174,7 +174,7 @@ def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: P
     assert "--expect" in done.stderr
     done = run("check", samples / "clean.mcap", "--rules", tmp_path / "absent.toml")
     assert done.returncode == 4
-    assert "there is no such file" in done.stderr
+    assert "no such file" in done.stderr
     rule = '[[rule]]\nname = "a"\nexpect = "count(ok) > 0"\n'
     (tmp_path / "large.toml").write_text(rule + "# comment\n" * 100_000)
     done = run("check", samples / "clean.mcap", "--rules", tmp_path / "large.toml")

@@ -289,7 +289,7 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
         (["/dev/null"], 4, "is no recording; --follow reads only recordings"),
         (["pipe"], 4, "is no recording; --follow reads only recordings"),
         (["."], 4, "is a directory, and there is no recording"),
-        (["missing.mcap"], 4, "there is no such file"),
+        (["missing.mcap"], 4, "no such file"),
         ([SAMPLES / "clean.mcap", SAMPLES / "damaged.mcap"], 2, "--follow needs one recording"),
         (["-"], 2, "--follow needs one recording"),
         ([SAMPLES / "clean.hex", "--input", "hex"], 2, "--follow reads recordings only"),

@@ -181,13 +181,13 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(
 @pytest.mark.parametrize(
     ("where", "reason"),
     [
-        ("", "is no address of a Dask scheduler; write it as tcp://"),
-        ("127.0.0.1", "is no address"),
-        ("tcp://:9", "is no address"),
-        ("tcp://127.0.0.1:x", "is no address"),
-        ("tcp://127.0.0.1:99999", "is no address"),
-        ("http://127.0.0.1:9", "is no address"),
-        ("inproc://x", "is no address"),
+        ("", "is not the address of a Dask scheduler; write it as tcp://"),
+        ("127.0.0.1", "is not the address"),
+        ("tcp://:9", "is not the address"),
+        ("tcp://127.0.0.1:x", "is not the address"),
+        ("tcp://127.0.0.1:99999", "is not the address"),
+        ("http://127.0.0.1:9", "is not the address"),
+        ("inproc://x", "is not the address"),
         ("tls://127.0.0.1:9", "needs certificates; name them in Dask's settings"),
     ],
 )

@@ -86,8 +86,8 @@ def test_no_text_is_no_span() -> None:
 @pytest.mark.parametrize(
     ("since", "until", "times", "told"),
     [
-        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is no time"),
-        ("25:00", None, (FIRST, LAST), "'25:00' is no time; write it as"),
+        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is not a time"),
+        ("25:00", None, (FIRST, LAST), "'25:00' is not a time; write it as"),
         ("+10", None, (FIRST, LAST), "'10' is not a duration"),
         ("+s", None, (FIRST, LAST), "is not a duration"),
         ("1969-12-31", None, (FIRST, LAST), "before any row"),
@@ -98,7 +98,7 @@ def test_no_text_is_no_span() -> None:
         ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
         ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),
         (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
-        ("9" * 5000, "x", (FIRST, LAST), "is no time"),
+        ("9" * 5000, "x", (FIRST, LAST), "is not a time"),
         (f"+{'9' * 5000}", None, (FIRST, LAST), "is not a duration"),
         (None, "+" + "9" * 5000, None, "the input has no times"),
         ("-1s", None, (FIRST, None), "--from -1s: the last time of the input is not known before"),

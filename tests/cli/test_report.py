@@ -565,7 +565,7 @@ def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
         (["clean.mcap", "-o", "old.html"], 4, "old.html exists already"),
         (["clean.mcap", "-o", "none/r.html"], 4, "its folder does not exist"),
         (["clean.mcap", "-o", "clean.mcap", "--force"], 2, "is an input, and would be lost"),
-        (["none.mcap", "-o", "r.html"], 4, "there is no such file"),
+        (["none.mcap", "-o", "r.html"], 4, "no such file"),
         (["clean.mcap"], 2, "Missing option '-o'"),
         (["clean.mcap", "-o", "r.pdf"], 2, "is not one of .html .htm; name it r.html"),
         (["clean.mcap", "-o", "r-1.5"], 2, "is not one of .html .htm; name it r-1.5.html"),

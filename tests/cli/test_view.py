@@ -120,7 +120,7 @@ def test_view_tells_what_cannot_be_read_before_the_screen_opens(
     with terminal(environment, tmp_path, "view", "none.mcap") as screen:
         assert screen.ended() == 4
     assert screen.drawn.count(b"\n") == 1
-    assert b"none.mcap: there is no such file" in screen.drawn
+    assert b"none.mcap: no such file" in screen.drawn
 
 
 def test_hex_takes_a_frame_apart_in_the_width_of_the_terminal(environment, tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
         screen.until("FILE")
         path.unlink()
         assert screen.ended_by(":20%\r", ":40%\r", ":60%\r", ":80%\r") == 4
-    assert b"gone.mcap: there is no such file" in screen.drawn
+    assert b"gone.mcap: no such file" in screen.drawn
     assert b"Traceback" not in screen.drawn
 
 

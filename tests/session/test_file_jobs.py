@@ -245,7 +245,7 @@ def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
     with ThreadPoolExecutor(1) as executor:
         (_, lost), (_, found) = finished_jobs(jobs, executor, 2)
     assert isinstance(lost, FileError)
-    assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: there is no such file")
+    assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: no such file")
     assert "as its worker sees it" in str(lost)
     assert not isinstance(found, FileError)
 

@@ -295,7 +295,7 @@ class Rereading:
 
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         if self.gone:
-            raise FileError("run.mcap: there is no such file any more")
+            raise FileError("run.mcap: no such file any more")
         self.starts.append(start)
         return RowBatch.from_rows(self.rows[start : start + count], codebook)
 
@@ -349,7 +349,7 @@ def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
             source.gone = True
             await enter_line(app, pilot, "slash", "rpm=1234")
             await settle(app, pilot)
-            assert "run.mcap: there is no such file any more" in page(app)
+            assert "run.mcap: no such file any more" in page(app)
             assert app.failure is None
             await press(app, pilot, "g")
             await settle(app, pilot)

@@ -437,7 +437,7 @@ def _word(left: Term, right: Term) -> str:
 def _time(literal: Term) -> int:
     found = time_ns(literal.label)
     if found is None or found not in _INT64:
-        what = TranslatableText("'{literal}' is no time", literal=literal.label)
+        what = TranslatableText("'{literal}' is not a time", literal=literal.label)
         raise MistakeError(literal.start, what, _HOW_TO_WRITE_TIMES)
     return found
 

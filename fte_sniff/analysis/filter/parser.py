@@ -215,7 +215,9 @@ def _check_number(text: str, match: re.Match[str]) -> None:
         raise MistakeError(start, what, TranslatableText("no field is as large"))
     rest = _REST_OF_NUMBER.match(text, match.end())
     if rest:
-        what = TranslatableText("'{number}{rest}' is no number", number=number, rest=rest.group())
+        what = TranslatableText(
+            "'{number}{rest}' is not a number", number=number, rest=rest.group()
+        )
         fix = TranslatableText("write plain digits or hex as 0x0F, without a unit")
         raise MistakeError(start, what, fix)
 
@@ -337,7 +339,7 @@ class _Parser:
 
     def _comparison(self, left: Term, sign: str, token: Token) -> Term:
         if sign not in COMPARISONS:
-            what = TranslatableText("'{sign}' is no sign", sign=sign)
+            what = TranslatableText("'{sign}' is not an operator", sign=sign)
             fix = TranslatableText("write {second}{first}", second=sign[1], first=sign[0])
             raise MistakeError(token.start, what, fix)
         found = compiler.compare(left, COMPARISONS[sign], self._value())
@@ -467,7 +469,7 @@ class _Parser:
         else:
             names = TranslatableText("there are {names}", names=listed(FUNCTIONS))
             fix = _UNSUPPORTED.get(token.word, names)
-        what = TranslatableText("{token} is no function of a filter", token=self._typed(token))
+        what = TranslatableText("{token} is not a function of a filter", token=self._typed(token))
         raise MistakeError(token.start, what, fix)
 
 

@@ -189,7 +189,7 @@ def mismatch(left: Term, right: Term) -> MistakeError:
         return MistakeError(left.start, what, fix)
     if left.column is None and right.type is TermType.LITERAL:
         near = nearest(right.label, COLUMN_BY_NAME) or TranslatableText("name a field")
-        what = TranslatableText("'{right}' is a text, no field", right=right.label)
+        what = TranslatableText("'{right}' is a text, not a field", right=right.label)
         return MistakeError(right.start, what, TranslatableText("{near} (no quotes)", near=near))
     what = TranslatableText(
         "{left} is {left_is}, {right} is {right_is}",

@@ -39,7 +39,7 @@ _FEW_LANES: Final = 4
 RECORD_BORDER: Final = rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;|\n"
 """Between two records."""
 LIKE_BYTES: Final = 4
-"""Bytes of a run from which on it is no number by accident."""
+"""Bytes of a run from which on it is not a number by accident."""
 _LEAST_COMMON: Final = 1 / 8
 """Of the runs, how many have a word before them that may make their lane."""
 _MOST_UNWOVEN: Final = 4000

@@ -113,7 +113,7 @@ class EvidenceLog(LogForm):
         """The log, if a sample has frames; `blocks` are all of a file, none of a pipe.
 
         Raises:
-            InputTextError: two hypotheses are as good, or there is no such form.
+            InputTextError: two hypotheses are as good, or the form is unknown.
         """
         if options.pattern is not None:
             matching = [one for line in lines if (one := _rearranged(line, options.pattern))]
@@ -456,7 +456,7 @@ def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]
     forms = [one for one in EXTRACTORS if options.form in (None, one.name, one.name.split(",")[0])]
     if not forms:
         names = "; ".join(one.name for one in EXTRACTORS)
-        raise InputTextError(f"--form: there is no form {options.form!r}; the forms are: {names}")
+        raise InputTextError(f"--form: unknown form {options.form!r}; the forms are: {names}")
     ranked = [one for one in hypotheses(lines, forms) if one.frames]
     good = [one for one in ranked if one.accepted]
     for other in good[1:]:

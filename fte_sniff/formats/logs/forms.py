@@ -127,14 +127,14 @@ _CONTROLS: Final = (
 _VALUES: Final = dict(zip(_CONTROLS.split("|"), (*range(33), 127, 9, 10, 0), strict=True))
 _LETTERS: Final = bytes.maketrans(b"abtnvfre0s", b"\a\b\t\n\v\f\r\x1b\0 ")
 _BASES: Final = {"h": 16, "d": 10, "o": 8, "b": 2}
-"""Of a number in a group whose name begins so; a capital letter is a word of two bytes."""
+"""By the first letter of a group of a number, its base; a capital letter is a word of two bytes."""
 _CODES: Final = {
     "t": r"\\(?:x\{?|u00)@@(?:(?<=\{..)\})?|\\(?P<o>[0-3]?[0-7]{1,2})|\\(?P<e>.)",
     "u": r"\\(?P<d>\d{1,3})|\\(?P<e>.)",
     "v": r"\\@@|\\(?P<e>[a-z\\])",
     "w": rf"[\[<{{(](?:(?:0x)?@@|(?P<n>{_CONTROLS}))[\]>}})]",
 }
-"""The same of a text: the bytes in it that are no characters."""
+"""By kind of form, the patterns of bytes that are not characters, in a text of characters."""
 _KINDS: Final[dict[str, Callable[[bytes], bytes]]] = {
     "x": unhexlify,
     "q": urlsafe_b64decode,
@@ -142,7 +142,7 @@ _KINDS: Final[dict[str, Callable[[bytes], bytes]]] = {
     "e": lambda letter: letter.translate(_LETTERS),
     "c": bytes,
 }
-"""The same of anything else: how it becomes bytes."""
+"""By the first letter of a group that is not a number: how its text becomes bytes."""
 
 
 def _text_with(kind: str) -> str:

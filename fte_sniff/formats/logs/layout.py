@@ -45,7 +45,7 @@ _LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
 """Where the labels that separate streams may be, and their kind."""
 _LONE: Final = (*product(("before", "above", "after"), ("word",)), ("above", "arrow"))
-"""The same of a label that is the only one; other lone labels are an accident."""
+"""Where a label may be that is the only one, and its kind; other lone labels are an accident."""
 
 
 class Found(NamedTuple):

@@ -28,7 +28,7 @@ SECOND: Final = 10**9
 _DAY_NS: Final = 86_400 * SECOND
 _QUARTER_S: Final = 900
 _LONGEST_STEP: Final = 3600
-"""Between whole seconds of two lines, in the median; if it is longer, they are no seconds."""
+"""Between whole seconds of two lines, in the median; if it is longer, they are not seconds."""
 
 _MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
 _NAMED: Final = rf"(?=[ADFJMNOSadfjmnos])(?i:{_MONTHS})[a-z]*"

@@ -53,7 +53,7 @@ class PaneContext:
     newest_ns: int | None
     """The newest row's time plus the time since it came."""
     rates_ns: int | None
-    """The same while rows still come, for rates; None after the end."""
+    """Of rates: `newest_ns` while rows still come; None after the end."""
     store: RowStore
     models: LiveModels
     line_setup: LineSetup

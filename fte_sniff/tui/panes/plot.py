@@ -113,7 +113,7 @@ class Curves:
     column_ns: float
 
     def merged(self, columns: int) -> Curves:
-        """The same in fewer columns, of which their number is a multiple."""
+        """These curves in `columns` columns, which divide the number of theirs."""
         by = len(self.target_ended) // columns if columns else 1
         ended = np.logical_or.reduce(self.target_ended.reshape(-1, by), axis=1)
         return Curves(
@@ -141,7 +141,7 @@ def plot(
     *,
     full_range: bool = False,
 ) -> list[Text]:
-    """Lines of a plot of `width` by `height` cells; blank where there are no values.
+    """Lines of a plot of `width` by `height` cells; blank where values are missing.
 
     The curves have `fine_columns(width)`. `unit` is shown between the ends of the scale, where it
     fits. Without `full_range`, outliers are markers at the edge.

@@ -272,7 +272,7 @@ _STEP_ROWS = 256
 def neighbours(store: RowStore, index: int, reach: int) -> list[Row]:
     """The row at an index, with the rows of its port up to `reach` bytes away, in order.
 
-    Raises IndexError if there is no such row.
+    Raises IndexError for an unknown row.
     """
     row = store.row(index)
     start, end = row.offset - reach, row.offset + len(row.raw) + reach

@@ -28,7 +28,7 @@ OPEN_BUDGET_S: Final = 0.03
 """How long the models may block the screen at a tick while a pane is open, seconds."""
 
 CLOSED_BUDGET_S: Final = 0.015
-"""The same without a pane: a file then loads faster."""
+"""How long they may block it while no pane is open, seconds: a file then loads faster."""
 
 CLOSED_BATCH_ROWS: Final = 4_096
 """Rows that are collected for a step while no pane is open: fewer steps cost less."""

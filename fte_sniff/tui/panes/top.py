@@ -532,7 +532,7 @@ class TopView(ScrollView):
 
     @property
     def condition(self) -> str | None:
-        """Filter for the rows of the line under the cursor; None where there are no lines."""
+        """Filter for the rows of the line under the cursor; None without lines."""
         if not self._lines:
             return None
         line = self._lines[self._cursor_at]

@@ -110,7 +110,7 @@ def zone_at(t_ns: int, zone: tzinfo | None) -> timezone:
 
 
 VALUES = "values"
-"""Column of all values of a row, where there is no space for a column each."""
+"""Column of all values of a row, without space for a column each."""
 
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 

@@ -162,13 +162,13 @@ class RowTable(ScrollView):
 
     @property
     def cursor_row(self) -> Row | None:
-        """The row under the cursor; None where there are no rows."""
+        """The row under the cursor; None without rows."""
         viewport = self.viewport
         return self._store.view.row(viewport.cursor) if viewport.count else None
 
     @property
     def cursor_index(self) -> int | None:
-        """Index of the row under the cursor; None where there are no rows."""
+        """Index of the row under the cursor; None without rows."""
         viewport = self.viewport
         return self._store.view.index(viewport.cursor) if viewport.count else None
 
@@ -191,7 +191,7 @@ class RowTable(ScrollView):
         return self._painter.layout.columns
 
     def set_empty_text(self, text: str) -> None:
-        """Set the text that is shown while there are no rows."""
+        """Set the text that is shown without rows."""
         if text != self._empty_text:
             self._empty_text = text
             if not self.viewport.count:

@@ -381,7 +381,7 @@ def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
         rows_of(text.encode(), LogOptions(pattern=re.compile("no (?P<data>.*)")))
     rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=re.compile("x: (?P<data>.*)")))
     assert sum(len(row.raw) for row in rows) == 36
-    with pytest.raises(FteSniffError, match="there is no form 'hexpairs'"):
+    with pytest.raises(FteSniffError, match="unknown form 'hexpairs'"):
         rows_of(text.encode(), LogOptions(form="hexpairs"))
     rows, _ = rows_of(text.encode(), LogOptions(form="hex pairs, spaces"))
     assert [row.raw for row in rows] == [a] * 3

@@ -267,7 +267,7 @@ def test_silence_below_the_resolution_of_the_stamps_is_none() -> None:
 
 @pytest.mark.parametrize("text", ["31.1.2026", "2026-02-31", ""])
 def test_what_is_no_day(text: str) -> None:
-    with pytest.raises(InputTextError, match=r"--date: .* is no day; write it as 2026-01-31"):
+    with pytest.raises(InputTextError, match=r"--date: .* is not a day; write it as 2026-01-31"):
         day_of(text)
 
 
@@ -281,7 +281,7 @@ def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
     "text", ["Beijing", "+99:99", "", "../etc", "+24", "+08:60", "+23:59:59.5", "+8:", "8", "+٨"]
 )
 def test_what_is_no_zone(text: str) -> None:
-    with pytest.raises(InputTextError, match=r"--zone: .* is no zone; write \+08:00"):
+    with pytest.raises(InputTextError, match=r"--zone: .* is not a zone; write \+08:00"):
         zone_of(text)
 
 

@@ -163,7 +163,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("absent.mcap", "there is no such file"),
+        ("absent.mcap", "no such file"),
         ("", "there is no recording (*.mcap) in it"),
         ("*.mcap", "no file matches this pattern"),
         ("text.mcap", "is not an MCAP recording"),
@@ -541,5 +541,5 @@ def test_a_query_reads_the_file_that_has_the_name_when_it_runs(tmp_path: Path) -
     other.replace(path)
     assert len(table.collect()) == 60
     path.unlink()
-    with pytest.raises((FileError, ComputeError), match="there is no such file"):
+    with pytest.raises((FileError, ComputeError), match="no such file"):
         table.collect()
