@@ -12,6 +12,7 @@ from fte_sniff.capture.port_source import open_source
 from fte_sniff.capture.reconnect import (
     FIRST_WAIT_S,
     LONGEST_WAIT_S,
+    Reconnector,
     SameName,
     UsbIdentity,
     identity_of,
@@ -206,6 +207,18 @@ def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened, monk
         source.close()
         closed.set()
     assert not held_up.is_set()
+
+
+def test_a_reconnector_that_waits_ends_when_it_is_cancelled():
+    def reopen():
+        raise AssertionError("it was cancelled before its first attempt")
+
+    before = set(threading.enumerate())
+    reconnector = Reconnector(reopen, first_wait_s=2 * BOUND_S)
+    (waiting,) = set(threading.enumerate()) - before
+    reconnector.cancel()
+    waiting.join(BOUND_S)
+    assert not waiting.is_alive()
 
 
 def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, opened):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.plain_log import PlainLog
 from fte_sniff.session.log_rows import rows_of_log
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
@@ -161,6 +162,22 @@ def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) ->
     rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
     assert [row.raw for row in rows] == [bytes.fromhex(A), bytes.fromhex(F)]
     assert notes == [f"x: line 1 holds words that are not read as bytes: {words!r}"]
+
+
+@pytest.mark.parametrize(
+    ("comments", "is_plain"),
+    [
+        (("# sent", "# sent", ""), True),
+        (("# sent", "// received", ""), False),
+        (("# 12:00:01.345", "", ""), True),
+        (("# 12:00:01.345", "// 12:00:01.350", ""), False),
+    ],
+)
+def test_comments_that_tell_directions_or_times_make_it_another_log(
+    comments: tuple[str, ...], is_plain: bool
+) -> None:
+    lines = [f"{A} {comment}\n".encode() for comment in comments]
+    assert (PlainLog.by_sample(lines) is not None) == is_plain
 
 
 def test_lines_without_a_digit_are_no_plain_hex() -> None:
