@@ -21,6 +21,16 @@ from mcap.records import Statistics
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.mcap.chunk_index import (
+    CHANNEL_OFFSET,
+    MESSAGE_HEAD,
+    SEQUENCE_OFFSET,
+    Definition,
+    MessageIndex,
+    index_messages,
+    indexed_starts,
+    message_count,
+)
 from fte_sniff.recording.mcap.reader import LostBytes, RawRecord, RecordStream
 from fte_sniff.recording.mcap.records import (
     HEAD,
@@ -31,20 +41,8 @@ from fte_sniff.recording.mcap.records import (
     parse,
     unpack,
 )
-from fte_sniff.recording.messages.codec import ChannelReaders, Definitions
-from fte_sniff.recording.messages.columns import (
-    CHANNEL_OFFSET,
-    MESSAGE_HEAD,
-    SEQUENCE_OFFSET,
-    DecodedColumns,
-    Definition,
-    Losses,
-    MessageIndex,
-    decode_columns,
-    index_messages,
-    indexed_starts,
-    message_count,
-)
+from fte_sniff.recording.messages.decode import DecodedColumns, Losses, ParseBudget, decode_columns
+from fte_sniff.recording.messages.definitions import ChannelReaders, Definitions
 from fte_sniff.row_batch import Array, Codebook, RowBatch, RowBuffer
 
 _LATEST = 2**63 - 1
@@ -459,7 +457,7 @@ class BatchReader:
                 decoded.definitions.append((definition, found.sections[0].trusted))
             slices = list(found.messages.slices(2 * JOB, JOB // 4))
             for messages in slices:
-                piece = rows.append(messages, self._channels)
+                piece = rows.append(messages, self._channels, found.budget)
                 counts.count(piece)
                 run.after_loss |= bool(piece.losses)
                 if self._count_sequences:
@@ -492,8 +490,11 @@ class _RowCollector:
         self._buffer = RowBuffer(codebook, reserved)
         self.pieces: list[DecodedColumns] = []
 
-    def append(self, messages: MessageIndex, channels: ChannelReaders) -> DecodedColumns:
-        piece = decode_columns(messages, channels, self._buffer.reserve(len(messages)))
+    def append(
+        self, messages: MessageIndex, channels: ChannelReaders, budget: ParseBudget
+    ) -> DecodedColumns:
+        columns = self._buffer.reserve(len(messages))
+        piece = decode_columns(messages, channels.get, columns, budget)
         self.pieces.append(piece)
         return piece
 
@@ -535,10 +536,12 @@ class _Piece:
         """The messages; of sections that cannot be indexed, each one's."""
         if not self.sections:
             return
-        most = sum(section.most_records for section in self.sections)
+        most = [section.most_records for section in self.sections]
         try:
             records, starts = _joined(self.records), _concatenated(self.starts)
-            yield _IndexedPiece(self.sections, index_messages(records, starts, most))
+            messages = index_messages(records, starts, sum(most))
+            budget = ParseBudget([len(own) for own in self.records], most)
+            yield _IndexedPiece(self.sections, messages, budget)
         except RecordError as error:
             if len(self.sections) == 1:
                 yield self.sections[0].lost(error)
@@ -551,6 +554,7 @@ class _Piece:
 class _IndexedPiece:
     sections: list[_Section]
     messages: MessageIndex
+    budget: ParseBudget
 
 
 def _indexed(sections: list[_Section]) -> Iterator[_IndexedPiece | LostBytes]:

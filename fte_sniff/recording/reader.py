@@ -31,9 +31,14 @@ from fte_sniff.recording.mcap.reader import (
     read_summary,
 )
 from fte_sniff.recording.mcap.records import HEAD, MAGIC, RecordError, parse, records_in, unpack
-from fte_sniff.recording.messages.codec import NOTHING, ChannelReaders, Definitions
-from fte_sniff.recording.messages.columns import Losses
-from fte_sniff.recording.messages.definitions import LostDefinitions, lost_definitions
+from fte_sniff.recording.messages.decode import Losses
+from fte_sniff.recording.messages.definitions import (
+    NOTHING,
+    ChannelReaders,
+    Definitions,
+    LostDefinitions,
+    lost_definitions,
+)
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
     EARLY_NAME,

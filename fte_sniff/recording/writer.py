@@ -27,8 +27,7 @@ from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
-from fte_sniff.recording.messages.codec import encodable, encodable_items
-from fte_sniff.recording.messages.packer import Channels, ColumnPacker
+from fte_sniff.recording.messages.encode import Channels, ColumnPacker, encodable, encodable_items
 from fte_sniff.recording.messages.schema import Topic, table_crc
 from fte_sniff.recording.metadata import (
     EARLY_NAME,

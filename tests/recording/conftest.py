@@ -11,11 +11,12 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.recording.messages.codec import MessageReader
+from fte_sniff.recording.messages.decode import MessageReader
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.row_batch import NO_TIME
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000
@@ -70,6 +71,17 @@ def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
     return path, rows, events
 
 
+def entry_of(reader: MessageReader, message: bytes, log_time: int) -> Row | PortEvent:
+    """The row or event of one message, by protobuf; raises ValueError if it has none."""
+    found = reader.read(message, log_time)
+    if isinstance(found, PortEvent):
+        return found
+    t_ns, offset, delay_ns, framed, unordered, faults, raw = found
+    made: type[Row] = Frame if framed else Damage
+    delay = None if delay_ns == NO_TIME else delay_ns
+    return made(reader.port, offset, raw, t_ns, faults, delay, unordered)
+
+
 def entries_in(path: Path) -> list[Row | PortEvent]:
     """The rows and events, message by message, as the mcap package finds them in the file."""
     found: list[Row | PortEvent] = []
@@ -81,7 +93,7 @@ def entries_in(path: Path) -> list[Row | PortEvent]:
             port = channel.metadata.get("port", path.name)
             reader = MessageReader(channel.topic, port, schema.name, schema.data)
             with suppress(ValueError):
-                found.append(reader.entry(message.data, message.log_time))
+                found.append(entry_of(reader, message.data, message.log_time))
     return found
 
 

@@ -21,7 +21,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.mcap.records import LARGEST, keep_freed_memory
-from fte_sniff.recording.messages.codec import encode_event, encode_row
+from fte_sniff.recording.messages.encode import encode_event, encode_row
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing

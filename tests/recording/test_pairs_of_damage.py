@@ -19,7 +19,7 @@ from fte_sniff.protocol import Row
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.mcap.writer import McapFile
-from fte_sniff.recording.messages.codec import MessageReader
+from fte_sniff.recording.messages.decode import MessageReader
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
@@ -30,7 +30,7 @@ from fte_sniff.recording.writer import BulkWriter, RecordingWriter
 from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.scan import read, scan
 from tests.examples import examples
-from tests.recording.conftest import START, some_rows
+from tests.recording.conftest import START, entry_of, some_rows
 from tests.torture.damage import records
 
 SECTOR = 512
@@ -165,7 +165,7 @@ def _chunks_of(path: Path) -> Iterator[list[Row]]:
                     channel = channels[one.channel_id]
                     schema, port = schemas[channel.schema_id], channel.metadata["port"]
                     reader = MessageReader(channel.topic, port, schema.name, schema.data)
-                    rows.append(reader.row(one.data, one.log_time))
+                    rows.append(entry_of(reader, one.data, one.log_time))
             yield rows
 
 

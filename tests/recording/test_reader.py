@@ -30,8 +30,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.recording.batch_reader import JOB, TimeRange
 from fte_sniff.recording.mcap.records import cores
-from fte_sniff.recording.messages.codec import encode_row
-from fte_sniff.recording.messages.packer import topic_of
+from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing

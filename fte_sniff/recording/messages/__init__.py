@@ -2,10 +2,9 @@
 
 Modules:
 
-    codec        One row to one message by protobuf, and back; the channels' readers.
-    columns      Decoder of chunks, many messages at once.
-    definitions  The channels of a recording whose own definitions are damaged.
-    packer       Encoder of rows and port events.
+    decode       Decoder of message records into rows, many at once.
+    definitions  The channels of a recording, also of one whose own definitions are damaged.
+    encode       Encoder of rows and port events.
     schema       Topics and protobuf schemas.
-    wire_layout  Fixed layouts in the protobuf wire format.
+    template     The layout of a fault-free frame's message, to read and to write.
 """

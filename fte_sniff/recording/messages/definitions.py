@@ -1,4 +1,4 @@
-"""The channels of a recording whose own definitions are damaged.
+"""The channels of a recording, also of one whose own definitions are damaged.
 
 The first chunk and the summary hold the definitions. If both are damaged, this program knows all
 but the ports: `Channels` numbers the topics of the first port from 1, those of the second port
@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
@@ -22,13 +22,15 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
+from mcap.well_known import MessageEncoding
 
-from fte_sniff.errors import TranslatableText
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.platform import read_at
 from fte_sniff.recording.mcap.records import HEAD, RecordError, parse
 from fte_sniff.recording.mcap.writer import MOST_BETWEEN_COPIES
-from fte_sniff.recording.messages.packer import Channels, port_metadata
-from fte_sniff.recording.messages.schema import TOPICS, table_crc
+from fte_sniff.recording.messages.decode import ChannelReader, MessageReader
+from fte_sniff.recording.messages.encode import Channels, port_metadata
+from fte_sniff.recording.messages.schema import PACKAGE, TOPIC_BY_NAME, TOPICS, table_crc
 from fte_sniff.recording.metadata import (
     PORTS_NAME,
     PortFacts,
@@ -37,6 +39,8 @@ from fte_sniff.recording.metadata import (
     ports_in,
 )
 
+_MOST_DEFINITIONS = 2048
+"""Changes of the definitions in one file."""
 _SEARCHED = 2 * MOST_BETWEEN_COPIES
 """Bytes that are searched at the beginning and at the end of a file."""
 _LONGEST = 1024 * 1024
@@ -53,6 +57,110 @@ _LEAST_ALIKE = 3
 _MOST_PORTS = 2**16 // len(TOPICS)
 _CHANNELS = Channels().of_port(PortFacts(""))
 """Those of one port, whose numbers begin at 1."""
+
+
+Definitions = Mapping[tuple[type[Schema | Channel], int], tuple[Schema | Channel, bool]]
+"""Definitions by class and id, each with whether a checksum protects it."""
+
+NOTHING: Definitions = {}
+
+
+class ChannelReaders:
+    """The definitions of a recording, and the reader of each channel.
+
+    A definition that a checksum protects takes precedence over one of the same id without. Threads
+    may read while one thread defines; what they read is then of no single version.
+    """
+
+    def __init__(
+        self,
+        port_of: Callable[[Channel], str],
+        known: Definitions = NOTHING,
+        lost: Callable[[int], tuple[Channel, Schema] | None] = lambda _channel_id: None,
+    ) -> None:
+        """Take the port's name for a channel, the definitions so far, and those of a channel that
+        the file does not define, by its id.
+        """
+        self._port_of, self._lost = port_of, lost
+        self._known = dict(known)
+        self._readers: dict[int, ChannelReader] = {}
+        self._updates = 0
+        self.version = 0
+        """Rises with every change of the definitions."""
+
+    def update(self, opcode: int, body: bytes, *, trusted: bool) -> None:
+        """Apply a schema or channel record.
+
+        Raises RecordError if it is damaged, or there are too many.
+        """
+        definition = parse(Schema if opcode == Opcode.SCHEMA else Channel, body)
+        known, _ = self._known.get((type(definition), definition.id), (None, False))
+        if known != definition and _costs(definition, known):
+            if self._updates >= _MOST_DEFINITIONS:
+                raise RecordError("more definitions than a recording has")
+            self._updates += 1
+        self.define(definition, trusted=trusted)
+
+    def define(self, definition: Schema | Channel, *, trusted: bool) -> None:
+        """Apply a definition; `trusted` if a checksum protects it."""
+        key = type(definition), definition.id
+        known, was_trusted = self._known.get(key, (None, False))
+        if known == definition:
+            self._known[key] = definition, trusted or was_trusted
+        elif trusted or not was_trusted:
+            self._known[key] = definition, trusted
+            self._readers = {}
+            self.version += 1
+
+    @property
+    def definitions(self) -> Definitions:
+        """A copy of the definitions so far."""
+        return dict(self._known)
+
+    @property
+    def channels(self) -> list[Channel]:
+        """The channels that are defined so far."""
+        return [one for one, _ in self._known.values() if isinstance(one, Channel)]
+
+    def get(self, channel_id: int) -> ChannelReader:
+        """The reader of a channel."""
+        readers = self._readers
+        if channel_id not in readers:
+            readers[channel_id] = self._reader_of(channel_id)
+        return readers[channel_id]
+
+    def _reader_of(self, channel_id: int) -> ChannelReader:
+        channel, _ = self._known.get((Channel, channel_id), (None, False))
+        schema: object = None
+        if isinstance(channel, Channel):
+            schema, _ = self._known.get((Schema, channel.schema_id), (None, False))
+        if schema is None and (lost := self._lost(channel_id)):
+            channel, schema = lost if channel is None else (channel, lost[1])
+        if not isinstance(channel, Channel):
+            return TranslatableText(
+                "messages of channel {channel}, which has no description in the file",
+                channel=channel_id,
+            )
+        if channel.topic not in TOPIC_BY_NAME:
+            return None
+        if channel.message_encoding != MessageEncoding.Protobuf or not isinstance(schema, Schema):
+            encoding = channel.message_encoding if schema else "without schema"
+            return TranslatableText(
+                "{topic} is {encoding}; fte-sniff reads protobuf with schema",
+                topic=channel.topic,
+                encoding=repr(encoding),
+            )
+        try:
+            return MessageReader(channel.topic, self._port_of(channel), schema.name, schema.data)
+        except FileError as error:
+            return error.message
+
+
+def _costs(definition: Schema | Channel, known: object) -> bool:
+    """True if rows may be read with the definition."""
+    if isinstance(definition, Schema):
+        return known is not None or definition.name.startswith(f"{PACKAGE}.")
+    return definition.topic in TOPIC_BY_NAME
 
 
 class Definition(NamedTuple):

@@ -17,8 +17,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.recording.messages.codec import encode_row
-from fte_sniff.recording.messages.packer import topic_of
+from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import (
     TOPICS,
     Topic,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,8 +23,15 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.recording.messages.codec import MessageReader, encode_event, encode_row
-from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD, ColumnPacker, topic_of
+from fte_sniff.recording.messages.decode import MessageReader
+from fte_sniff.recording.messages.encode import (
+    MESSAGE,
+    MESSAGE_HEAD,
+    ColumnPacker,
+    encode_event,
+    encode_row,
+    topic_of,
+)
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
@@ -34,6 +40,7 @@ from fte_sniff.recording.messages.schema import (
     schema_name,
 )
 from tests.examples import examples
+from tests.recording.conftest import entry_of
 from tests.recording.test_reader import damage, events, frames
 
 Entry = Row | PortEvent
@@ -121,7 +128,8 @@ def test_a_batch_of_one_row_is_read_back(kind: FrameKind, data: st.DataObject) -
     batch = ColumnPacker(lambda _port, _topic: 1).pack_entries([row], np.array([row.t_ns]))
     message = bytes(batch.data)[MESSAGE.size :]
     assert message == encode_row(topic, row, row.t_ns or 0)
-    read = _reader(topic).row(message, row.t_ns or 0)
+    read = entry_of(_reader(topic), message, row.t_ns or 0)
+    assert isinstance(read, Frame)
     assert (read, read.order_uncertain) == (row, row.order_uncertain)
 
 
@@ -133,7 +141,8 @@ def test_a_batch_of_one_row_is_read_back(kind: FrameKind, data: st.DataObject) -
 def test_a_message_keeps_what_its_row_has(change: dict) -> None:
     row = replace(Frame("p", FRAME_LENGTH, RAW, 1_000, (), 5), **change)
     topic = topic_of(row)
-    read = _reader(topic).row(encode_row(topic, row, 1_000), 1_000)
+    read = entry_of(_reader(topic), encode_row(topic, row, 1_000), 1_000)
+    assert isinstance(read, Frame)
     assert (read, read.read_delay_ns) == (row, row.read_delay_ns)
 
 
@@ -144,7 +153,7 @@ def test_bytes_that_are_not_framed_make_no_frame(raw: bytes) -> None:
     topic = topic_of(ROW)
     data = encode_row(topic, ROW, 1_000).replace(RAW, raw)
     with pytest.raises(ValueError, match="no frame in its 10 bytes"):
-        _reader(topic).row(data, 1_000)
+        entry_of(_reader(topic), data, 1_000)
 
 
 @pytest.mark.parametrize(
@@ -154,26 +163,4 @@ def test_bytes_that_are_not_framed_make_no_frame(raw: bytes) -> None:
 def test_times_and_offsets_that_no_column_can_hold(row: Frame, log_time: int, says: str) -> None:
     topic = topic_of(row)
     with pytest.raises(ValueError, match=says):
-        _reader(topic).row(encode_row(topic, row, 1_000), log_time)
-
-
-def test_every_row_that_the_framer_makes_has_one_fixed_layout(
-    make_rows: Callable[..., list[Row]],
-) -> None:
-    for row in make_rows(200):
-        topic = topic_of(row)
-        data = encode_row(topic, row, row.t_ns or 0)
-        layouts = _reader(topic).layouts
-        assert layouts is not None
-        fitting = [
-            layout
-            for layout in layouts.like(data)
-            if all(
-                byte & mask == wanted
-                for byte, mask, wanted in zip(data, layout.mask, layout.expected, strict=True)
-            )
-        ]
-        assert len(fitting) == 1
-        assert fitting[0].raw_length == len(row.raw)
-        assert fitting[0].fault_count == len(row.faults)
-        assert next(layouts.like(data)) == fitting[0]
+        entry_of(_reader(topic), encode_row(topic, row, 1_000), log_time)

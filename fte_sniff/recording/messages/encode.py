@@ -1,14 +1,15 @@
 """Encoder of rows and port events as MCAP message records.
 
-Fault-free frames with a read delay, whose time is the log time, are packed with numpy, all frames
-of one form at once; other rows and the port events one at a time by protobuf.
+Fault-free frames with a read delay, whose time is the log time, have a `Template`: numpy fills in
+all frames of one form at once. Protobuf serializes the other rows and the port events one by one.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -17,20 +18,34 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import NDArray
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Frame, PortEvent, Row, Status
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KIND_BY_NAME,
+    KINDS,
+    MOTORS,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    Status,
+)
 from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from fte_sniff.recording.mcap.writer import McapBatch
-from fte_sniff.recording.messages.codec import class_of, encodable, encode_event, encode_row
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
     TOPIC_BY_KIND_AND_MOTOR,
+    TOPIC_BY_NAME,
     TOPICS,
     Topic,
+    enum_number,
+    message_class,
     schema_data,
     schema_name,
+    value_fields,
 )
-from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, wire_fields
+from fte_sniff.recording.messages.template import LACKS, LACKS_IF_UNCERTAIN, Template
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import NO_TIME, Array, RowBatch
 
@@ -65,6 +80,78 @@ def _topic_of_head(head: bytes) -> Topic:
     return TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
 
 
+_KIND_NUMBER = {name: enum_number("Kind", name) for name in KIND_BY_NAME}
+_STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
+_FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
+_EVENT_NUMBER = {kind: enum_number("PortEventKind", kind) for kind in PortEventKind}
+
+
+@cache
+def class_of(topic_name: str) -> Any:
+    """The protobuf class of a topic's messages."""
+    topic = TOPIC_BY_NAME[topic_name]
+    return message_class(schema_name(topic), schema_data(topic.schema))
+
+
+@cache
+def _constants(topic_name: str, kind_name: str) -> dict[str, float]:
+    """The kind, and NaN for the topic's fields that frames of the kind lack."""
+    kind, fields = KIND_BY_NAME[kind_name], value_fields(TOPIC_BY_NAME[topic_name])
+    absent = {field.name: nan for field in fields if kind.field(field.name) is None}
+    return {"kind": _KIND_NUMBER[kind.name], **absent}
+
+
+def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
+    """The message of a row, which must have a time, on its topic, from `topic_of`.
+
+    It holds the row's own time if `log_time` differs.
+    """
+    values: dict[str, Any] = {"offset": row.offset, "raw": row.raw}
+    if row.read_delay_ns is not None:
+        values["read_delay_ns"] = row.read_delay_ns
+    if row.t_ns != log_time:
+        values["time_ns"] = row.t_ns
+    if row.order_uncertain:
+        values["order_uncertain"] = True
+    if row.faults:
+        values["faults"] = [_FAULT_NUMBER[fault] for fault in row.faults]
+    values["status"] = _STATUS_NUMBER[row.status]
+    kind = row.kind if isinstance(row, Frame) else None
+    if topic is MALFORMED:
+        values["kind"] = 0 if kind is None else _KIND_NUMBER[kind.name]
+        values["framed"] = isinstance(row, Frame)
+        values["length"] = len(row.raw)
+    else:
+        assert isinstance(row, Frame)
+        assert kind is not None
+        values |= _constants(topic.name, kind.name)
+        values["cmd"] = row.cmd
+        values |= {field.name: field.read(row.raw) for field in kind.fields}
+    return bytes(class_of(topic.name)(**values).SerializeToString())
+
+
+def encode_event(event: PortEvent, log_time: int) -> bytes:
+    """The message of a port event; it holds the event's own time if `log_time` differs."""
+    values: dict[str, Any] = {
+        "kind": _EVENT_NUMBER[event.kind],
+        "detail": encodable(event.detail),
+        "count": event.count,
+    }
+    if event.t_ns != log_time:
+        values["time_ns"] = event.t_ns
+    return bytes(class_of(EVENTS.name)(**values).SerializeToString())
+
+
+def encodable(text: str) -> str:
+    """Text for UTF-8: undecodable bytes (of file names, for example) as backslash escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
+    """Names and values for UTF-8."""
+    return {encodable(name): encodable(value) for name, value in facts.items()}
+
+
 ChannelId = Callable[[str, Topic], int]
 
 _FORMS = [(kind, cmd, uncertain) for uncertain in (0, 1) for kind in KINDS for cmd in kind.cmds]
@@ -97,19 +184,9 @@ class RecordTemplate:
         self._template = np.void(head + message)
         self.length = self._template.itemsize
         self._values = kind.fields
-        lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
-        fields = dict(_HEAD_FIELDS)
-        for field in wire_fields(class_of(topic.name).DESCRIPTOR.fields, lacking):
-            code_of_type = f"V{field.size}" if field.code == "s" else f"<{field.code}"
-            fields[field.name] = code_of_type, MESSAGE.size + field.offset
-        self._type = np.dtype(
-            {
-                "names": list(fields),
-                "formats": [kind for kind, _ in fields.values()],
-                "offsets": [offset for _, offset in fields.values()],
-                "itemsize": self.length,
-            }
-        )
+        fields = class_of(topic.name).DESCRIPTOR.fields
+        template = Template(fields, LACKS_IF_UNCERTAIN if uncertain else LACKS)
+        self._type = template.record_type(_HEAD_FIELDS, MESSAGE.size)
 
     def records(self, fields: dict[str, Array]) -> NDArray[np.void]:
         """The message records of some rows.

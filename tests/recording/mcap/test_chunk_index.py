@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
-from fte_sniff.recording.mcap.records import HEAD, RecordError
-from fte_sniff.recording.messages.columns import (
+from fte_sniff.recording.mcap.chunk_index import (
     CHANNEL_OFFSET,
     MESSAGE_HEAD,
     PREFIX,
     index_messages,
     indexed_starts,
 )
+from fte_sniff.recording.mcap.records import HEAD, RecordError
 
 MOST = 1000
 """Records of a chunk, at most."""
@@ -58,6 +58,15 @@ def test_an_index_changes_nothing_but_the_speed(
             assert prefix.tobytes() == data[start : start + PREFIX].ljust(PREFIX, b"\0")
         numbers = [number for number, length in enumerate(lengths) if length is not None]
         assert found.field(CHANNEL_OFFSET, "<u2").tolist() == numbers
+
+
+@given(_RECORDS)
+def test_a_right_index_is_used(lengths: list[int | None]) -> None:
+    """Only the records between its messages are walked over, from where the last message ends."""
+    data, starts = _chunk(lengths)
+    named = indexed_starts([_index(starts)], len(data))
+    found = index_messages(data, named, MOST)
+    assert named is None or found.starts is named
 
 
 @given(_RECORDS, st.lists(st.integers(0, 2**64 - 1), max_size=3), st.data())
