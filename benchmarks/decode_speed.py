@@ -29,7 +29,7 @@ from benchmarks.faults import damaged_stream
 from benchmarks.recorded_rows import write_recording
 from benchmarks.recording_speed import PORTS, frame_pool
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import Codebook, Rows
 
 START_NS = 1_770_000_000 * 10**9
 PART = 8
@@ -75,7 +75,7 @@ def written(folder: Path, frames: int) -> Path:
         )
     )
     codebook = Codebook()
-    columns = RowBatch.allocate(codebook, frames)
+    columns = Rows.allocate(codebook, frames)
     at = np.arange(frames)
     columns.t_ns[:], columns.offset[:] = START_NS + at * 868_056, at * FRAME_LENGTH
     columns.port[:], columns.raw[:] = codebook.port_code(PORTS[0].name), rows

@@ -2,7 +2,7 @@
 
     python -m benchmarks.framer_speed [--megabytes 2] [--sizes 1 10 100] [--live] [--slowest]
 
-"Bulk" is the path of `stats` and `decode` on files: the framer's span becomes a `RowBatch`, in
+"Bulk" is the path of `stats` and `decode` on files: the framer's rows are drained as `Rows`, in
 pieces of the commands' size, and numpy reads the kind and every field of each row. All decoders get
 the same bytes in the same run (the slow ones a part of them); each number is the best of three, in
 seconds of a core, so that other programs do not count. The framer is measured as it is installed,
@@ -20,8 +20,7 @@ from time import process_time
 from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
-from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.log_rows import SPAN_BYTES, decided_spans
+from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 
 SLOW_PART = 200_000
 """Bytes that the slow decoders get."""
@@ -65,8 +64,7 @@ def in_bulk(data: bytes) -> None:
     """Frame the bytes, and decode the kind and the fields of every row."""
     starts = range(0, len(data), SPAN_BYTES)
     pieces = (Chunk("bench", None, data[at : at + SPAN_BYTES]) for at in starts)
-    for span in decided_spans(pieces, "bench", lambda _: None, lambda: False):
-        rows = RowBatch.from_span(span)
+    for rows in rows_of_chunks(pieces, "bench", lambda _: None, lambda: False):
         for field in VALUE_FIELDS:
             rows.field(field.name)
 

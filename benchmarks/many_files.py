@@ -14,14 +14,13 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
 
 from benchmarks.recorded_rows import PORTS, START_NS, rows_of, write_recording
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import RowBatch
 
 PROGRAM = [sys.executable, "-P", "-m", "fte_sniff"]
 GAP_NS = 10_000_000
@@ -29,10 +28,10 @@ GAP_NS = 10_000_000
 
 def make_recordings(folder: Path, files: int, rows: int) -> None:
     """Write recordings of the same rows, each after the one before."""
-    batch = RowBatch.from_rows(rows_of(0, rows // 2))
+    batch = Rows.from_rows(rows_of(0, rows // 2))
     span_ns = int(batch.t_ns[-1]) - START_NS + GAP_NS
     for number in range(files):
-        shifted = replace(batch, t_ns=batch.t_ns + number * span_ns)
+        shifted = batch.with_columns(t_ns=batch.t_ns + number * span_ns)
         write_recording(
             folder / f"{number:05}.mcap", [PortFacts(name) for name in PORTS], [shifted]
         )

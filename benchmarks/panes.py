@@ -20,6 +20,7 @@ from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
 from fte_sniff.tui.panes.statistics import StatisticsPage
 from fte_sniff.tui.table.theme import DARK
@@ -59,7 +60,7 @@ def live(every: list[Row], steps_per_s: int) -> float:
     store = RowStore(len(every))
     following, took, step = LiveModels(store, LineSetup()), 0.0, LINK_ROWS_S // steps_per_s
     for at in range(0, len(every) - step, step):
-        store.append(every[at : at + step])
+        store.append(Rows.from_rows(every[at : at + step]))
         took += seconds(lambda: following.step(step))
     return took / (len(every) / LINK_ROWS_S)
 
@@ -70,7 +71,7 @@ def main() -> None:
     count = parser.parse_args().rows
     every = rows(count)
     store = RowStore(count)
-    packing = seconds(lambda: store.append(every))
+    packing = seconds(lambda: store.append(Rows.from_rows(every)))
     following = LiveModels(store, LineSetup())
     models = seconds(lambda: following.step(count))
     print(

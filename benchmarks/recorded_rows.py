@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import BulkWriter
-from fte_sniff.row_batch import RowBatch
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
 START_NS = 1_770_000_000_000_000_000
@@ -43,7 +43,7 @@ def recorded_row(port: str, number: int) -> Row:
 def write_recording(
     path: Path,
     ports: Sequence[PortFacts],
-    batches: Iterable[RowBatch],
+    batches: Iterable[Rows],
     facts: Mapping[str, str] | None = None,
 ) -> None:
     """Write a recording of batches with a `BulkWriter`; raises as it does."""

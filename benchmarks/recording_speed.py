@@ -32,11 +32,11 @@ from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import Codebook, RowBatch
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18
@@ -61,14 +61,14 @@ def frame_pool() -> np.ndarray:
     return np.frombuffer(b"".join(frames), np.uint8).reshape(-1, FRAME_LENGTH)
 
 
-def batches(frames: int) -> Iterator[RowBatch]:
+def batches(frames: int) -> Iterator[Rows]:
     """So many rows of two ports, at line rate, read every few milliseconds."""
     pool, random, codebook = frame_pool(), np.random.default_rng(2), Codebook()
     ports = [codebook.port_code(port.name) for port in PORTS]
     for start in range(0, frames, BATCH):
         count = min(BATCH, frames - start)
         at = np.arange(start, start + count)
-        rows = RowBatch.allocate(codebook, count)
+        rows = Rows.allocate(codebook, count)
         rows.t_ns[:] = START_NS + at // 2 * FRAME_NS + at % 2 * 400_000
         rows.offset[:] = at // 2 * FRAME_LENGTH
         rows.delay_ns[:] = random.integers(0, 16_000_000, count)
@@ -144,7 +144,7 @@ def rust_cost(program: Path, path: Path, rows: int) -> Cost:
     return float(output[2]) / rows, (usage.ru_utime + usage.ru_stime) / rows
 
 
-def write_columns(rows: list[RowBatch], path: Path) -> None:
+def write_columns(rows: list[Rows], path: Path) -> None:
     write_recording(path, PORTS, rows)
 
 

@@ -23,8 +23,7 @@ import numpy as np
 from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, MOTORS, Chunk, encode
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.log_rows import decided_spans
+from fte_sniff.session.log_rows import rows_of_chunks
 from tests.browser import drawn, open_browser
 
 _PERIOD_NS = 2_500_000
@@ -92,8 +91,8 @@ def main() -> None:
     options = parser.parse_args()
     with TemporaryDirectory() as folder:
         recording, page = Path(folder, "rows.mcap"), Path(folder, "report.html")
-        spans = decided_spans(frames(options.rows), "/dev/ttyUSB0", print, lambda: False)
-        write_recording(recording, [PortFacts("/dev/ttyUSB0")], map(RowBatch.from_span, spans))
+        rows = rows_of_chunks(frames(options.rows), "/dev/ttyUSB0", print, lambda: False)
+        write_recording(recording, [PortFacts("/dev/ttyUSB0")], rows)
         command = [sys.executable, "-m", "fte_sniff", "report", str(recording), "-o", str(page)]
         began = monotonic()
         subprocess.run(command, check=True)

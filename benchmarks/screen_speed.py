@@ -243,13 +243,13 @@ SPEED_STEPS = 9
 def _print_playback(rows: int, seconds: float) -> None:
     """Print frames per second and CPU of playback at several speeds."""
     from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of, write_recording
+    from fte_sniff.protocol.rows import Rows
     from fte_sniff.recording.metadata import PortFacts
-    from fte_sniff.row_batch import RowBatch
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "played.mcap")
         frames = range(0, rows // len(PORTS), BATCH)
-        batches = (RowBatch.from_rows(rows_of(first, BATCH)) for first in frames)
+        batches = (Rows.from_rows(rows_of(first, BATCH)) for first in frames)
         write_recording(file, [PortFacts(port) for port in PORTS], batches)
         span_s = rows / len(PORTS) / rows_a_second()
         print(f"{rows:,} rows, 80x24, {seconds:g} s each")
@@ -347,6 +347,8 @@ def _screen(rows: int, text: str) -> None:
         for number in range(4000)
     ]
 
+    from fte_sniff.protocol.rows import Rows
+
     def made(first: int, count: int, t_ns: int) -> list[Row]:
         return [Frame("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
 
@@ -355,13 +357,13 @@ def _screen(rows: int, text: str) -> None:
         while came < rows:
             count = min(BATCH, rows - came)
             came += count
-            yield FeedUpdate(FeedState("loading", rows=came), old[:count])
+            yield FeedUpdate(FeedState("loading", rows=came), Rows.from_rows(old[:count]))
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)
             new = made(came, due - came, time.time_ns())
             came = due
-            yield FeedUpdate(FeedState("READY", rows=came), new)
+            yield FeedUpdate(FeedState("READY", rows=came), Rows.from_rows(new))
 
     class GrowingFeed:
         def __init__(self) -> None:

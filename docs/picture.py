@@ -24,6 +24,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
@@ -115,7 +116,7 @@ class SimulatedFeed:
         rows = self._rows[self._given : due]
         self._given += len(rows)
         state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
-        return FeedUpdate(state, rows)
+        return FeedUpdate(state, Rows.from_rows(rows))
 
     def stop(self) -> None:
         """Do nothing."""

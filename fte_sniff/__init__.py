@@ -16,7 +16,6 @@ below it; capture, recording, formats and analysis do not import each other:
     recording  MCAP recordings: write, read, repair, rotate
     formats    logs of other tools in; tables and exports out
     analysis   filter, statistics, models, row store
-    row_batch  many rows as numpy columns
     protocol   what the bytes mean: frame definitions, framer (compiled); no I/O
     errors     the exceptions and their exit codes; messages that can be translated
     platform   what this system has, and Windows lacks

@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.row_batch import Ints
+from fte_sniff.protocol.rows import Ints
 
 PER_OCTAVE: Final = 1024
 

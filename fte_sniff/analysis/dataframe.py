@@ -1,4 +1,4 @@
-"""RowBatch to polars DataFrame, and a search for text in it.
+"""Rows to polars DataFrame, and a search for text in it.
 
 time                     Datetime("ns", "UTC"), null where the row has no time
 port, raw                String (raw: hex, upper case, no spaces)
@@ -26,10 +26,9 @@ from fte_sniff.protocol import (
     ColumnType,
     Field,
     FrameKind,
-    Row,
 )
 from fte_sniff.protocol.columns import VALUE_FORMS, short_feedback, value_heads
-from fte_sniff.row_batch import Array, Bools, RowBatch
+from fte_sniff.protocol.rows import Array, Bools, Rows
 
 
 def column_dtype(column: Column) -> pl.DataType:
@@ -55,11 +54,10 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 """The polars type of every column of the row contract, in its order."""
 
 
-def table_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
+def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
     """The rows, of any ports, as a frame of `TABLE_SCHEMA`, or of only its columns `names`."""
-    batch = rows if isinstance(rows, RowBatch) else RowBatch.from_rows(rows)
     wanted = (column for column in COLUMNS if names is None or column.name in names)
-    return pl.DataFrame([_series(batch, column).alias(column.name) for column in wanted])
+    return pl.DataFrame([_series(rows, column).alias(column.name) for column in wanted])
 
 
 _FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
@@ -68,7 +66,7 @@ _HEX_PAIRS: Final = np.frombuffer(
 )
 
 
-def _series(rows: RowBatch, column: Column) -> pl.Series:
+def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
     values, known, words = column.of_rows(rows)
@@ -81,7 +79,7 @@ def _series(rows: RowBatch, column: Column) -> pl.Series:
     return _looked_up(words, values, dtype)
 
 
-def _raw(rows: RowBatch) -> pl.Series:
+def _raw(rows: Rows) -> pl.Series:
     digits = _HEX_PAIRS[rows.raw].view(np.uint8)
     texts = (
         pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
@@ -95,7 +93,7 @@ def _raw(rows: RowBatch) -> pl.Series:
     return texts.scatter(pl.Series(odd), pl.Series([_hex(rows, at) for at in odd.tolist()]))
 
 
-def _hex(rows: RowBatch, at: int) -> str:
+def _hex(rows: Rows, at: int) -> str:
     long = rows.long.get(at)
     raw = rows.raw[at, : rows.length[at]].tobytes() if long is None else long
     return raw.hex().upper()
@@ -138,7 +136,7 @@ def wide(table: pl.DataFrame) -> pl.DataFrame:
     return table.cast({name: SCHEMA[name] for name in table.columns})
 
 
-def row_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
+def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
     """`table_frame` in the types of `SCHEMA`."""
     return wide(table_frame(rows, names))
 
@@ -146,7 +144,7 @@ def row_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.D
 _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 
 
-def contains_text(text: str, columns: Collection[str], rows: RowBatch) -> Bools:
+def contains_text(text: str, columns: Collection[str], rows: Rows) -> Bools:
     """Whether each row shows the text in one of these columns; port and faults are left out."""
     found: Bools = np.zeros(len(rows), np.bool_)
     for cell in _cells():

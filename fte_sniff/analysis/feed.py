@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
-from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_ROWS, Rows
 
 if TYPE_CHECKING:
-    from fte_sniff.row_batch import Ints
+    from fte_sniff.protocol.rows import Ints
 
 GAP_EVENTS: Final = frozenset(
     {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}
@@ -94,7 +95,7 @@ class GapDetector:
         return replace(gap, start_ns=last_ns + 1, end_ns=first_ns - 1)
 
     def changes(
-        self, rows: Sequence[Row], events: Sequence[PortEvent] = (), not_shown: int = 0
+        self, rows: Rows, events: Sequence[PortEvent] = (), not_shown: int = 0
     ) -> list[StreamChange]:
         """The changes before, between and after the next rows, by rising index.
 
@@ -140,14 +141,11 @@ def _edges(gap: Gap) -> Iterator[int]:
         yield gap.end_ns + 1
 
 
-def rising_times(rows: Sequence[Row], floor_ns: int = -(2**63)) -> Ints:
+def rising_times(rows: Rows, floor_ns: int = -(2**63)) -> Ints:
     """For each row, the latest time up to it, at least `floor_ns`; int64."""
     import numpy as np
 
-    from fte_sniff.row_batch import RowBatch
-
-    t_ns = RowBatch.from_rows(rows).t_ns
-    return np.asarray(np.maximum.accumulate(np.maximum(t_ns, floor_ns)))
+    return np.asarray(np.maximum.accumulate(np.maximum(rows.t_ns, floor_ns)))
 
 
 SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -192,7 +190,7 @@ class FeedUpdate:
     """What came since the previous poll."""
 
     state: FeedState
-    rows: Sequence[Row] = field(default=())
+    rows: Rows = NO_ROWS
     """In display order."""
     events: Sequence[PortEvent] = field(default=())
     changes: Sequence[StreamChange] = field(default=())

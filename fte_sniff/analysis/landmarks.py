@@ -13,7 +13,7 @@ import numpy as np
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.row_store import Block, RowNote, RowStore
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
-from fte_sniff.row_batch import NO_TIME, Ints
+from fte_sniff.protocol.rows import NO_TIME, Ints
 
 SHOWN_EVENTS: Final = frozenset(
     {

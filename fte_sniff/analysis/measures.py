@@ -20,8 +20,8 @@ from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
 from fte_sniff.analysis.rules import Rule
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import COLUMN_BY_NAME, MOTORS
+from fte_sniff.protocol.rows import NO_TIME, Array, Bools, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
-from fte_sniff.row_batch import NO_TIME, Array, Bools, Ints, RowBatch
 
 MOST_KEPT: Final = 1000
 """Most rows that a measure keeps to find the first one beyond its limit."""
@@ -52,7 +52,7 @@ class _FirstRows:
         self._most = most if most <= MOST_KEPT else 0
         self._rows: list[RowPosition] = []
 
-    def update(self, rows: RowBatch, found: Ints) -> None:
+    def update(self, rows: Rows, found: Ints) -> None:
         """Add the rows of a batch at these indices."""
         if not self._most or not len(found):
             return
@@ -64,7 +64,7 @@ class _FirstRows:
             found = found[t_ns <= earliest]
         self.add([self.position(rows, at) for at in found.tolist()])
 
-    def position(self, rows: RowBatch, at: int) -> RowPosition:
+    def position(self, rows: Rows, at: int) -> RowPosition:
         """The position of a row of a batch."""
         port = rows.codebook.ports[rows.port[at]]
         return RowPosition(int(rows.t_ns[at]), port, int(rows.offset[at]), self.file)
@@ -117,7 +117,7 @@ class Measure(ABC):
         self._first.file = name
 
     @abstractmethod
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         """Add the next rows; `matches` is a mask of those that the rule's filter selects."""
 
     def merge(self, later: Self) -> None:
@@ -144,7 +144,7 @@ class _Duration(Measure):
         super().__init__(rule)
         self._timed = 0
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         self._timed += int(np.count_nonzero(rows.timed))
 
     def merge(self, later: Self) -> None:
@@ -166,7 +166,7 @@ class _MatchCount(Measure):
     def _least_violating(self) -> int:
         return self._least_count_too_large()
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         found = np.flatnonzero(matches)
         self.count += len(found)
         self._first.update(rows, found)
@@ -214,7 +214,7 @@ class _FieldValues(Measure):
     def _least_violating(self) -> int:
         return 1
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         values, known = _numbers(rows, self._field)
         found = np.flatnonzero(matches & known)
         if not len(found):
@@ -246,7 +246,7 @@ class _FieldValues(Measure):
         return self._least if self._which == "min" else self._greatest
 
 
-def _numbers(rows: RowBatch, name: str) -> tuple[Ints, Bools]:
+def _numbers(rows: Rows, name: str) -> tuple[Ints, Bools]:
     """A column of numbers, and a mask of the rows that have it."""
     of_rows = COLUMN_BY_NAME[name].of_rows
     if of_rows is None:
@@ -293,7 +293,7 @@ class _MaxGap(Measure):
     def _least_violating(self) -> int:
         return 1
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         timed = np.flatnonzero(rows.timed)
         if not len(timed):
             return
@@ -384,7 +384,7 @@ class _CommandAnswers(Measure):
     def _least_violating(self) -> int:
         return self._least_count_too_large()
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         found = motor_rows(rows)
         for motor, pairing in self._pairings.items():
             commands, feedback = found.commands[motor], found.feedback[motor]
@@ -491,7 +491,7 @@ class _OnlineShare(Measure):
     def _least_violating(self) -> int:
         return int(self._too_small[0] > -math.inf)
 
-    def observe(self, rows: RowBatch, matches: Bools) -> None:
+    def observe(self, rows: Rows, matches: Bools) -> None:
         found = motor_rows(rows)
         self._own += len(found.feedback[self._motor])
         feedback = found.any_feedback

@@ -13,8 +13,8 @@ from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, MOTORS
+from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
-from fte_sniff.row_batch import NO_TIME, Ints, RowBatch
 
 
 @dataclass(slots=True)
@@ -58,7 +58,7 @@ class FlagCounts:
         if later._online is not None:
             self._online = later._online
 
-    def observe(self, rows: RowBatch, found: MotorRows) -> None:
+    def observe(self, rows: Rows, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
         for number, own in found.feedback.items():
             self._count_errors(self._motors[number], rows.values(Role.ERRORS, own), rows.t_ns[own])
@@ -176,7 +176,7 @@ class Answers:
     def __init__(self) -> None:
         self._motors = [AnswerStats(number) for number in MOTORS]
 
-    def observe(self, rows: RowBatch, found: MotorRows) -> None:
+    def observe(self, rows: Rows, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
         for motor in self._motors:
             commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]

@@ -16,8 +16,8 @@ import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
+from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NUM_OFFSET, Role
-from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
 
 
 def _by_kind(values: Iterator[bool]) -> Bools:
@@ -43,7 +43,7 @@ class MotorRows:
     any_feedback: Ints
 
 
-def motor_rows(rows: RowBatch) -> MotorRows:
+def motor_rows(rows: Rows) -> MotorRows:
     """Find the rows that are to or from motors."""
     commands = np.flatnonzero(COMMANDS[rows.kinds])
     feedback = np.flatnonzero(FEEDBACK[rows.kinds])
@@ -78,7 +78,7 @@ class MotorFrames:
     """Nanoseconds since 1970 UTC, or `NO_TIME`."""
 
     @classmethod
-    def of(cls, rows: RowBatch, indices: Ints) -> MotorFrames:
+    def of(cls, rows: Rows, indices: Ints) -> MotorFrames:
         """The rows with these indices."""
         return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
 
@@ -418,7 +418,7 @@ class _Motor(_Copyable):
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def update(self, rows: RowBatch, commands: Ints, feedback: Ints) -> None:
+    def update(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         """Apply the commands to this motor and its feedback, by their indices in the batch."""
         self._pair(rows, commands, feedback)
         self.commands += len(commands)
@@ -437,7 +437,7 @@ class _Motor(_Copyable):
         for name, flag_byte in self._flags.items():
             flag_byte.update(rows.values(name, feedback), rows.t_ns[feedback])
 
-    def _pair(self, rows: RowBatch, commands: Ints, feedback: Ints) -> None:
+    def _pair(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         open_cmd = self.pairing.waiting_cmd
         frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
         decided = self.pairing.decide(*frames)
@@ -455,7 +455,7 @@ class _Motor(_Copyable):
         self.pairing.interrupt(port_lost)
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def _set_target(self, rows: RowBatch, commands: Ints) -> None:
+    def _set_target(self, rows: Rows, commands: Ints) -> None:
         last = int(commands[-1])
         kind = KINDS[rows.kinds[last]]
         fields = [field for field in kind.fields if field.start != NUM_OFFSET]
@@ -500,7 +500,7 @@ class Motors(_Copyable):
         self._motors = [_Motor(number) for number in MOTORS]
         self._online = _FlagByte()
 
-    def observe(self, rows: RowBatch, found: MotorRows | None = None) -> None:
+    def observe(self, rows: Rows, found: MotorRows | None = None) -> None:
         """Apply the next rows, in order of time; `found` is `motor_rows(rows)` if known."""
         found = found or motor_rows(rows)
         for motor in self._motors:

@@ -24,7 +24,7 @@ from fte_sniff.analysis.motors import (
     motor_rows,
 )
 from fte_sniff.protocol import KINDS, MOTORS
-from fte_sniff.row_batch import NO_KIND, NO_TIME, Bools, Codes, Ints, RowBatch
+from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Bools, Codes, Ints, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.row_store import RowStore
@@ -57,7 +57,7 @@ NO_STREAM: Final = len(STREAMS)
 KEYS_PER_PORT: Final = NO_STREAM + 1
 
 
-def stream_keys(rows: RowBatch) -> Ints:
+def stream_keys(rows: Rows) -> Ints:
     """For each row: the code of its port * `KEYS_PER_PORT` + the number of its stream."""
     return rows.port.astype(np.int64) * KEYS_PER_PORT + _STREAM_CODES[rows.kinds, rows.nums]
 
@@ -98,7 +98,7 @@ def change_ages(raw: Codes, before: Ints) -> Codes:
     return ages
 
 
-def answer_pairs(rows: RowBatch) -> tuple[Ints, Ints]:
+def answer_pairs(rows: Rows) -> tuple[Ints, Ints]:
     """The positions of commands and of their answers in the batch, for each motor's answer."""
     found, commands, answers = motor_rows(rows), list[Ints](), list[Ints]()
     for motor in MOTORS:
@@ -194,10 +194,10 @@ class RowRelations:
             start = max(self._store.first, run[0] - _LOOK_BACK)
             batches = list(self._store.batches(start, run[-1] + 1))
             if batches:
-                found |= self._pasts_in(RowBatch.concat(batches), start, run)
+                found |= self._pasts_in(Rows.concat(batches), start, run)
         return found
 
-    def _pasts_in(self, rows: RowBatch, start: int, indices: Sequence[int]) -> dict[int, RowPast]:
+    def _pasts_in(self, rows: Rows, start: int, indices: Sequence[int]) -> dict[int, RowPast]:
         keys = stream_keys(rows)
         before = frames_before(keys)
         ages, (asking, answers) = change_ages(rows.raw, before), answer_pairs(rows)
@@ -270,7 +270,7 @@ class RowRelations:
             self._decided[motor] = self._command(index, row, motor)
         return self._decided[motor]
 
-    def _command(self, index: int, row: RowBatch, motor: int) -> CommandAnswer | None:
+    def _command(self, index: int, row: Rows, motor: int) -> CommandAnswer | None:
         for start, rows in self._before(index):
             commands, feedback = _frames_of(rows, motor, int(row.cmds[0]))
             found = np.flatnonzero(commands | feedback)
@@ -281,7 +281,7 @@ class RowRelations:
                 return self._paired(motor, start + at, rows[at : at + 1], index, row)
         return None
 
-    def _answer(self, index: int, row: RowBatch, motor: int) -> CommandAnswer:
+    def _answer(self, index: int, row: Rows, motor: int) -> CommandAnswer:
         decided = self._decided.get(motor)
         if decided is not None:
             return decided
@@ -303,14 +303,14 @@ class RowRelations:
         return CommandAnswer(motor, state, index)
 
     def _paired(
-        self, motor: int, command: int, asking: RowBatch, answer: int, answering: RowBatch
+        self, motor: int, command: int, asking: Rows, answer: int, answering: Rows
     ) -> CommandAnswer:
         asked_ns, answered_ns = int(asking.t_ns[0]), int(answering.t_ns[0])
         known = NO_TIME not in (asked_ns, answered_ns) and answered_ns >= asked_ns
         delay_ns = answered_ns - asked_ns if known else None
         return CommandAnswer(motor, AnswerState.ANSWERED, command, answer, delay_ns)
 
-    def _batch(self, index: int) -> RowBatch | None:
+    def _batch(self, index: int) -> Rows | None:
         """The row as a batch; None if it is not in the store."""
         return next(self._store.batches(index, index + 1), None) if index >= 0 else None
 
@@ -325,7 +325,7 @@ class RowRelations:
         gap = self._gaps[at] if at < len(self._gaps) else self._store.next
         return min(gap, self._store.next, index + 1 + MOST_SEARCHED)
 
-    def _forwards(self, start: int, end: int) -> Iterator[tuple[int, RowBatch]]:
+    def _forwards(self, start: int, end: int) -> Iterator[tuple[int, Rows]]:
         """Rows from `start` up to `end`; each batch with its first index."""
         step = _FIRST_STEP
         while start < end:
@@ -334,13 +334,13 @@ class RowRelations:
                 start += len(rows)
             step *= 2
 
-    def _before(self, index: int) -> Iterator[tuple[int, RowBatch]]:
+    def _before(self, index: int) -> Iterator[tuple[int, Rows]]:
         """Rows before an index back to the last gap, the last first."""
         at = bisect_right(self._gaps, index)
         gap = self._gaps[at - 1] if at else 0
         return self._backwards(max(gap, self._store.first, index - MOST_SEARCHED), index)
 
-    def _backwards(self, first: int, index: int) -> Iterator[tuple[int, RowBatch]]:
+    def _backwards(self, first: int, index: int) -> Iterator[tuple[int, Rows]]:
         """Rows from `first` up to an index, the last first; each batch with its first index."""
         step = _FIRST_STEP
         while index > first:
@@ -351,7 +351,7 @@ class RowRelations:
             step *= 2
 
 
-def _frames_of(rows: RowBatch, motor: int, cmd: int) -> tuple[Bools, Bools]:
+def _frames_of(rows: Rows, motor: int, cmd: int) -> tuple[Bools, Bools]:
     """Masks of the commands to a motor, and of its feedback with a CMD."""
     own = rows.nums == motor
     commands = COMMANDS[rows.kinds] & (own | ~NAMES_MOTOR[rows.kinds])
@@ -367,6 +367,6 @@ def _near_runs(indices: Sequence[int]) -> Iterator[Sequence[int]]:
             start = at
 
 
-def _time(rows: RowBatch, at: int) -> int | None:
+def _time(rows: Rows, at: int) -> int | None:
     t_ns = int(rows.t_ns[at])
     return None if t_ns == NO_TIME else t_ns

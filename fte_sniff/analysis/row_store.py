@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import Row, Status, status_of
-from fte_sniff.row_batch import Codebook, Codes, RowBatch
+from fte_sniff.protocol.rows import Codebook, Codes, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -41,7 +41,7 @@ _NOTES: Final = {
 }
 
 
-def row_notes(rows: RowBatch) -> Codes:
+def row_notes(rows: Rows) -> Codes:
     """The `RowNote` of each row."""
     by_faults = np.array([_NOTES[status_of(one)] for one in rows.codebook.faults], np.uint8)
     notes: Codes = by_faults[rows.faults]
@@ -55,7 +55,7 @@ class Block:
     def __init__(self, start: int, capacity: int, codebook: Codebook) -> None:
         self.start = start
         self.capacity = capacity
-        self.rows = RowBatch.allocate(codebook, capacity)
+        self.rows = Rows.allocate(codebook, capacity)
         self.dropped = False
         """Whether the rows are not in memory; everything else stays."""
         self.count = 0
@@ -84,7 +84,7 @@ class Block:
         """Offsets of the rows that pass the filter, rising."""
         return self._matches[: self.matching]
 
-    def append(self, rows: RowBatch) -> None:
+    def append(self, rows: Rows) -> None:
         """Append rows, not more than `free`."""
         self.rows.assign(self.count, rows)
         self.count += len(rows)
@@ -104,9 +104,9 @@ class Block:
 
     def drop(self) -> None:
         """Free the memory of the rows."""
-        self.rows, self.dropped = RowBatch.allocate(self.rows.codebook, 0), True
+        self.rows, self.dropped = Rows.allocate(self.rows.codebook, 0), True
 
-    def restore(self, rows: RowBatch) -> None:
+    def restore(self, rows: Rows) -> None:
         """Store the rows again after `drop`; ValueError if their number differs."""
         if len(rows) != self.count:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
@@ -141,7 +141,7 @@ MOST_BLOCKS: Final = 128
 class BlockSource(Protocol):
     """Source that can load rows again that were appended to a store."""
 
-    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
         """Exactly `count` rows from index `start` on, with the store's codebook.
 
         Raises FileError if they can no longer be read.
@@ -227,9 +227,9 @@ class RowStore:
 
     # Rows
 
-    def append(self, rows: Sequence[Row]) -> None:
+    def append(self, rows: Rows) -> None:
         """Append rows, and apply the filter to them."""
-        batch, done = RowBatch.from_rows(rows, self.codebook), 0
+        batch, done = rows.recoded(self.codebook), 0
         changed = []
         while done < len(batch):
             if not self.blocks or not self.blocks[-1].free:
@@ -259,7 +259,7 @@ class RowStore:
         """The rows with indices from `start` up to `end` that are in the store."""
         return [row for batch in self.batches(start, end) for row in batch]
 
-    def batches(self, start: int, end: int) -> Iterator[RowBatch]:
+    def batches(self, start: int, end: int) -> Iterator[Rows]:
         """The same rows as batches: views of the store, to be read at once and never changed."""
         start, end = max(start, self.first), min(end, self.next)
         while start < end:

@@ -14,8 +14,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.analysis.row_store import Block, Offsets, RowStore
 from fte_sniff.errors import InputTextError, printable
-from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, ColumnType, Row
-from fte_sniff.row_batch import Bools, Codes, RowBatch
+from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, ColumnType
+from fte_sniff.protocol.rows import NO_ROWS, Bools, Codes, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SELECT_ROWS: Final = 4096
 """Most rows that one `select_rows` returns, in a few hundredths of a second."""
 
-RowTest: TypeAlias = Callable[[RowBatch], Bools]
+RowTest: TypeAlias = Callable[[Rows], Bools]
 """Whether each row of a batch matches."""
 
 
@@ -69,14 +69,14 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
 
 def find_raised(store: RowStore, index: int, by: int) -> int | None:
     """Index of the next shown row with a raised flag byte after `index`, or before it (`by` -1)."""
-    return _find(store, RowBatch.raised, attrgetter("raised"), index + by, by)
+    return _find(store, Rows.raised, attrgetter("raised"), index + by, by)
 
 
 def find_byte(store: RowStore, port: str, offset: int) -> int | None:
     """Index of the first shown row that contains a byte of a port's stream, or None."""
     code = store.codebook.port_code(port)
 
-    def contains(rows: RowBatch) -> Bools:
+    def contains(rows: Rows) -> Bools:
         at = offset - rows.offset
         return np.asarray((rows.port == code) & (at >= 0) & (at < rows.length))
 
@@ -98,18 +98,18 @@ def _find(
 
 def select_rows(
     store: RowStore, start: int, end: int, row_filter: RowFilter | None
-) -> tuple[list[Row], int]:
+) -> tuple[Rows, int]:
     """Rows of one block with indices from `start` up to `end` that pass a filter, not the view's.
 
     Returns them and the index to continue at: `end` or less.
     """
     start, end = max(start, store.first), min(end, store.next)
     if start >= end:
-        return [], end
+        return NO_ROWS, end
     block = store.in_memory(store.block_at(start))
     end = min(end, block.end, start + SELECT_ROWS)
     rows = block.rows[start - block.start : end - block.start]
-    return list(rows if row_filter is None else rows.select(row_filter.matches(rows))), end
+    return (rows if row_filter is None else row_filter.select(rows)), end
 
 
 HEX: Final = "hex:"
@@ -158,7 +158,7 @@ class Search:
         """Start and end of each match in a displayed text, rising, none of them empty."""
         return [match.span() for match in self.pattern.finditer(text) if match.group()]
 
-    def matches(self, rows: RowBatch, columns: Collection[str] = COLUMN_BY_NAME) -> Bools:
+    def matches(self, rows: Rows, columns: Collection[str] = COLUMN_BY_NAME) -> Bools:
         """Whether each row matches.
 
         Port, time and offset are searched only if they are among the displayed `columns`; kind,
@@ -181,7 +181,7 @@ class Search:
     def _in_texts(self, texts: Sequence[str]) -> Bools:
         return np.array([self.text in printable(text).lower() for text in texts], np.bool_)
 
-    def _has_bytes(self, rows: RowBatch) -> Bools:
+    def _has_bytes(self, rows: Rows) -> Bools:
         pattern, mask = _byte_pattern(self.nibbles)
         ends = np.arange(len(pattern), FRAME_LENGTH + 1)
         inside = ends <= rows.length[:, None]
@@ -314,7 +314,7 @@ class ValueCounter:
                 return True
         return False
 
-    def _count(self, rows: RowBatch) -> None:
+    def _count(self, rows: Rows) -> None:
         # The import loads polars, which is slow; the screen starts without a filter.
         from fte_sniff.analysis.dataframe import row_frame
 

@@ -44,7 +44,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     status_of,
 )
-from fte_sniff.row_batch import NO_TIME, Codes, FieldLayout, Ints, RowBatch, read_field
+from fte_sniff.protocol.rows import NO_TIME, Codes, FieldLayout, Ints, Rows, read_field
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class FaultCounts:
     def __init__(self) -> None:
         self._counts: dict[tuple[str, tuple[Fault, ...]], RowCount] = {}
 
-    def update(self, rows: RowBatch) -> None:
+    def update(self, rows: Rows) -> None:
         """Count the next rows."""
         codebook = rows.codebook
         sets = len(codebook.faults)
@@ -369,7 +369,7 @@ class _Stream:
 
 
 def _ranges(
-    rows: RowBatch, order: Ints, starts: Ints
+    rows: Rows, order: Ints, starts: Ints
 ) -> dict[FieldLayout, tuple[list[int], list[int]]]:
     """By layout, minimum and maximum of the field in each group of the ordered rows."""
     found = {}
@@ -399,7 +399,7 @@ class Streams:
             self._streams[port, code] = found
         return found
 
-    def update(self, rows: RowBatch) -> None:
+    def update(self, rows: Rows) -> None:
         """Add the next rows."""
         keys = stream_keys(rows)
         order = by_stream(keys)
@@ -480,7 +480,7 @@ class Statistics:
         self._faults_over_time = CountsOverTime()
         self._busy_over_time = CountsOverTime()
 
-    def observe(self, rows: RowBatch) -> None:
+    def observe(self, rows: Rows) -> None:
         """Add the next rows."""
         if not len(rows):
             return
@@ -529,7 +529,7 @@ class Statistics:
     def _number_of(self, name: str) -> int:
         return list(self._ports).index(name)
 
-    def _observe_ports(self, rows: RowBatch) -> None:
+    def _observe_ports(self, rows: Rows) -> None:
         codes, lengths = rows.port, rows.length.astype(np.int64)
         framed = rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
@@ -540,7 +540,7 @@ class Statistics:
             numbers = np.full(len(busy), self._number_of(port.port), np.int64)
             self._busy_over_time.update(numbers, rows.t_ns[known], busy)
 
-    def _observe_faults(self, rows: RowBatch) -> None:
+    def _observe_faults(self, rows: Rows) -> None:
         self.fault_counts.update(rows)
         codes = rows.faults
         for number, fault in enumerate(_FAULTS):

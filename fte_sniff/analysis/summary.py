@@ -13,7 +13,7 @@ from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.analysis.tally import RowCount, RowModel
 from fte_sniff.protocol import Gap, PortEvent
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class StatisticsSummary(RowModel):
         self.answers.merge(later.answers)
         self.flags.merge(later.flags)
 
-    def _observe(self, rows: RowBatch) -> None:
+    def _observe(self, rows: Rows) -> None:
         self.sources[-1].count.count_batch(rows)
         self.statistics.observe(rows)
         found = motor_rows(rows)

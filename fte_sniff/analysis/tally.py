@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
-from fte_sniff.protocol import KINDS, Fault, Frame, Gap, PortEvent, Row, Status, status_of
+from fte_sniff.protocol import Fault, Gap, PortEvent, Rows, Status, status_of
+from fte_sniff.protocol.spec import KIND_BY_HEADER_AND_CMD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import BaudChange, StreamChange
-    from fte_sniff.row_batch import RowBatch
 
 
 @dataclass(slots=True)
@@ -38,13 +38,10 @@ class RowCount:
             self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
             self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
 
-    def count_batch(self, rows: RowBatch) -> None:
+    def count_batch(self, rows: Rows) -> None:
         """Add the rows of a batch."""
-        import numpy as np
-
-        t_ns = rows.t_ns if rows.timed.all() else rows.t_ns[rows.timed]
-        times = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
-        self.count(len(rows), int(rows.length.sum(dtype=np.int64)), times)
+        extent = rows.extent
+        self.count(len(rows), rows.size, None if extent is None else extent[:2])
 
     def include(self, other: RowCount) -> None:
         """Add the rows of another count."""
@@ -71,25 +68,23 @@ class RowModel(ABC):
 
     def observe(
         self,
-        rows: Sequence[Row],
+        rows: Rows,
         events: Sequence[PortEvent] = (),
         changes: Sequence[StreamChange] = (),
     ) -> None:
         """Add the next rows, and the port events and changes among them."""
-        from fte_sniff.row_batch import RowBatch
-
-        batch, start = RowBatch.from_rows(rows), 0
+        start = 0
         for change in changes:
             if change.index > start:
-                self._observe(batch[start : change.index])
+                self._observe(rows[start : change.index])
             self.observe_change(change.what)
             start = change.index
-        if len(batch) > start:
-            self._observe(batch[start:])
+        if len(rows) > start:
+            self._observe(rows[start:])
         self._observe_events(events)
 
     @abstractmethod
-    def _observe(self, rows: RowBatch) -> None:
+    def _observe(self, rows: Rows) -> None:
         """Add rows, at least one."""
 
     def _observe_events(self, events: Sequence[PortEvent]) -> None:  # noqa: B027
@@ -117,23 +112,18 @@ class Tally(RowCount):
     """Rows by fault; a row counts once for each of its faults."""
     by_port: Counter[str] = field(default_factory=Counter)
 
-    def update(self, rows: Sequence[Row]) -> None:
+    def update(self, rows: Rows) -> None:
         """Count rows."""
-        if not isinstance(rows, list | tuple):
-            from fte_sniff.row_batch import RowBatch
-
-            if isinstance(rows, RowBatch):
-                self._update_batch(rows)
-                return
-        times = [row.t_ns for row in rows if row.t_ns is not None]
-        first_last = (min(times), max(times)) if times else None
-        self.count(len(rows), sum(len(row.raw) for row in rows), first_last)
-        self.by_port.update(row.port for row in rows)
-        for faults, count in Counter(row.faults for row in rows).items():
-            self._count_faults(faults, count)
-        frames = [row for row in rows if isinstance(row, Frame)]
-        self.frames += len(frames)
-        self.by_kind.update(kind.name for frame in frames if (kind := frame.kind))
+        self.count_batch(rows)
+        codebook = rows.codebook
+        self.frames += rows.counts("framed").get(True, 0)
+        for port, count in rows.counts("port").items():
+            self.by_port[codebook.ports[port]] += count
+        for code, count in rows.counts("faults").items():
+            self._count_faults(codebook.faults[code], count)
+        for head, count in rows.head_counts().items():
+            if kind := KIND_BY_HEADER_AND_CMD.get(head):
+                self.by_kind[kind.name] += count
 
     def merge(self, other: Tally) -> None:
         """Add the rows of another tally."""
@@ -143,23 +133,6 @@ class Tally(RowCount):
         self.by_kind += other.by_kind
         self.by_fault += other.by_fault
         self.by_port += other.by_port
-
-    def _update_batch(self, rows: RowBatch) -> None:
-        import numpy as np
-
-        self.count_batch(rows)
-        codebook = rows.codebook
-        self.frames += int(np.count_nonzero(rows.framed))
-        for port, count in enumerate(np.bincount(rows.port).tolist()):
-            if count:
-                self.by_port[codebook.ports[port]] += count
-        for code, count in enumerate(np.bincount(rows.faults).tolist()):
-            if count:
-                self._count_faults(codebook.faults[code], count)
-        counts = np.bincount(rows.kinds, minlength=len(KINDS)).tolist()
-        for kind, count in zip(KINDS, counts, strict=False):
-            if count:
-                self.by_kind[kind.name] += count
 
     def _count_faults(self, faults: tuple[Fault, ...], count: int) -> None:
         self.by_status[status_of(faults)] += count

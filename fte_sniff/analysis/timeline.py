@@ -12,8 +12,8 @@ from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.usual_range import limits, medians, points_of_median, usual_targets
 from fte_sniff.protocol import KINDS, MOTORS, Fault, FrameKind, Gap, Row
+from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
-from fte_sniff.row_batch import Ints, RowBatch
 
 MOST_POINTS: Final = 2_000_000
 """Rows with a time up to which every point is kept."""
@@ -116,7 +116,7 @@ class Timeline:
         self._kept_of: dict[Fault, int] = {}
         self._latest_ns: int | None = None
 
-    def observe(self, rows: RowBatch, changes: Iterable[StreamChange] = ()) -> None:
+    def observe(self, rows: Rows, changes: Iterable[StreamChange] = ()) -> None:
         """Add the next rows; their times may be earlier than those before.
 
         `changes` are the gaps between them.
@@ -135,7 +135,7 @@ class Timeline:
         if self._points > self._most_points:
             self._thin()
 
-    def _observe_gaps(self, rows: RowBatch, changes: Iterable[StreamChange]) -> None:
+    def _observe_gaps(self, rows: Rows, changes: Iterable[StreamChange]) -> None:
         gaps = [change.index for change in changes if isinstance(change.what, Gap)]
         known = np.flatnonzero(rows.timed)
         for at in known.searchsorted(gaps).tolist():
@@ -169,7 +169,7 @@ class Timeline:
             every.append(*self.traces[trace].points())
         return every.points()
 
-    def _observe_traces(self, rows: RowBatch) -> None:
+    def _observe_traces(self, rows: Rows) -> None:
         for code, kind in enumerate(KINDS):
             own = np.flatnonzero(rows.kinds == code)
             if not len(own):
@@ -181,7 +181,7 @@ class Timeline:
                     trace = Trace(kind, motor, name)
                     self.traces.setdefault(trace, Series()).append(rows.t_ns[at], values)
 
-    def _observe_flags(self, rows: RowBatch) -> None:
+    def _observe_flags(self, rows: Rows) -> None:
         found = motor_rows(rows)
         anyone = found.any_feedback
         online, t_ns = rows.values(Role.ONLINE, anyone), rows.t_ns[anyone]
@@ -192,7 +192,7 @@ class Timeline:
             self.errors[motor].thin_changes()
             self.online[motor].thin_changes()
 
-    def _observe_faults(self, rows: RowBatch) -> None:
+    def _observe_faults(self, rows: Rows) -> None:
         kept: dict[int, int] = {}
         for at, fault in self._faulty(rows):
             series = self.faults.setdefault(fault, Series())
@@ -207,7 +207,7 @@ class Timeline:
             series.append(rows.t_ns[at], values)
 
     @staticmethod
-    def _faulty(rows: RowBatch) -> Iterator[tuple[Ints, Fault]]:
+    def _faulty(rows: Rows) -> Iterator[tuple[Ints, Fault]]:
         for fault in Fault:
             having = np.array([fault in faults for faults in rows.codebook.faults])
             if having.any() and len(at := np.flatnonzero(having[rows.faults])):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.counters import extent
 from fte_sniff.protocol import KINDS, MOTORS, Direction
-from fte_sniff.row_batch import Bools, Ints, RowBatch
+from fte_sniff.protocol.rows import Bools, Ints, Rows
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
@@ -186,7 +186,7 @@ class Traces:
         """Earliest time of a row, nanoseconds since 1970 UTC."""
         self.last_ns: int | None = None
 
-    def observe(self, rows: RowBatch) -> None:
+    def observe(self, rows: Rows) -> None:
         """Add the next rows."""
         times = extent(rows.t_ns[rows.timed])
         if times is None:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.traces import Floats
-from fte_sniff.row_batch import Ints
+from fte_sniff.protocol.rows import Ints
 
 MEDIAN_POINTS: Final = 5
 """Points of the running median whose range is the usual one."""

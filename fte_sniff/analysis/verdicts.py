@@ -16,7 +16,7 @@ from fte_sniff.analysis.measures import RowPosition, measure_of
 from fte_sniff.analysis.rules import MEASURES, Rule
 from fte_sniff.analysis.tally import RowCount, RowModel
 from fte_sniff.protocol import Gap, GapKind
-from fte_sniff.row_batch import Bools, RowBatch
+from fte_sniff.protocol.rows import Bools, Rows
 
 
 class RuleResult(StrEnum):
@@ -78,13 +78,13 @@ class RuleCheck(RowModel):
             for measure in self._measures:
                 measure.interrupt(change.port_lost)
 
-    def _observe(self, rows: RowBatch) -> None:
+    def _observe(self, rows: Rows) -> None:
         self.total.count_batch(rows)
         masks = self._masks(rows)
         for rule, measure in zip(self.rules, self._measures, strict=True):
             measure.observe(rows, masks[rule.filter_text])
 
-    def _masks(self, rows: RowBatch) -> dict[str | None, Bools]:
+    def _masks(self, rows: Rows) -> dict[str | None, Bools]:
         if not self._filters:
             texts = {rule.filter_text for rule in self.rules if rule.filter_text is not None}
             self._filters = {text: RowFilter.parse(text) for text in texts}

@@ -111,7 +111,7 @@ def _row_text(row: RowPosition, *, names_file: bool) -> str:
 
 
 def _time(row: RowPosition) -> str | None:
-    from fte_sniff.row_batch import NO_TIME
+    from fte_sniff.protocol.rows import NO_TIME
 
     return None if row.t_ns == NO_TIME else iso_time(row.t_ns)
 

@@ -17,7 +17,7 @@ from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import Rows
 from fte_sniff.session.log_rows import rows_of_log
 
 PORT_NAME = "hex"
@@ -61,11 +61,11 @@ def _dissection() -> RowWriter:
     return DissectionWriter(sys.stdout, width, colored=not environ.get("NO_COLOR"))
 
 
-def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[list[Row]]:
+def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[Rows]:
     """Rows of the input; an input without bytes is a UsageError."""
     log = _log_of(text)
     try:
-        yield from map(list, rows_of_log(log, notes.append))
+        yield from rows_of_log(log, notes.append)
     except FileError as error:
         if "--input raw" in str(error):
             raw = "try: fte-sniff decode - --input raw"

@@ -102,14 +102,13 @@ def _check_suffix(output: Path) -> None:
 def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
-    from fte_sniff.row_batch import RowBatch
 
     summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
     for one in reading.inputs:
         summary.begin(one.name)
         for batch in reading.batches_of(one):
             summary.observe(batch.rows, batch.events, batch.changes)
-            timeline.observe(RowBatch.from_rows(batch.rows), batch.changes)
+            timeline.observe(batch.rows, batch.changes)
     return summary
 
 

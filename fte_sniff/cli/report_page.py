@@ -57,7 +57,7 @@ from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
     from fte_sniff.protocol import Gap, Row
-    from fte_sniff.row_batch import Ints
+    from fte_sniff.protocol.rows import Ints
 
 Json = dict[str, Any]
 Intervals = Sequence[Sequence[float]]

@@ -17,7 +17,7 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL, Damage, Fault, Frame, Row
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
 
@@ -114,12 +114,12 @@ class ParquetRows:
         first, last, unknown = self._collected(self._table.select(*wanted)).row(0)
         return None if unknown or first is None else (first, last)
 
-    def batches(self) -> Iterator[RowBatch]:
+    def batches(self) -> Iterator[Rows]:
         """The rows in order; raises FileError for a value that no row has."""
         columns = self._table.select(*_NEEDED)
         for start in range(0, self.count, BATCH_ROWS):
             table = self._collected(columns.slice(start, BATCH_ROWS))
-            yield RowBatch.from_rows([*self._rows(table, start)])
+            yield Rows.from_rows([*self._rows(table, start)])
 
     def _rows(self, table: pl.DataFrame, start: int) -> Iterator[Row]:
         times = table["time"].to_physical()

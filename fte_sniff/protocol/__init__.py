@@ -6,7 +6,8 @@ Modules:
     framer      The framer: chunks in, rows out.
     columns     The column table; time formats.
     look        Signs and colours of each status.
-    rows        Chunks, rows, port events, gaps.
+    rows        Rows: the one container; a row.
+    items       Chunks, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
 
@@ -38,8 +39,23 @@ from fte_sniff.protocol.columns import (
     spaced_hex as spaced_hex,
 )
 from fte_sniff.protocol.framer import Framer as Framer
-from fte_sniff.protocol.rows import (
+from fte_sniff.protocol.items import (
     Chunk as Chunk,
+)
+from fte_sniff.protocol.items import (
+    Gap as Gap,
+)
+from fte_sniff.protocol.items import (
+    GapKind as GapKind,
+)
+from fte_sniff.protocol.items import (
+    LineErrorCounts as LineErrorCounts,
+)
+from fte_sniff.protocol.items import (
+    PortEvent as PortEvent,
+)
+from fte_sniff.protocol.items import (
+    PortEventKind as PortEventKind,
 )
 from fte_sniff.protocol.rows import (
     Damage as Damage,
@@ -48,25 +64,13 @@ from fte_sniff.protocol.rows import (
     Frame as Frame,
 )
 from fte_sniff.protocol.rows import (
-    Gap as Gap,
-)
-from fte_sniff.protocol.rows import (
-    GapKind as GapKind,
-)
-from fte_sniff.protocol.rows import (
-    LineErrorCounts as LineErrorCounts,
-)
-from fte_sniff.protocol.rows import (
     LineErrorMarker as LineErrorMarker,
 )
 from fte_sniff.protocol.rows import (
-    PortEvent as PortEvent,
-)
-from fte_sniff.protocol.rows import (
-    PortEventKind as PortEventKind,
-)
-from fte_sniff.protocol.rows import (
     Row as Row,
+)
+from fte_sniff.protocol.rows import (
+    Rows as Rows,
 )
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD as DEFAULT_BAUD,

@@ -65,7 +65,7 @@ class Column:
     of_row: Callable[[Row], Value] | None
     """The value in a row; None for a field of a frame, which `record` reads with all others."""
     of_rows: Callable[[Any], ColumnData] | None
-    """The values in a RowBatch; None for HEX."""
+    """The values in a Rows; None for HEX."""
     words: tuple[str, ...] = ()
     """All possible words of a WORD or WORDS column."""
     unit: str = ""

@@ -1,50 +1,56 @@
-"""Chunks, rows and port events: what the framer reads and returns.
+"""Rows: the one container of rows, as columns; `Frame` and `Damage`, one row each.
 
-Chunk            the bytes of one read, with its time
-Frame            ten bytes between a header and a tail (a row)
-Damage           bytes that no frame contains (a row)
-PortEvent        something that happened to the port rather than on the wire
-Gap              rows that are missing between others
-LineErrorCounts  how many errors of each kind the UART reported
-LineErrorMarker  adds `line_error` to the rows around such errors
+Rows      columns of equal length: what the framer and the readers emit, and all others read
+Frame     ten bytes between a header and a tail (a row)
+Damage    bytes that no frame contains (a row)
+Codebook  the ports and fault sets that the columns `port` and `faults` are codes of
+
+The columns are plain buffers, which the framer fills, and numpy arrays on first use. So a command
+that shows a few rows does not load numpy, and the work on many rows is done by numpy.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+import sys
+from array import array
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from functools import reduce
-from typing import TypeAlias
+from functools import cache, cached_property
+from itertools import accumulate, compress
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, overload
 
-from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol.items import Chunk, PortEvent
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
+    FRAME_LENGTH,
+    FTE_FORMAT,
+    HEADERS,
     KIND_BY_HEADER_AND_CMD,
+    KINDS,
+    NAME_OF_ROLE,
+    NUM_OFFSET,
+    VALUE_FIELDS,
     Direction,
     Fault,
     FrameKind,
+    Role,
     Status,
     status_of,
 )
 
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """The bytes of one read, with its time; without bytes it reports that the line was idle."""
-
-    port: str
-    """The wire: the port's name, or the file's."""
-    t_ns: int | None
-    """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
-    data: bytes
-    line_errors: tuple[tuple[int, int], ...] = ()
-    """Where the UART reported errors: half-open ranges of offsets in `data`. The last range may end
-    one past the data: errors are counted before their bytes are read."""
-    is_late: bool = False
-    """Whether the reader was held up before it read, so that no silence before it is known."""
+Array: TypeAlias = "npt.NDArray[Any]"
+Bools: TypeAlias = "npt.NDArray[np.bool_]"
+Codes: TypeAlias = "npt.NDArray[np.uint8]"
+Ints: TypeAlias = "npt.NDArray[np.int64]"
+Buffer: TypeAlias = Any
+"""A column: a memoryview, an array or a numpy array, of the type that `COLUMNS` names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,132 +122,597 @@ class Damage(_Row):
 Row: TypeAlias = Frame | Damage
 
 
-class PortEventKind(StrEnum):
-    """What happened to a port."""
+NO_TIME: Final = -(2**63)
+"""Time, or read delay, of a row without one."""
 
-    OPENED = "opened"
-    LOST = "lost"
-    FOUND_AGAIN = "found_again"
-    LINE_ERROR = "line_error"
-    OVERRUN = "overrun"
-    CLOSED = "closed"
-    WIRING = "wiring"
-    CLOCK_SET = "clock_set"
-    BAUD_CHANGED = "baud_changed"
-    NOT_PASSED_ON = "not_passed_on"
-    NOT_OPENED = "not_opened"
+NO_KIND: Final = len(KINDS)
+"""The kind code of a row without a kind."""
+
+NO_DIRECTION: Final = len(Direction)
+"""The direction code of a row without a direction."""
+
+FEW: Final = 20_000
+"""Rows for which numpy is not loaded: it takes about as long as to handle them without."""
+
+_FEWEST: Final = 50
+"""Rows for which numpy is slower although it is loaded."""
+
+_ROWS_AT_ONCE: Final = 4096
+"""Rows that iteration converts to objects at a time, so that it needs little memory."""
+
+_MOST_FAULT_SETS: Final = 4096
+
+_Key = TypeVar("_Key")
 
 
-@dataclass(frozen=True, slots=True)
-class LineErrorCounts:
-    """How many errors a UART reported, by kind; false if there are none."""
+class Codebook:
+    """Dictionary encoding of ports and fault sets; safe for use by several threads."""
 
-    framing: int = 0
-    """Missing stop bits: another baud, another polarity, or a disturbed line."""
-    parity: int = 0
-    breaks: int = 0
-    """Times that the line was low for longer than a byte."""
-    overruns: int = 0
-    """Bytes lost in the UART: the system fetched them too late."""
-    buffer_overruns: int = 0
-    """Bytes lost in the driver: no program read them in time."""
+    def __init__(self) -> None:
+        self.ports: list[str] = []
+        self.faults: list[tuple[Fault, ...]] = []
+        """Fault sets in the row's order, by code; code 0 is the empty set."""
+        self._port_codes: dict[str, int] = {}
+        self._fault_codes: dict[tuple[Fault, ...], int] = {}
+        self._lock = Lock()
+        self.fault_code(())
 
-    @property
-    def by_kind(self) -> tuple[int, int, int, int, int]:
-        """The counts in the order of their definition."""
-        return self.framing, self.parity, self.breaks, self.overruns, self.buffer_overruns
+    def port_code(self, port: str) -> int:
+        """The code of a port; an unknown port gets the next free code."""
+        return _code_of(port, self._port_codes, self.ports, self._lock)
 
-    @property
-    def total(self) -> int:
-        """The number of all errors."""
-        return sum(self.by_kind)
+    def fault_code(self, faults: tuple[Fault, ...]) -> int:
+        """The code of a fault set; an unknown set gets the next free code.
 
-    def __bool__(self) -> bool:
-        return any(self.by_kind)
+        Raises ValueError if there are too many.
+        """
+        if len(self.faults) >= _MOST_FAULT_SETS and faults not in self._fault_codes:
+            raise ValueError("more combinations of faults than a recording has")
+        return _code_of(faults, self._fault_codes, self.faults, self._lock)
 
-    def __add__(self, other: LineErrorCounts) -> LineErrorCounts:
-        return LineErrorCounts(*map(int.__add__, self.by_kind, other.by_kind))
 
-    def __str__(self) -> str:
-        """The counts that are not 0: `2 framing, 1 break`."""
-        counts = [text for text in self._texts() if text.values["count"]]
-        if not counts:
-            return ""
-        return reduce(
-            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), counts
+def _code_of(key: _Key, codes: dict[_Key, int], keys: list[_Key], lock: Lock) -> int:
+    code = codes.get(key)
+    if code is None:
+        with lock:
+            code = codes.get(key, len(keys))
+            if code == len(keys):
+                keys.append(key)
+                codes[key] = code
+    return code
+
+
+COLUMNS: Final[Mapping[str, str]] = {
+    "t_ns": "q",
+    "offset": "q",
+    "delay_ns": "q",
+    "length": "I",
+    "port": "H",
+    "faults": "H",
+    "framed": "?",
+    "unordered": "?",
+}
+"""The type of each column but `raw`, as in `struct`, in the order of the columns."""
+
+
+class _Column:
+    """A column as a numpy array, made on first use."""
+
+    def __set_name__(self, _owner: type[Rows], name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, rows: None, owner: type[Rows]) -> _Column: ...
+    @overload
+    def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
+    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _Column:
+        if rows is None:
+            return self
+        import numpy as np
+
+        # The instance's attribute is found before this descriptor from now on.
+        found = rows.__dict__[self._name] = np.asarray(rows.buffers[self._name])
+        return found
+
+
+class Rows(Sequence["Row"]):
+    """Rows as columns of equal length, and the port events between them."""
+
+    codebook: Codebook
+    buffers: Mapping[str, Buffer]
+    """The columns but `raw`, for code that does not load numpy."""
+    long: dict[int, bytes]
+    """All bytes of the rows longer than ten, by index."""
+    events: tuple[PortEvent, ...]
+    t_ns = _Column()
+    """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
+    offset = _Column()
+    """Offset of the row's first byte in its port's stream, int64."""
+    delay_ns = _Column()
+    """Read delay, nanoseconds, or `NO_TIME`; int64."""
+    length = _Column()
+    """Bytes of the row, uint32."""
+    port = _Column()
+    """Code of the port, uint16."""
+    faults = _Column()
+    """Code of the fault set, uint16."""
+    framed = _Column()
+    """Whether the row is a Frame, bool; otherwise it is a Damage."""
+    unordered = _Column()
+    """Whether the row's order among rows of other ports is uncertain, bool."""
+
+    def __init__(
+        self,
+        codebook: Codebook,
+        columns: Mapping[str, Buffer],
+        raw: Array | bytes | memoryview,
+        long: dict[int, bytes] | None = None,
+        events: tuple[PortEvent, ...] = (),
+    ) -> None:
+        """Rows of these columns, which all of `COLUMNS` are in.
+
+        `raw` holds the first ten bytes of each row, padded with zeros. `long` is not copied.
+        """
+        self.codebook = codebook
+        self.buffers = columns
+        self._raw = memoryview(raw) if isinstance(raw, bytes) else raw
+        self.long = {} if long is None else long
+        self.events = events
+
+    @classmethod
+    def allocate(cls, codebook: Codebook, rows: int) -> Rows:
+        """Columns to fill in; the defaults are those of a sound frame with time and read delay."""
+        import numpy as np
+
+        return cls(
+            codebook,
+            {
+                "t_ns": np.empty(rows, np.int64),
+                "offset": np.empty(rows, np.int64),
+                "delay_ns": np.zeros(rows, np.int64),
+                "length": np.full(rows, FRAME_LENGTH, np.uint32),
+                "port": np.empty(rows, np.uint16),
+                "faults": np.zeros(rows, np.uint16),
+                "framed": np.ones(rows, np.bool_),
+                "unordered": np.zeros(rows, np.bool_),
+            },
+            np.zeros((rows, FRAME_LENGTH), np.uint8),
         )
 
-    def _texts(self) -> Iterator[TranslatableText]:
-        yield TranslatableText("{count:,} framing", count=self.framing)
-        yield TranslatableText("{count:,} parity", count=self.parity)
-        yield TranslatableText("{count:,} break", count=self.breaks)
-        yield TranslatableText("{count:,} overrun", count=self.overruns)
-        yield TranslatableText("{count:,} buffer overrun", count=self.buffer_overruns)
+    @classmethod
+    def from_rows(
+        cls,
+        rows: Iterable[Row] = (),
+        codebook: Codebook | None = None,
+        events: Iterable[PortEvent] = (),
+    ) -> Rows:
+        """The columns of single rows."""
+        rows, codebook = list(rows), codebook or Codebook()
+        raws = [row.raw for row in rows]
+        columns = {
+            "t_ns": array("q", [_or_none(row.t_ns) for row in rows]),
+            "offset": array("q", [row.offset for row in rows]),
+            "delay_ns": array("q", [_or_none(row.read_delay_ns) for row in rows]),
+            "length": array("I", map(len, raws)),
+            "port": array("H", [codebook.port_code(row.port) for row in rows]),
+            "faults": array("H", [codebook.fault_code(row.faults) for row in rows]),
+            "framed": _flags(isinstance(row, Frame) for row in rows),
+            "unordered": _flags(row.order_uncertain for row in rows),
+        }
+        first = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
+        long = {at: raw for at, raw in enumerate(raws) if len(raw) > FRAME_LENGTH}
+        return cls(codebook, columns, first, long, tuple(events))
 
+    @classmethod
+    def concat(cls, parts: Sequence[Rows]) -> Rows:
+        """All rows and events, in order."""
+        if len(parts) == 1:
+            return parts[0]
+        codebook = parts[0].codebook if parts else Codebook()
+        starts = accumulate(map(len, parts), initial=0)
+        long = {
+            start + at: raw
+            for start, part in zip(starts, parts, strict=False)
+            for at, raw in part.long.items()
+        }
+        events = tuple(event for part in parts for event in part.events)
+        recoded = [part.recoded(codebook) for part in parts]
+        columns = {
+            name: _typed(b"".join([part.buffers[name] for part in recoded]), code)
+            for name, code in COLUMNS.items()
+        }
+        return cls(codebook, columns, b"".join([part.raw_bytes for part in parts]), long, events)
 
-@dataclass(frozen=True, slots=True)
-class PortEvent:
-    """Something that happened to a port rather than on its wire."""
+    def with_columns(
+        self,
+        codebook: Codebook | None = None,
+        events: Iterable[PortEvent] | None = None,
+        **columns: Buffer,
+    ) -> Rows:
+        """The same rows with other columns, another codebook or other events."""
+        return Rows(
+            codebook or self.codebook,
+            {**self.buffers, **columns},
+            self._raw,
+            self.long,
+            self.events if events is None else tuple(events),
+        )
 
-    t_ns: int
-    """Nanoseconds since 1970 UTC."""
-    port: str
-    kind: PortEventKind
-    detail: str
-    """One line of text for the user; may contain text from outside."""
-    count: int = 0
-    """Bytes (overrun, not passed on), errors (line error), or the new bits per second (baud
-    changed); else 0."""
+    def put(self, at: int, row: Row) -> None:
+        """Fill in one row of those that `allocate` made."""
+        self.assign(at, Rows.from_rows([row], self.codebook))
 
+    def assign(self, start: int, rows: Rows) -> None:
+        """Fill in those that `allocate` made, from index `start` on, with rows of its codebook."""
+        own = slice(start, start + len(rows))
+        for name in (*COLUMNS, "raw"):
+            getattr(self, name)[own] = getattr(rows, name)
+        self.long.update((start + at, raw) for at, raw in rows.long.items())
 
-class GapKind(StrEnum):
-    """Why rows are missing."""
+    def __len__(self) -> int:
+        return len(self.buffers["t_ns"])
 
-    WRITE_ERROR = "write_error"
-    LEFT_OUT = "left_out"
-    """They are not in the file: a trigger dropped them, or the copied file has a gap."""
-    DAMAGE = "damage"
-    OTHER_RECORDING = "other_recording"
-    PORT = "port"
-    """The port was lost, or bytes of it were."""
-    NOT_SHOWN = "not_shown"
-    """The view was too slow to receive them."""
+    def __repr__(self) -> str:
+        return f"<{len(self)} rows>"
 
+    @overload
+    def __getitem__(self, at: int) -> Row: ...
+    @overload
+    def __getitem__(self, at: slice) -> Rows: ...
+    def __getitem__(self, at: int | slice) -> Row | Rows:
+        if isinstance(at, int):
+            index = range(len(self))[at]
+            return next(self._rows(index, index + 1))
+        start, stop, step = at.indices(len(self))
+        if step != 1:
+            return self.select(at)
+        stop = max(start, stop)
+        return Rows(
+            self.codebook,
+            {name: column[start:stop] for name, column in self.buffers.items()},
+            self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * stop],
+            {row - start: raw for row, raw in self.long.items() if start <= row < stop},
+        )
 
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """Rows that are missing between others: no period, rate or silence spans a gap."""
+    def __iter__(self) -> Iterator[Row]:
+        for start in range(0, len(self), _ROWS_AT_ONCE):
+            yield from self._rows(start, min(start + _ROWS_AT_ONCE, len(self)))
 
-    kind: GapKind
-    rows: int | None = None
-    """How many rows are missing; None if unknown."""
-    start_ns: int | None = None
-    """First time at which a row may be missing, nanoseconds since 1970 UTC; None if unknown."""
-    end_ns: int | None = None
-    """Last time at which a row may be missing; None if unknown."""
-    reason: str = ""
-    """One line of text for the user; may contain text from outside."""
-    port: str | None = None
-    """The port whose rows are missing; None for all ports."""
-    port_lost: bool | None = None
-    """Whether a port remains lost after it, so that no command can be unanswered; None if the gap
-    does not change that."""
+    def _rows(self, start: int, end: int) -> Iterator[Row]:
+        ports, faults = self.codebook.ports, self.codebook.faults
+        raws = bytes(self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * end])
+        scalars = [self.buffers[name][start:end].tolist() for name in COLUMNS]
+        for at, scalar in enumerate(zip(*scalars, strict=True)):
+            t_ns, offset, delay, length, port, fault, framed, unordered = scalar
+            first = at * FRAME_LENGTH
+            yield (Frame if framed else Damage)(
+                ports[port],
+                offset,
+                self.long[start + at] if length > FRAME_LENGTH else raws[first : first + length],
+                None if t_ns == NO_TIME else t_ns,
+                faults[fault],
+                None if delay == NO_TIME else delay,
+                unordered,
+            )
 
-    def including(self, t_ns: int, rows: int = 1) -> Gap:
-        """The gap, with more missing rows of one time."""
-        start = t_ns if self.start_ns is None else min(self.start_ns, t_ns)
-        end = t_ns if self.end_ns is None else max(self.end_ns, t_ns)
-        return Gap(self.kind, (self.rows or 0) + rows, start, end, self.reason, self.port)
+    def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
+        """Pickle for another process: the columns, and the ports and fault sets in them."""
+        return _received, (
+            tuple(self.codebook.ports),
+            tuple(self.codebook.faults),
+            tuple(bytes(self.buffers[name]) for name in COLUMNS),
+            bytes(self.raw_bytes),
+            self.long,
+            self.events,
+        )
 
-    def within(self, first_ns: int | None, last_ns: int | None) -> Gap | None:
-        """The part between two times, both included (None: unbounded), or None; rows unknown."""
-        if self.start_ns is None or self.end_ns is None:
+    @cached_property
+    def raw(self) -> Codes:
+        """The first ten bytes, padded with zeros; uint8, shape (rows, 10)."""
+        import numpy as np
+
+        return np.asarray(self._raw).reshape(-1, FRAME_LENGTH)
+
+    @cached_property
+    def raw_bytes(self) -> memoryview:
+        """The bytes of `raw`, one row after the other, for code that does not load numpy."""
+        raw = self._raw
+        return raw if isinstance(raw, memoryview) else raw.reshape(-1).data
+
+    def _prefers_numpy(self) -> bool:
+        return len(self) > FEW or (len(self) > _FEWEST and "numpy" in sys.modules)
+
+    @property
+    def timed(self) -> Bools:
+        """Whether each row has a time."""
+        found: Bools = self.t_ns != NO_TIME
+        return found
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first row and the latest time; None if a row has none, or without rows."""
+        known = self.extent
+        first = int(self.buffers["t_ns"][0]) if known else NO_TIME
+        return (first, known[1]) if known and known[2] == len(self) else None
+
+    @property
+    def extent(self) -> tuple[int, int, int] | None:
+        """The earliest and the latest time, and the number of rows with one; None without any."""
+        if self._prefers_numpy():
+            t_ns = self.t_ns
+            if int(t_ns.min()) == NO_TIME:
+                t_ns = t_ns[self.timed]
+            return (int(t_ns.min()), int(t_ns.max()), len(t_ns)) if len(t_ns) else None
+        times = [t_ns for t_ns in self.buffers["t_ns"].tolist() if t_ns != NO_TIME]
+        return (min(times), max(times), len(times)) if times else None
+
+    @property
+    def size(self) -> int:
+        """The number of bytes of all rows."""
+        if self._prefers_numpy():
+            return int(self.length.sum())
+        return sum(self.buffers["length"].tolist())
+
+    def counts(self, name: str) -> dict[int, int]:
+        """By value, the number of rows that have it in a column of codes or flags."""
+        if not self._prefers_numpy():
+            return Counter(self.buffers[name].tolist())
+        import numpy as np
+
+        counts = np.bincount(getattr(self, name))
+        return {code: int(counts[code]) for code in counts.nonzero()[0].tolist()}
+
+    def head_counts(self) -> dict[tuple[int, int], int]:
+        """By header and CMD, the number of frames that have them."""
+        if not self._prefers_numpy():
+            raw = bytes(self.raw_bytes)
+            heads = zip(raw[::FRAME_LENGTH], raw[CMD_OFFSET::FRAME_LENGTH], strict=True)
+            return Counter(compress(heads, self.buffers["framed"].tolist()))
+        import numpy as np
+
+        counts = np.bincount(_heads(self.raw)[self.framed])
+        return {divmod(head, 256): int(counts[head]) for head in counts.nonzero()[0].tolist()}
+
+    def ports(self) -> list[str]:
+        """The ports of the rows."""
+        return [self.codebook.ports[code] for code in self.counts("port")]
+
+    # The fields of frames; rows that are still filled in must not use these
+
+    @cached_property
+    def kinds(self) -> Codes:
+        """The index in `KINDS` of each row's kind, `NO_KIND` without one."""
+        kinds: Codes = _field_tables().kinds.take(_heads(self.raw))
+        kinds[~self.framed] = NO_KIND
+        return kinds
+
+    @property
+    def directions(self) -> Codes:
+        """The index in `Direction` of each row's direction, `NO_DIRECTION` without one."""
+        codes: Codes = _field_tables().directions[self.raw[:, 0]]
+        codes[~self.framed] = NO_DIRECTION
+        return codes
+
+    @property
+    def cmds(self) -> Codes:
+        """CMD of each frame."""
+        return self.raw[:, CMD_OFFSET]
+
+    @property
+    def nums(self) -> Codes:
+        """NUM of each frame."""
+        return self.raw[:, NUM_OFFSET]
+
+    def field(self, name: str) -> tuple[Array, Bools]:
+        """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
+        return _field_values(self.raw, self.kinds, name)
+
+    def values(self, field: str | Role, rows: Ints) -> Ints:
+        """One field, by name or role, of the rows at these indices, which all must have it."""
+        import numpy as np
+
+        name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
+        values, _ = _field_values(self.raw[rows], self.kinds[rows], name)
+        return values.astype(np.int64)
+
+    def value(self, name: str, row: int) -> int:
+        """One field of the row at an index, which must have it."""
+        import numpy as np
+
+        return int(self.values(name, np.array([row]))[0])
+
+    def raised(self) -> Bools:
+        """Which rows are frames with a flag byte that is not in order, as `Field.raised`."""
+        import numpy as np
+
+        found: Bools = np.zeros(len(self), np.bool_)
+        for flags in VALUE_FIELDS:
+            if flags.legal_bits is not None:
+                values, known = self.field(flags.name)
+                found |= known & (values != flags.default)
+        return found
+
+    def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> Rows:
+        """The rows of a slice, a mask or an array of indices, with these events."""
+        import numpy as np
+
+        columns = {name: np.ascontiguousarray(getattr(self, name)[rows]) for name in COLUMNS}
+        long: dict[int, bytes] = {}
+        if self.long:
+            at = np.flatnonzero(columns["length"] > FRAME_LENGTH)
+            old = np.arange(len(self))[rows][at]
+            long = {new: self.long[of] for new, of in zip(at.tolist(), old.tolist(), strict=True)}
+        return Rows(self.codebook, columns, self.raw[rows], long, events)
+
+    def recoded(self, codebook: Codebook) -> Rows:
+        """The same rows with the codes of another codebook."""
+        if codebook is self.codebook:
             return self
-        first = self.start_ns if first_ns is None else max(first_ns, self.start_ns)
-        last = self.end_ns if last_ns is None else min(last_ns, self.end_ns)
-        if (first, last) == (self.start_ns, self.end_ns):
-            return self
-        return replace(self, rows=None, start_ns=first, end_ns=last) if first <= last else None
+        ports = [codebook.port_code(port) for port in self.codebook.ports]
+        faults = [codebook.fault_code(one) for one in self.codebook.faults]
+        found = self.with_columns(codebook)
+        for name, codes in (("port", ports), ("faults", faults)):
+            if codes != [*range(len(codes))]:
+                found = found.with_columns(**{name: _looked_up(codes, self, name)})
+        return found
+
+    def tobytes(self) -> bytes:
+        """The bytes of all rows, concatenated."""
+        if self.counts("length") == {FRAME_LENGTH: len(self)}:
+            return bytes(self.raw_bytes)
+        if not self._prefers_numpy():
+            return b"".join([row.raw for row in self])
+        import numpy as np
+
+        inline = np.ascontiguousarray(self.raw)
+        length = np.minimum(self.length, FRAME_LENGTH)
+        if (length < FRAME_LENGTH).any():
+            inline = inline[np.arange(FRAME_LENGTH) < length[:, None]]
+        inline, ends = inline.reshape(-1), np.cumsum(length, dtype=np.int64)
+        parts, start = list[bytes](), 0
+        for at, raw in sorted(self.long.items()):
+            parts += [inline[start : ends[at]].tobytes(), raw[FRAME_LENGTH:]]
+            start = ends[at]
+        return b"".join([*parts, inline[start:].tobytes()])
+
+    def end_offsets(self) -> dict[str, int]:
+        """By port, the offset after the last byte of its last row."""
+        found = {}
+        for code in self.counts("port"):
+            last = (self.port == code).nonzero()[0][-1]
+            found[self.codebook.ports[code]] = int(self.offset[last]) + int(self.length[last])
+        return found
+
+
+def _looked_up(codes: list[int], rows: Rows, name: str) -> Buffer:
+    if not rows._prefers_numpy():
+        return array("H", [codes[code] for code in rows.buffers[name].tolist()])
+    import numpy as np
+
+    found: Array = np.array(codes, np.uint16).take(getattr(rows, name))
+    return found
+
+
+def _received(
+    ports: Iterable[str],
+    faults: Iterable[tuple[Fault, ...]],
+    columns: Iterable[bytes],
+    raw: bytes,
+    long: dict[int, bytes],
+    events: tuple[PortEvent, ...],
+) -> Rows:
+    """The rows that another process pickled."""
+    codebook = Codebook()
+    for port in ports:
+        codebook.port_code(port)
+    for one in faults:
+        codebook.fault_code(one)
+    typed = zip(COLUMNS.items(), columns, strict=True)
+    buffers = {name: _typed(column, code) for (name, code), column in typed}
+    return Rows(codebook, buffers, raw, long, events)
+
+
+def _or_none(value: int | None) -> int:
+    return NO_TIME if value is None else value
+
+
+def _flags(values: Iterable[bool]) -> Buffer:
+    return _typed(bytes(values), "?")
+
+
+def _typed(data: bytes, code: str) -> Buffer:
+    """The numbers in the data as a buffer of a type that `COLUMNS` names."""
+    return memoryview(data).cast(code)  # type: ignore[call-overload]
+
+
+NO_ROWS: Final = Rows.concat([])
+
+
+# The fields of frames, as numpy columns
+
+FieldLayout: TypeAlias = tuple[int, int, bool]
+"""Start and size of a field, and whether it is signed."""
+
+
+@dataclass(frozen=True)
+class _FieldTables:
+    kinds: Codes
+    """By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
+    directions: Codes
+    """By header: the index in `Direction`, or `NO_DIRECTION`."""
+    layouts: Mapping[str, Mapping[FieldLayout, Bools]]
+    """By field name: its layouts, each with a mask of the kinds."""
+
+
+@cache
+def _field_tables() -> _FieldTables:
+    import numpy as np
+
+    directions = np.full(256, NO_DIRECTION, np.uint8)
+    for code, direction in enumerate(Direction):
+        directions[HEADERS[direction]] = code
+    layouts: dict[str, dict[FieldLayout, Bools]] = {}
+    for code, kind in enumerate(KINDS):
+        for one in kind.fields:
+            kinds = layouts.setdefault(one.name, {}).setdefault(
+                (one.start, one.size, one.signed), np.zeros(len(KINDS) + 1, np.bool_)
+            )
+            kinds[code] = True
+    kind_codes = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
+    return _FieldTables(kind_codes, directions, layouts)
+
+
+def _heads(raw: Codes) -> npt.NDArray[np.uint16]:
+    import numpy as np
+
+    heads: npt.NDArray[np.uint16] = raw[:, 0].astype(np.uint16) << np.uint16(8)
+    return heads | raw[:, CMD_OFFSET]
+
+
+def _field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
+    import numpy as np
+
+    (layout, having), *others = _field_tables().layouts[name].items()
+    values, known = read_field(raw, *layout), having.take(kinds)
+    for layout, having in others:
+        here = having.take(kinds)
+        np.copyto(values, read_field(raw, *layout), where=here)
+        known |= here
+    return values, known
+
+
+def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
+    """One field in the first bytes of every row; it is big-endian.
+
+    See docs/reference/protocol.md, "Frames".
+    """
+    import numpy as np
+
+    wire = np.dtype(f">{'i' if signed else 'u'}{size}")
+    if not len(raw):
+        return np.empty(0, wire.newbyteorder("="))
+    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
+    return found.astype(wire.newbyteorder("="))
+
+
+class RowBuffer:
+    """A large container that is reserved part by part, so that parts need not be copied."""
+
+    def __init__(self, codebook: Codebook, rows: int) -> None:
+        self._whole = Rows.allocate(codebook, rows)
+        self._used = 0
+
+    def reserve(self, rows: int) -> Rows:
+        """The next part to fill in; a separate one where the buffer is full."""
+        start = self._used
+        self._used += rows
+        if self._used > len(self._whole):
+            return Rows.allocate(self._whole.codebook, rows)
+        return self._whole[start : self._used]
+
+    def filled(self) -> Rows | None:
+        """All reserved parts as one; None if the buffer could not hold them all."""
+        return self._whole[: self._used] if self._used <= len(self._whole) else None
 
 
 class LineErrorMarker:

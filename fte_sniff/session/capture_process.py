@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import groupby
+from itertools import compress, groupby
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -17,9 +17,10 @@ from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
-from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Change, Recorder
+from fte_sniff.recording.trigger import Select
 from fte_sniff.session.capture_state import (
     DROP,
     ROTATE,
@@ -127,7 +128,7 @@ class Outbox:
 
     def _batch(self) -> RowsMessage:
         return RowsMessage(
-            list(self._rows),
+            Rows.from_rows(self._rows),
             list(self._events),
             self._total,
             self._dropped,
@@ -409,11 +410,15 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
         return None
     baud = plan.wiring.settings.baud
     ports = tuple(PortFacts(name, baud) for name in plan.wiring.names)
-    select = None
+    select: Select | None = None
     if plan.trigger is not None:
         from fte_sniff.analysis.filter.row_filter import RowFilter
 
-        select = RowFilter.parse(plan.trigger).select
+        wanted = RowFilter.parse(plan.trigger)
+
+        def select(rows: Sequence[Row]) -> list[Row]:
+            return list(compress(rows, wanted.matches(Rows.from_rows(rows))))
+
         facts = facts | {"trigger": plan.trigger}
     return Recorder(
         plan.recording,

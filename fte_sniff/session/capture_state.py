@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.capture.source import Wiring
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import PortEvent, PortEventKind, Rows
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.recording.retention import RecordingOptions
@@ -73,7 +73,7 @@ class WriteProgress:
 class RowsMessage:
     """Rows and events since the previous batch."""
 
-    rows: list[Row]
+    rows: Rows
     events: list[PortEvent]
     total_rows: int
     """All rows captured so far."""

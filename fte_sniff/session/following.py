@@ -126,13 +126,13 @@ class FollowedInput(RecordingInput):
 
     def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
         """The rows up to the end of following this file."""
+        from fte_sniff.protocol.rows import Codebook
         from fte_sniff.recording.batch_reader import EVERYTHING
-        from fte_sniff.row_batch import Codebook
 
         codebook, following, reader = Codebook(), self._following, self._growing
         wanted = span or EVERYTHING
         changed_s, named_s = time.monotonic(), None
-        yield InputBatch([])
+        yield InputBatch()
         while True:
             # Before the poll: what was flushed before the lock was released is then complete.
             has_writer = reader.has_writer
@@ -178,7 +178,7 @@ class FollowedInput(RecordingInput):
             if self._following.stopped:
                 return
         if gaps := self._new_gaps(span):  # after the last row
-            yield InputBatch([], gaps=gaps)
+            yield InputBatch(gaps=gaps)
 
     def _new_gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         gaps = self.gaps(span)[self._gaps_known :]

@@ -225,7 +225,7 @@ class InputReading:
         if one.losses:
             changes.append(detector.interrupt(*DAMAGED))
         if changes:
-            yield InputBatch([], changes=changes, losses=one.losses)
+            yield InputBatch(changes=changes, losses=one.losses)
 
 
 def _ports_of(one: Input) -> list[str]:

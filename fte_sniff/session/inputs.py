@@ -25,16 +25,17 @@ from fte_sniff.protocol import (
     byte_time_ns,
     iso_time,
 )
-from fte_sniff.session.log_rows import decided_spans, rows_of_log, rows_of_spans
+from fte_sniff.protocol.rows import NO_ROWS, Rows
+from fte_sniff.session.log_rows import rows_of_chunks, rows_of_log
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.formats.log_reader import LogReader
     from fte_sniff.formats.parquet import ParquetRows
+    from fte_sniff.protocol.rows import Ints
     from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.row_batch import Ints, RowBatch, Rows
 
 
 @dataclass(slots=True)
@@ -76,12 +77,12 @@ def size_of(path: Path) -> int | None:
 class InputBatch:
     """Consecutive rows of an input, and what is known about them."""
 
-    rows: Rows
+    rows: Rows = NO_ROWS
     events: Sequence[PortEvent] = ()
     """Port events between the rows."""
     after_gap: bool = False
     """Whether rows before these could not be read."""
-    reload: Callable[[], RowBatch] | None = None
+    reload: Callable[[], Rows] | None = None
     """Reads the same rows again; None if that is impossible."""
     changes: Sequence[StreamChange] = ()
     """Gaps and baud changes between the rows, by ascending index."""
@@ -95,27 +96,19 @@ class InputBatch:
     @property
     def times(self) -> tuple[int, int] | None:
         """Time of the first row and the latest time; None if a row has none, or without rows."""
-        if not isinstance(self.rows, list):
-            return self.rows.times
-        times = [row.t_ns for row in self.rows if row.t_ns is not None]
-        return (times[0], max(times)) if times and len(times) == len(self.rows) else None
+        return self.rows.times
 
     @property
     def latest_ns(self) -> int | None:
         """The latest time of its rows and events; None if none of them has one."""
         times = [event.t_ns for event in self.events]
-        if isinstance(self.rows, list):
-            times += [row.t_ns for row in self.rows if row.t_ns is not None]
-        elif len(self.rows):
-            times.append(int(self.rows.t_ns.max()))
+        if (extent := self.rows.extent) is not None:
+            times.append(extent[1])
         return max(times, default=None)
 
     def select(self, row_filter: RowFilter) -> InputBatch:
         """The same with only the rows that match the filter."""
-        rows = self.rows
-        if isinstance(rows, list):
-            return replace(self, rows=row_filter.select(rows))
-        return replace(self, rows=rows.select(row_filter.matches(rows)), reload=None)
+        return replace(self, rows=row_filter.select(self.rows), reload=None)
 
     def first(self, count: int) -> InputBatch:
         """The same with at most `count` rows."""
@@ -224,13 +217,10 @@ class Input(ABC):
         """Only rows of the span; if there are none, note the times of the input."""
         tally, found = Tally(), 0
         for rows in batches:
-            if len(rows) and InputBatch(rows).times is None:
+            if len(rows) and rows.times is None:
                 raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
             tally.update(rows)
-            if isinstance(rows, list):
-                inside: Rows = [row for row in rows if span.contains(row)]
-            else:
-                inside = span.select(rows)
+            inside = span.select(rows)
             found += len(inside)
             yield inside
         if not found and tally.first_ns is not None and tally.last_ns is not None:
@@ -322,7 +312,7 @@ class RecordingInput(Input):
         self._note_end(span, note, troubles, some=some)
         self.failure = self.reader.nothing_read
 
-    def _batches_of(self, ranges: Iterable[tuple[RowRange, RowBatch]]) -> Iterator[InputBatch]:
+    def _batches_of(self, ranges: Iterable[tuple[RowRange, Rows]]) -> Iterator[InputBatch]:
         for passage, rows in ranges:
             self.ends.update(rows.end_offsets())
             self.position = max(self.position, passage.stop)
@@ -375,7 +365,7 @@ class LogInput(Input):
         """The time of the first row that has one; reads the start of a text log."""
         try:
             if self._log is not None:
-                rows: Rows = next(rows_of_log(self._log.again()), [])
+                rows = next(rows_of_log(self._log.again()), NO_ROWS)
                 return next((row.t_ns for row in rows if row.t_ns is not None), None)
             return self._first_ns()
         except FteSniffError:
@@ -422,8 +412,7 @@ class LogInput(Input):
             rows = rows_of_log(self._log, note)
         else:
             chunks = self._counted(self._chunks)
-            spans = decided_spans(chunks, self.name, note, self._drained, self._baud)
-            rows = rows_of_spans(spans)
+            rows = rows_of_chunks(chunks, self.name, note, self._drained, self._baud)
         for found in rows if span is None else self._within(span, rows, note):
             if self._log is not None:
                 self.position = self._log.position

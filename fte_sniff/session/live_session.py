@@ -10,7 +10,7 @@ from subprocess import TimeoutExpired
 
 from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
 from fte_sniff.errors import TOO_MANY_FILES, FileError, PortError, TranslatableText
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import PortEvent, Rows
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import (
     DROP,
@@ -108,10 +108,11 @@ class LiveSession:
 
     def wait(self, timeout_s: float) -> FeedUpdate:
         """The next rows and events; empty after `timeout_s` seconds without any."""
-        rows: list[Row] = []
+        parts: list[Rows] = []
+        count = 0
         events: list[PortEvent] = []
         changes: list[StreamChange] = []
-        while self.state.ended is None and len(rows) < MOST_ROWS_A_POLL:
+        while self.state.ended is None and count < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
                 break
@@ -120,10 +121,11 @@ class LiveSession:
             self.state = self.state.after(message)
             if isinstance(message, RowsMessage):
                 found = self._gaps.changes(message.rows, message.events, message.not_shown)
-                changes += shifted(found, len(rows))
-                rows += message.rows
+                changes += shifted(found, count)
+                parts.append(message.rows)
+                count += len(message.rows)
                 events += message.events
-        update = FeedUpdate(self.state.feed_state, rows, events, changes)
+        update = FeedUpdate(self.state.feed_state, Rows.concat(parts), events, changes)
         if self._observe is not None:
             self._observe(update)
         return update

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,36 +20,30 @@ from fte_sniff.protocol import (
     FRAME_LENGTH,
     HEADERS,
     Chunk,
+    Damage,
     Direction,
     Fault,
     Framer,
 )
-from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES
+from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.formats.log_form import Array
     from fte_sniff.formats.log_reader import LogReader
-    from fte_sniff.row_batch import RowBatch, Rows
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded, unless a reader waits for them."""
 
-FEW: Final = 20_000
-"""Rows of an input that come as lists, before numpy and polars are loaded for the others."""
 
-FEWEST: Final = 100
-"""Spans of fewer rows become lists; for them numpy is slower."""
-
-
-def decided_spans(
+def rows_of_chunks(
     chunks: Iterable[Chunk],
     name: str,
     note: Callable[[str], None],
     drained: Callable[[], bool],
     baud: int = DEFAULT_BAUD,
-) -> Iterator[DecidedSpan]:
+) -> Iterator[Rows]:
     """Frame all chunks, about `SPAN_BYTES` at a time.
 
     The chunks are of one port, and their times may fall. `note` is called if the input ends within
@@ -84,26 +77,12 @@ def decided_spans(
         note(f"{name}: {cut}")
 
 
-def rows_of_spans(spans: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Rows]:
-    """The rows of each span; the first `few` rows come as lists."""
-    count = 0
-    for span in spans:
-        rows = len(span)
-        count += rows
-        if count < few or rows < min(few, FEWEST):
-            yield span.rows()
-            continue
-        from fte_sniff.row_batch import RowBatch
-
-        yield RowBatch.from_span(span)
-
-
-def cut_frame_note(last: DecidedSpan) -> str | None:
+def cut_frame_note(last: Rows) -> str | None:
     """That a stream whose last rows these are ends within a frame."""
-    row = last.last()
-    if row is None or row[1] or Fault.TRUNCATED not in row[2]:
+    row = last[-1] if len(last) else None
+    if not isinstance(row, Damage) or Fault.TRUNCATED not in row.faults:
         return None
-    return f"ends in the middle of a frame ({row[0]} of {FRAME_LENGTH} bytes)"
+    return f"ends in the middle of a frame ({len(row.raw)} of {FRAME_LENGTH} bytes)"
 
 
 _MOST_HELD: Final = 1_000_000
@@ -158,7 +137,8 @@ class _Stream:
     """
 
     def __init__(self, port: str, log: _Streams) -> None:
-        self.port, self._log, self._framer = port, log, Framer(port, log.baud)
+        self.port, self._log = port, log
+        self._framer = Framer(port, log.baud, codebook=log.codebook)
         self._clock_ns, self._size, self._last_ns = log.start_ns or 0, 0, NO_TIME
         self._lines: Any = None
         """Of each line with undecided bytes: the offset after them, its number, its time, and when
@@ -221,15 +201,17 @@ class _Stream:
         at = np.flatnonzero(silences >= log.pause_ns)
         return dict(zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True))
 
-    def drain(self, *, final: bool) -> DecidedSpan:
-        """The bytes that are decided since the last time."""
+    def drain(self, *, final: bool) -> Rows:
+        """The rows that are decided since the last time."""
         if final:
             self._framer.finish()
-        span = self._framer.drain()
-        self.cut_frame = cut_frame_note(span) if final else None
-        return span
+        rows = self._framer.drain()
+        self.cut_frame = cut_frame_note(rows) if final else None
+        for (header, _), count in rows.head_counts().items():
+            self.frames[header] += count
+        return rows
 
-    def placed(self, batch: RowBatch) -> tuple[Array, RowBatch]:
+    def placed(self, batch: Rows) -> tuple[Array, Rows]:
         """Lines and rising times of rows, shape (2, rows), and the rows with their times."""
         import numpy as np
 
@@ -245,7 +227,7 @@ class _Stream:
         self._lines = self._lines[:, np.searchsorted(self._lines[0], end, "right") :]
         keys = np.maximum.accumulate(np.append(self.last_key_ns, t_ns))[1:]
         self.last_key_ns = int(keys[-1])
-        return np.stack([lines, keys]), replace(batch, t_ns=t_ns, delay_ns=delay_ns)
+        return np.stack([lines, keys]), batch.with_columns(t_ns=t_ns, delay_ns=delay_ns)
 
     def reached(self) -> int:
         """The time, or the line, before which no row of the stream is to come."""
@@ -265,14 +247,15 @@ class _Streams:
         """When the bytes of a log without times began; None to have no times."""
         self.baud, self.byte_ns = options.baud, byte_time_ns(options.baud)
         self.pause_ns = round(PAUSE_BYTES * self.byte_ns)
-        self.size = self._count = 0
-        """Bytes of all streams, and rows so far."""
+        self.size = 0
+        """Bytes of all streams."""
+        self.codebook = Codebook()
         self.is_one = form.is_one_stream
         ports = form.ports(log.name) if log.is_file else ()
         self._streams = {port: _Stream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         """Whether rows are merged by time; else by line."""
-        self._held: list[tuple[Array, RowBatch]] = []
+        self._held: list[tuple[Array, Rows]] = []
 
     def append(self, block: Iterable[StreamBytes]) -> None:
         """Append bytes to their streams."""
@@ -324,36 +307,22 @@ class _Streams:
 
     def drain(self, *, final: bool = False) -> Iterator[Rows]:
         """The rows that are decided and in order, if there are any."""
-        few = max(FEW - self._count, FEWEST)
-        rows: Rows = []
+        rows = NO_ROWS
         for stream in self._streams.values():
-            span = stream.drain(final=final)
-            if self.is_one and len(span) <= few:
-                rows = span.rows()
-                headers = bytes(header for _, header in span.headers())
-            else:
-                from fte_sniff.row_batch import RowBatch
-
-                rows = RowBatch.from_span(span)
-                headers = rows.raw[rows.framed, 0].tobytes()
-                if not self.is_one and len(rows):
-                    self._held.append(stream.placed(rows))
-            stream.frames.update({one: headers.count(one) for one in HEADERS.values()})
+            rows = stream.drain(final=final)
+            if not self.is_one and len(rows):
+                self._held.append(stream.placed(rows))
         if self._held:
             rows = self._merged(final=final)
-            rows = list(rows) if len(rows) <= few else rows
-        self._count += len(rows)
         if len(rows):
             yield rows
 
-    def _merged(self, *, final: bool) -> RowBatch:
+    def _merged(self, *, final: bool) -> Rows:
         """The rows that are in order; the others are held."""
         import numpy as np
 
-        from fte_sniff.row_batch import RowBatch
-
         places = np.hstack([own for own, _ in self._held])
-        rows = RowBatch.concat([own for _, own in self._held])
+        rows = Rows.concat([own for _, own in self._held])
         self._held = []
         if len(self._streams) == 1:
             return rows

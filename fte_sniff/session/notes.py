@@ -35,7 +35,7 @@ from fte_sniff.recording.file_lock import locked_folder
 from fte_sniff.session.save import replace_text
 
 if TYPE_CHECKING:
-    from fte_sniff.row_batch import Ints, RowBatch
+    from fte_sniff.protocol.rows import Ints, Rows
 
 NOTES_SUFFIX: Final = ".notes.jsonl"
 
@@ -356,7 +356,7 @@ class Notes:
         return trouble
 
 
-def located(rows: RowBatch, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
+def located(rows: Rows, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
     """The rows that contain the byte of a key, of any capture: number in the batch, and key."""
     import numpy as np
 

@@ -14,8 +14,7 @@ from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate, StreamChange,
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import Row
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.notes import RowOrigins
@@ -23,11 +22,8 @@ from fte_sniff.session.notes import RowOrigins
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
 
-MAX_OBJECTS_PER_POLL = 65_536
-"""A poll returns at most about this many rows from lists, so that a screen can draw in between."""
-
 MAX_ROWS_PER_POLL = 200_000
-"""A poll returns at most about this many rows; those of a `RowBatch` cost little."""
+"""A poll returns at most about this many rows, so that a screen can draw in between."""
 
 
 class ReplaySession:
@@ -101,7 +97,7 @@ class ReplaySession:
             if self._pages is not None and read.reload is not None:
                 self._pages.append(read.reload, len(read.rows))
         self._polled_rows |= bool(reads)
-        rows = _concatenated([read.rows for read in reads])
+        rows = Rows.concat([read.rows for read in reads if len(read.rows)])
         self._rows += len(rows)
         events = [event for read in reads for event in read.events]
         return FeedUpdate(self._state(), rows, events, changes)
@@ -174,17 +170,7 @@ def _damaged(losses: Sequence[str]) -> str | None:
 
 
 def _has_room(reads: list[InputBatch]) -> bool:
-    rows = sum(len(read.rows) for read in reads)
-    objects = sum(len(read.rows) for read in reads if not isinstance(read.rows, RowBatch))
-    return rows < MAX_ROWS_PER_POLL and objects < MAX_OBJECTS_PER_POLL
-
-
-def _concatenated(sequences: list[Sequence[Row]]) -> Sequence[Row]:
-    sequences = [rows for rows in sequences if len(rows)]
-    if any(isinstance(rows, RowBatch) for rows in sequences):
-        # Making a batch of a few objects is faster than making objects of a batch.
-        return RowBatch.concat([RowBatch.from_rows(rows) for rows in sequences])
-    return [row for rows in sequences for row in rows]
+    return sum(len(read.rows) for read in reads) < MAX_ROWS_PER_POLL
 
 
 MAX_PLAYED_PER_STEP: Final = 100_000
@@ -223,11 +209,11 @@ class Playback:
         """Whether all rows are shown."""
         return self._store.next >= self._store.loaded
 
-    def advance(self, now_ns: int) -> Sequence[Row]:
+    def advance(self, now_ns: int) -> Rows:
         """Show the rows that are due, and return them."""
         elapsed_ns, self._now_ns = now_ns - self._now_ns, now_ns
         if self.paused:
-            return []
+            return NO_ROWS
         self.t_ns += round(elapsed_ns * self.speed)
         start = self._store.next
         self._store.limit = None
@@ -244,7 +230,7 @@ class Playback:
         for rows in shown:
             self.tally.update(rows)
         self._rate.update(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
-        return RowBatch.concat(shown) if count else []
+        return Rows.concat(shown)
 
     @property
     def frames_per_s(self) -> float | None:
@@ -271,14 +257,14 @@ class RecordingPages:
 
     def __init__(self) -> None:
         """Create it without rows."""
-        self._reloads: list[Callable[[], RowBatch]] = []
+        self._reloads: list[Callable[[], Rows]] = []
         self._starts: list[int] = []
         self._rows = 0
         self._batch = lru_cache(MAX_CACHED)(
             lambda number, codebook: self._reloads[number]().recoded(codebook)
         )
 
-    def append(self, reload: Callable[[], RowBatch], rows: int) -> None:
+    def append(self, reload: Callable[[], Rows], rows: int) -> None:
         """Append the next batch of `rows` rows, which `reload` reads again."""
         if rows:
             self._reloads.append(reload)
@@ -286,13 +272,13 @@ class RecordingPages:
             self._starts.append(self._rows)
             self._rows += rows
 
-    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
         """The rows from index `start` on; see `BlockSource`.
 
         Raises FileError if the file changed, or cannot be read any more.
         """
         # A copy, so that a block does not keep whole batches in memory.
-        rows, done = RowBatch.allocate(codebook, count), 0
+        rows, done = Rows.allocate(codebook, count), 0
         while done < count:
             number = bisect_right(self._starts, start + done) - 1
             first = start + done - self._starts[number]

@@ -22,12 +22,12 @@ from fte_sniff.formats.writers import (
 )
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol import Gap, PortEvent
+from fte_sniff.protocol.rows import FEW, Rows
 
 if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.recording.metadata import Selection
-    from fte_sniff.row_batch import Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +97,11 @@ class _TextSink:
             else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         )
         self._writer = row_writer(form, self._stream, ports=ports)
+        self._rows = 0
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        write_rows(self._writer, rows)
+        self._rows += len(rows)
+        write_rows(self._writer, rows, self._rows)
         self._stream.flush()
 
     def close(self) -> None:
@@ -111,10 +113,18 @@ class _TextSink:
             self._stream.close()
 
 
-def write_rows(writer: RowWriter, rows: Rows) -> None:
-    """Write rows; a batch is written at once if the format allows it."""
+_FEWEST: Final = 100
+"""Rows for which polars is slower although it is loaded."""
+
+
+def write_rows(writer: RowWriter, rows: Rows, so_far: int) -> None:
+    """Write rows, as columns if the format allows it; `so_far` counts them and all before them.
+
+    Polars is not loaded for a few rows.
+    """
+    is_few = len(rows) < _FEWEST or (so_far <= FEW and "polars" not in sys.modules)
     if (
-        isinstance(rows, list)
+        is_few
         or not isinstance(writer, FrameWriter)
         or (writer.shows_order and rows.unordered.any())
     ):
@@ -135,12 +145,8 @@ class RawSink:
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
         """See `Sink`."""
-        if isinstance(rows, list):
-            self.ports.update(row.port for row in rows)
-            self._stream.writelines(row.raw for row in rows)
-        else:
-            self.ports.update(rows.codebook.ports[code] for code in set(rows.port.tolist()))
-            self._stream.write(rows.tobytes())
+        self.ports.update(rows.ports())
+        self._stream.write(rows.tobytes())
 
     def close(self) -> None:
         """See `Sink`."""
@@ -511,9 +517,7 @@ class _RecordingSink:
         self._writer = BulkWriter(path, ports, facts)
 
     def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        from fte_sniff.row_batch import RowBatch
-
-        self._writer.write(RowBatch.from_rows(rows, events=events))
+        self._writer.write(rows.with_columns(events=events))
 
     def close(self) -> None:
         from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata

@@ -17,6 +17,7 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.reader import (
     FileVersion,
@@ -25,7 +26,6 @@ from fte_sniff.recording.reader import (
     recordings_in,
     start_of,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
@@ -261,18 +261,18 @@ def _recordings(paths: Paths) -> list[Path]:
     return recordings_in(Path(path) for path in listed)
 
 
-def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[RowBatch]:
+def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[Rows]:
     codebook = Codebook()
     for reader in readers:
         yield from (columns for columns in reader.batches(codebook, span) if len(columns))
         _warn_of(reader)
 
 
-def _whole(readers: Sequence[RecordingReader]) -> Iterator[RowBatch]:
+def _whole(readers: Sequence[RecordingReader]) -> Iterator[Rows]:
     yield from _first(_columns(readers, TimeRange()), None)
 
 
-def _first(batches: Iterator[RowBatch], limit: int | None) -> Iterator[RowBatch]:
+def _first(batches: Iterator[Rows], limit: int | None) -> Iterator[Rows]:
     """The first `limit` rows of all batches; nothing is read after them."""
     if limit is None:
         yield from batches
@@ -295,13 +295,13 @@ def _warn_of(reader: RecordingReader) -> None:
 
 def _maker(
     names: list[str] | None, wanted: pl.Expr | None, added: pl.DataFrame
-) -> Callable[[RowBatch], pl.DataFrame]:
+) -> Callable[[Rows], pl.DataFrame]:
     """Makes the frame of a batch: first the filter's columns, then the others of the rows left.
 
     `added` is one row of further columns.
     """
 
-    def frame(columns: RowBatch, needed: list[str] | None) -> pl.DataFrame:
+    def frame(columns: Rows, needed: list[str] | None) -> pl.DataFrame:
         own = [one for one in added if needed is None or one.name in needed]
         if not own:
             return table_frame(columns, needed)
@@ -312,7 +312,7 @@ def _maker(
         return lambda columns: frame(columns, names).select(names or pl.all())
     asked = wanted.meta.root_names()
 
-    def make(columns: RowBatch) -> pl.DataFrame:
+    def make(columns: Rows) -> pl.DataFrame:
         mask = frame(columns, asked or ["offset"]).select(wanted).to_series().fill_null(False)
         if len(mask) != len(columns):  # polars gives a constant as a single row
             mask = mask.new_from_index(0, len(columns))

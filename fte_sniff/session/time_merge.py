@@ -28,7 +28,7 @@ from fte_sniff.protocol import PortEvent
 from fte_sniff.session.inputs import InputBatch
 
 if TYPE_CHECKING:
-    from fte_sniff.row_batch import Ints, RowBatch, Rows
+    from fte_sniff.protocol.rows import Ints, Rows
 
 _NEVER = -(2**63)
 
@@ -117,7 +117,7 @@ class _Lane:
 class RowSlice:
     """Consecutive rows of a batch."""
 
-    reload: Callable[[], RowBatch] | None
+    reload: Callable[[], Rows] | None
     """Reads the batch again; None if that is impossible."""
     start: int
     stop: int
@@ -156,7 +156,7 @@ def _joined(passages: Sequence[_Passage]) -> InputBatch:
     if len(passages) == 1 and passages[0].is_whole:
         return passages[0].batch
     if not passages:
-        return InputBatch([])
+        return InputBatch()
     import numpy as np
 
     slices = [one.rows for one in passages]
@@ -181,20 +181,20 @@ def _joined(passages: Sequence[_Passage]) -> InputBatch:
     )
 
 
-def _merged_rows(batches: Sequence[Rows], slices: Sequence[RowSlice]) -> tuple[RowBatch, Ints]:
+def _merged_rows(batches: Sequence[Rows], slices: Sequence[RowSlice]) -> tuple[Rows, Ints]:
     """The rows of slices of batches, merged, and their places in all slices one after the other."""
     import numpy as np
 
-    from fte_sniff.row_batch import RowBatch
+    from fte_sniff.protocol.rows import Rows
 
     parts = zip(batches, slices, strict=True)
     times = np.concatenate([one.times(rows) for rows, one in parts])
     order = times.argsort(kind="stable")
     parts = zip(batches, slices, strict=True)
-    rows = RowBatch.concat([RowBatch.from_rows(rows)[one.start : one.stop] for rows, one in parts])
+    rows = Rows.concat([rows[one.start : one.stop] for rows, one in parts])
     return rows.select(order), order
 
 
-def _reread(slices: Sequence[RowSlice]) -> RowBatch:
+def _reread(slices: Sequence[RowSlice]) -> Rows:
     """Read merged rows again."""
     return _merged_rows([one.reload() for one in slices if one.reload is not None], slices)[0]

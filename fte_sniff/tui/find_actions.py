@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from functools import partial
@@ -19,7 +19,7 @@ from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, tim
 from fte_sniff.errors import FteSniffError, InputTextError, printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.protocol import Row
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.notes import Note, located
 from fte_sniff.tui.actions import ScreenActions
 from fte_sniff.tui.i18n import _, error_text
@@ -345,14 +345,14 @@ class FindActions(ScreenActions):
         if index is not None and not self._table.jump_to_index(int(index)):
             self._inform(_("the filter hides this row; F shows all rows"))
 
-    def _find_noted(self, rows: Sequence[Row], first: int) -> None:
+    def _find_noted(self, rows: Rows, first: int) -> None:
         """Mark those of the new rows that have a note, and find the row where the view was left."""
         wanted = set(self._missing)
         if self._left_at is not None:
             wanted.add(self._left_at)
         if not (wanted and len(rows)):
             return
-        for number, key in located(RowBatch.from_rows(rows), wanted):
+        for number, key in located(rows, wanted):
             if self._capture_at(first + number) != key.capture:
                 continue
             note = self._missing.pop(key, None)

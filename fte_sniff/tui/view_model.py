@@ -25,7 +25,7 @@ from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import PortEvent, PortEventKind, Rows
 from fte_sniff.session.replay import Playback
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.status_bar import StatusCounters
@@ -54,7 +54,7 @@ class ViewUpdate:
     rings: bool
     stream_changes: Sequence[StreamChange]
     """Gaps and baud changes among the new rows, by indices in the store."""
-    rows: Sequence[Row]
+    rows: Rows
     first: int
     """Index of the first of these rows in the store."""
 
@@ -146,7 +146,7 @@ class ViewModel:
             self._events_played += 1
         return self._file_events[start : self._events_played]
 
-    def _rings(self, rows: Sequence[Row], now_ns: int) -> bool:
+    def _rings(self, rows: Rows, now_ns: int) -> bool:
         return self.alert is not None and self.alert.observe(rows, now_ns / 1e9)
 
     def _update_recording(self, now_ns: int) -> None:

@@ -20,6 +20,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol.rows import Rows
 
 MS = 1_000_000
 PORTS = ("a", "b")
@@ -90,7 +91,7 @@ def observe(model: Any, steps: Sequence[Step]) -> None:
             rows.append(step)
         else:
             changes.append(StreamChange(len(rows), step))
-    model.observe(rows, changes=changes)
+    model.observe(Rows.from_rows(rows), changes=changes)
 
 
 def bauds_after(steps: Sequence[Step]) -> list[Step]:

@@ -19,6 +19,7 @@ from fte_sniff.analysis.counters import (
 )
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
+from fte_sniff.protocol.rows import Rows
 
 SLOT_TIMES = st.lists(
     st.integers(-(2**61), 2**61) | st.integers(0, 10**10), min_size=1, max_size=30
@@ -139,7 +140,7 @@ ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 @given(ROWS)
 def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
     tally = Tally()
-    tally.update(rows)
+    tally.update(Rows.from_rows(rows))
     times = [row.t_ns for row in rows if row.t_ns is not None]
     frames = [row for row in rows if isinstance(row, Frame)]
     assert tally.rows == len(rows)
@@ -162,9 +163,9 @@ def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
 def test_batches_of_any_size_give_the_same_tally(rows: list[Row], data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(rows)))
     once, parts = Tally(), Tally()
-    once.update(rows)
-    parts.update(rows[:cut])
-    parts.update(rows[cut:])
+    once.update(Rows.from_rows(rows))
+    parts.update(Rows.from_rows(rows[:cut]))
+    parts.update(Rows.from_rows(rows[cut:]))
     assert parts == once
 
 
@@ -173,7 +174,7 @@ def test_the_malformed_share_is_of_all_rows() -> None:
     assert tally.malformed_share == 0
     noise = Damage("port", 0, b"\0", None, (Fault.NOISE,))
     suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
-    tally.update([noise, suspect, suspect, suspect])
+    tally.update(Rows.from_rows([noise, suspect, suspect, suspect]))
     assert tally.malformed_share == 0.25
 
 

@@ -18,13 +18,14 @@ from fte_sniff.protocol import (
     Row,
     record,
 )
+from fte_sniff.protocol.rows import Rows
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 
 
 @given(ROWS)
 def test_a_frame_tells_what_the_records_of_the_rows_tell(rows: list[Row]) -> None:
-    plain = row_frame(rows).with_columns(
+    plain = row_frame(Rows.from_rows(rows)).with_columns(
         pl.col("time").cast(pl.Int64),
         *(
             pl.col(column.name).cast(pl.String)
@@ -37,14 +38,16 @@ def test_a_frame_tells_what_the_records_of_the_rows_tell(rows: list[Row]) -> Non
 
 @given(ROWS)
 def test_a_frame_has_the_types_of_the_contract(rows: list[Row]) -> None:
-    assert dict(row_frame(rows).schema) == SCHEMA
+    assert dict(row_frame(Rows.from_rows(rows)).schema) == SCHEMA
     assert list(SCHEMA) == list(COLUMN_BY_NAME)
 
 
 @given(ROWS, st.sets(st.sampled_from(list(COLUMN_BY_NAME)), min_size=1))
 def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[str]) -> None:
     wanted = [name for name in COLUMN_BY_NAME if name in names]
-    assert row_frame(rows, names).equals(row_frame(rows).select(wanted))
+    assert row_frame(Rows.from_rows(rows), names).equals(
+        row_frame(Rows.from_rows(rows)).select(wanted)
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,7 +66,7 @@ def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.Dat
 
 
 def test_a_port_name_that_is_no_text_is_shown_with_a_mark() -> None:
-    frame = row_frame([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))])
+    frame = row_frame(Rows.from_rows([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))]))
     assert frame["port"].to_list() == ["/dev/?"]
 
 

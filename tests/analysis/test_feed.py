@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import BaudChange, GapDetector, StreamChange, shifted
 from fte_sniff.protocol import Frame, Gap, GapKind, PortEvent, PortEventKind, Row
+from fte_sniff.protocol.rows import Rows
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))
 TIMES = st.lists(st.integers(0, 50), max_size=30).map(sorted)
@@ -27,8 +28,8 @@ def test_a_gap_separates_the_rows_before_it_from_those_after(
     reported = [Gap(GapKind.LEFT_OUT, 1, first, first + length) for first, length in gaps]
     assert detector.begin({}, reported) == []
     rows = rows_at(times)
-    found: list[StreamChange] = list(detector.changes(rows[:cut]))
-    found += shifted(detector.changes(rows[cut:]), len(rows[:cut]))
+    found: list[StreamChange] = list(detector.changes(Rows.from_rows(rows[:cut])))
+    found += shifted(detector.changes(Rows.from_rows(rows[cut:])), len(rows[:cut]))
     places = {change.index for change in found}
     for first, length in gaps:
         behind = [at for at, t_ns in enumerate(times) if t_ns > first + length]
@@ -53,7 +54,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(25, "q", PortEventKind.BAUD_CHANGED, "", 1200),
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
-    assert detector.changes(rows_at([10, 20, 30]), events) == [
+    assert detector.changes(Rows.from_rows(rows_at([10, 20, 30])), events) == [
         StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p", port_lost=True)),
         StreamChange(2, BaudChange("p", 1200)),
         StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p", port_lost=True)),
@@ -61,7 +62,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
     found = [PortEvent(95, name, PortEventKind.FOUND_AGAIN, "") for name in "qp"]
     assert [
         change.what.port_lost
-        for change in detector.changes(rows_at([99]), found)
+        for change in detector.changes(Rows.from_rows(rows_at([99])), found)
         if isinstance(change.what, Gap)
     ] == [True, False]
     assert (detector.lost, detector.found) == (set(), {"q"})
@@ -69,11 +70,11 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
 
 def test_rows_that_a_slow_view_missed_are_a_gap_before_the_next_batch() -> None:
     detector = GapDetector()
-    assert detector.changes(rows_at([1, 2])) == []
-    assert detector.changes(rows_at([8, 9]), not_shown=5) == [
+    assert detector.changes(Rows.from_rows(rows_at([1, 2]))) == []
+    assert detector.changes(Rows.from_rows(rows_at([8, 9])), not_shown=5) == [
         StreamChange(0, Gap(GapKind.NOT_SHOWN, 5))
     ]
-    assert detector.changes(rows_at([10]), not_shown=5) == []
+    assert detector.changes(Rows.from_rows(rows_at([10])), not_shown=5) == []
 
 
 def test_an_interruption_is_a_gap_once_the_rows_on_both_sides_have_times() -> None:

@@ -21,6 +21,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol.rows import Rows
 
 SOUND = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
 RAISED = encode(KIND_BY_NAME["speed_feedback"], {"motor": 2, "rpm": 5, "error": 4})
@@ -42,7 +43,7 @@ def test_cells_show_the_worst_rows_of_their_share(
         store.view.set_filter(RowFilter.parse("motor = 1"))
     overview = Overview(store)
     for note in notes:
-        store.append([EXAMPLES[note]])
+        store.append(Rows.from_rows([EXAMPLES[note]]))
     shown = notes[-bound:]
     if filtered:
         shown = [note for note in shown if note in (RowNote.NONE, RowNote.SUSPECT)]
@@ -69,7 +70,7 @@ def test_cells_are_those_of_the_rows_that_are_played(
     store = RowStore(block_rows=64)
     if filtered:
         store.view.set_filter(RowFilter.parse("motor = 1"))
-    store.append([EXAMPLES[note] for note in notes])
+    store.append(Rows.from_rows([EXAMPLES[note] for note in notes]))
     overview = Overview(store)
     for limit in (None, *limits):
         store.limit = limit
@@ -78,7 +79,7 @@ def test_cells_are_those_of_the_rows_that_are_played(
 
 def store_of(count: int) -> RowStore:
     store = RowStore()
-    store.append([Frame("p", 10 * n, SOUND, 1000 * n) for n in range(count)])
+    store.append(Rows.from_rows([Frame("p", 10 * n, SOUND, 1000 * n) for n in range(count)]))
     return store
 
 
@@ -124,9 +125,9 @@ def test_a_port_is_lost_up_to_the_gap_where_it_is_found() -> None:
 def test_landmarks_leave_with_their_rows() -> None:
     store = RowStore(bound=5, block_rows=2)
     landmarks = Landmarks(store)
-    store.append([Frame("p", 0, SOUND, 0)] * 4)
+    store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))
     landmarks.add([], [StreamChange(2, Gap(GapKind.DAMAGE))])
-    store.append([Frame("p", 0, SOUND, 0)] * 4)
+    store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))
     landmarks.add([], [StreamChange(7, Gap(GapKind.DAMAGE))])
     assert landmarks.gaps == [7]
     assert [one.index for one in landmarks.between(0, 99)] == [7]

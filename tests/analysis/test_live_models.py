@@ -15,7 +15,7 @@ from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Gap, GapKind, Row, encode
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import Codebook, Rows
 
 MILLISECOND = 1_000_000
 
@@ -31,7 +31,7 @@ def _rows(count: int) -> list[Row]:
 
 def _motors(rows: Sequence[Row]) -> Motors:
     motors = Motors()
-    motors.observe(RowBatch.from_rows(rows))
+    motors.observe(Rows.from_rows(rows))
     return motors
 
 
@@ -49,7 +49,7 @@ def test_the_state_at_a_row_equals_that_after_all_rows_up_to_it(
     store = RowStore(1000, block_rows)
     following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 7):
-        store.append(rows[start : start + 7])
+        store.append(Rows.from_rows(rows[start : start + 7]))
         following.step(budget)
     while not following.step(budget):
         pass
@@ -66,7 +66,7 @@ def test_the_state_at_a_row_equals_that_after_all_rows_up_to_it(
 def test_rows_that_leave_before_they_are_observed_are_counted() -> None:
     store = RowStore(100, 32)
     following = LiveModels(store, LineSetup(), 32)
-    store.append(_rows(250))
+    store.append(Rows.from_rows(_rows(250)))
     assert following.pending == 100
     assert following.step(1000)
     assert following.missed == 150
@@ -77,7 +77,7 @@ def test_rows_that_leave_before_they_are_observed_are_counted() -> None:
 def test_rows_that_were_not_observed_have_no_state() -> None:
     store = RowStore()
     following = LiveModels(store, LineSetup())
-    store.append(_rows(50))
+    store.append(Rows.from_rows(_rows(50)))
     assert not following.step(20)
     assert following.motors_at(20) is None
     assert following.motors_at(19) is following.motors
@@ -88,7 +88,7 @@ def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     rows = _rows(2000)
     store = RowStore(5000, 64)
     following = LiveModels(store, LineSetup(), 128)
-    store.append(rows)
+    store.append(Rows.from_rows(rows))
     following.step(10**6)
     index = 1000
     end = index * MILLISECOND
@@ -128,7 +128,7 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
         following.add_changes(
             [StreamChange(at, Gap(GapKind.PORT, port_lost=lost[at])) for at in gaps]
         )
-        store.append(rows[start : start + 9])
+        store.append(Rows.from_rows(rows[start : start + 9]))
         following.step(budget)
     while not following.step(budget):
         pass
@@ -140,7 +140,7 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
         for row in range(look + 1):
             if row in places:
                 expected.interrupt(lost[row])
-            expected.observe(RowBatch.from_rows(rows[row : row + 1], codebook))
+            expected.observe(Rows.from_rows(rows[row : row + 1], codebook))
         motors = following.motors_at(look)
         assert motors is not None
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)
@@ -150,10 +150,10 @@ def test_missed_rows_are_not_silence() -> None:
     store = RowStore(10, 5)
     following = LiveModels(store, LineSetup())
     rows = _rows(100)
-    store.append(rows[:5])
+    store.append(Rows.from_rows(rows[:5]))
     while not following.step(100):
         pass
-    store.append(rows[5:])
+    store.append(Rows.from_rows(rows[5:]))
     while not following.step(100):
         pass
     assert following.missed == 85
@@ -166,9 +166,9 @@ def test_utilization_uses_the_recorded_baud() -> None:
     following = LiveModels(store, LineSetup())
     bauds = [(0, 9600), (3, 57_600)]
     following.add_changes([StreamChange(at, BaudChange("p", baud)) for at, baud in bauds])
-    store.append(_rows(3))
+    store.append(Rows.from_rows(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 9600
-    store.append(_rows(3))
+    store.append(Rows.from_rows(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 57_600

@@ -16,7 +16,7 @@ from fte_sniff.analysis.measures import RowPosition
 from fte_sniff.analysis.rules import OPERATORS, Rule
 from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
-from fte_sniff.row_batch import NO_TIME
+from fte_sniff.protocol.rows import NO_TIME, Rows
 from tests.analysis.pieces import MS, Step, captures, observe, pieces_of, state_of
 from tests.analysis.test_statistics import SECOND, frame
 
@@ -252,7 +252,7 @@ def test_a_rate_of_matching_rows_fails_without_two_different_times(
         rule = Rule.parse(f"rate(motor = 1) {sign} {number}", may_be_uncovered=True)
         parts = [RuleCheck([rule]) for _ in rows]
         for part, row in zip(parts, rows, strict=True):
-            part.observe([row])
+            part.observe(Rows.from_rows([row]))
         whole, *rest = parts
         for part in rest:
             whole.merge(part)
@@ -283,7 +283,7 @@ def test_without_rows_nothing_is_covered(text: str) -> None:
 
 def test_a_rule_may_be_uncovered() -> None:
     check = RuleCheck([Rule.parse("delay(p95) < 20", may_be_uncovered=True)])
-    check.observe(THREE)
+    check.observe(Rows.from_rows(THREE))
     (found,) = check.verdicts()
     assert (found.result, found.refuses) == (RuleResult.NOT_COVERED, False)
 
@@ -298,9 +298,9 @@ def test_the_first_row_keeps_its_file_when_files_merge(text: str) -> None:
     commands = [frame("speed", at * MS, motor=1, rpm=5) for at in range(4)]
     early, late = (RuleCheck([Rule.parse(text)]) for _ in "12")
     early.begin("early")
-    early.observe(commands[:1])  # its verdict comes with the next row
+    early.observe(Rows.from_rows(commands[:1]))  # its verdict comes with the next row
     late.begin("late")
-    late.observe(commands[1:])
+    late.observe(Rows.from_rows(commands[1:]))
     early.merge(pickle.loads(pickle.dumps(late)))
     (found,) = early.verdicts()
     assert found.row == RowPosition(0, "p", 0, "early")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.motors import MotorFrames, Motors, MotorState, Pairing
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
-from fte_sniff.row_batch import NO_TIME, Codebook, RowBatch
+from fte_sniff.protocol.rows import NO_TIME, Codebook, Rows
 
 SECOND = 1_000_000_000
 SMALL = st.integers(-300, 300)
@@ -48,7 +48,7 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
     motors, codebook = Motors(), Codebook()
     edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
     for start, end in pairwise(edges):
-        motors.observe(RowBatch.from_rows(rows[start:end], codebook))
+        motors.observe(Rows.from_rows(rows[start:end], codebook))
     return motors.states(now_ns)
 
 

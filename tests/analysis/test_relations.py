@@ -32,7 +32,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 
 PORTS = ("host", "controller")
 VALUES = st.integers(-2, 2)
@@ -71,13 +71,13 @@ def before_of(rows: list[Row], number: int) -> int:
 
 @given(ROWS)
 def test_the_frame_before_is_the_last_one_of_its_stream(rows: list[Row]) -> None:
-    found = frames_before(stream_keys(RowBatch.from_rows(rows)))
+    found = frames_before(stream_keys(Rows.from_rows(rows)))
     assert found.tolist() == [before_of(rows, number) for number in range(len(rows))]
 
 
 @given(ROWS)
 def test_the_age_of_a_byte_counts_the_frames_since_it_changed(rows: list[Row]) -> None:
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
     for number, row in enumerate(rows):
         for at in range(min(10, len(row.raw))):
@@ -125,7 +125,7 @@ def test_answers_are_those_of_a_search_row_by_row(
     rows: list[Row], gaps: list[int], which: list[int]
 ) -> None:
     store = RowStore(block_rows=7)
-    store.append(rows)
+    store.append(Rows.from_rows(rows))
     gaps = [gap for gap in gaps if gap < len(rows)]
     lost = {gap for number, gap in enumerate([0, *gaps]) if number in which}
     relations = RowRelations(store, gaps, lost)
@@ -152,8 +152,8 @@ def test_answers_are_those_of_a_search_row_by_row(
 @given(ROWS)
 def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> None:
     store = RowStore()
-    store.append(rows)
-    relations, pairs = RowRelations(store), answer_pairs(RowBatch.from_rows(rows))
+    store.append(Rows.from_rows(rows))
+    relations, pairs = RowRelations(store), answer_pairs(Rows.from_rows(rows))
     found = [one for number in range(len(rows)) for one in relations.answers(number)]
     wanted = {(one.command, one.answer) for one in found if one.answer is not None}
     assert set(zip(*(own.tolist() for own in pairs), strict=True)) == wanted
@@ -162,8 +162,8 @@ def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> No
 @given(ROWS, st.sets(st.integers(0, 59), max_size=20))
 def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown: set[int]) -> None:
     store = RowStore(block_rows=7)
-    store.append(rows)
-    batch = RowBatch.from_rows(rows)
+    store.append(Rows.from_rows(rows))
+    batch = Rows.from_rows(rows)
     ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
     indices = sorted(index for index in shown if index < len(rows))
     relations = RowRelations(store)
@@ -181,7 +181,9 @@ def test_a_frame_before_is_found_far_away(away: int, found: bool) -> None:
     store = RowStore()
     first, second = (encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in (5, 6))
     noise = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
-    store.append([Frame("p", 0, first, 7), *[noise] * away, Frame("p", 0, second, 8)])
+    store.append(
+        Rows.from_rows([Frame("p", 0, first, 7), *[noise] * away, Frame("p", 0, second, 8)])
+    )
     past = RowRelations(store).pasts([store.next - 1])[store.next - 1]
     assert past.frame_ns == (7 if found else None)
     assert past.ages == bytes([UNCHANGED] * 4 + [0 if found else UNCHANGED] + [UNCHANGED] * 5)
@@ -192,7 +194,11 @@ def test_a_search_ends_after_many_rows() -> None:
     command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     answer = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
     other = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
-    store.append([Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)])
+    store.append(
+        Rows.from_rows(
+            [Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)]
+        )
+    )
     [found] = RowRelations(store).answers(0)
     assert found.state is AnswerState.UNKNOWN
     assert RowRelations(store).command(store.next - 1) is None
@@ -205,7 +211,7 @@ def test_a_row_that_is_not_in_the_store_has_no_relation(index: int) -> None:
 
 
 def test_no_rows_have_no_relations() -> None:
-    none = RowBatch.from_rows([])
+    none = Rows.from_rows([])
     before = frames_before(stream_keys(none))
     assert len(before) == len(change_ages(none.raw, before)) == len(answer_pairs(none)[1]) == 0
     assert change_ages(np.zeros((1, 10), np.uint8), np.array([-1])).tolist() == [[UNCHANGED] * 10]

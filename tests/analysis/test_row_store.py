@@ -17,7 +17,7 @@ from fte_sniff.analysis.search import (
     select_rows,
 )
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import Codebook, Rows
 from tests.examples import examples
 
 ROW = st.from_type(Frame) | st.from_type(Damage)
@@ -34,9 +34,9 @@ class Again:
         self.rows = rows
         self.loads = 0
 
-    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
         self.loads += 1
-        return RowBatch.from_rows(self.rows[start : start + count], codebook)
+        return Rows.from_rows(self.rows[start : start + count], codebook)
 
 
 class StoreMachine(RuleBasedStateMachine):
@@ -55,7 +55,7 @@ class StoreMachine(RuleBasedStateMachine):
     @rule(rows=st.lists(ROW, max_size=20))
     def append(self, rows: list[Row]) -> None:
         self.all += rows
-        self.store.append(rows)
+        self.store.append(Rows.from_rows(rows))
 
     @rule(row_filter=st.none() | st.sampled_from(FILTERS), near=st.none() | st.integers(-3, 40))
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
@@ -85,7 +85,7 @@ class StoreMachine(RuleBasedStateMachine):
         wanted = [
             index
             for index in range(store.first, store.next)
-            if self.filter is None or self.filter.select([self.all[index]])
+            if self.filter is None or self.filter.select(Rows.from_rows([self.all[index]]))
         ]
         shown = [store.view.index(position) for position in range(store.view.count)]
         if store.view.pending:
@@ -138,15 +138,16 @@ class StoreMachine(RuleBasedStateMachine):
             while at < store.next:
                 rows, onward = select_rows(store, at, store.next, row_filter)
                 assert onward > at
-                found, at = found + rows, onward
+                found, at = [*found, *rows], onward
             kept = self.all[store.first :]
-            assert found == (kept if row_filter is None else row_filter.select(kept))
+            batch = Rows.from_rows(kept)
+            assert found == list(batch if row_filter is None else row_filter.select(batch))
 
 
 def _walked(store: RowStore, index: int, by: int) -> int | None:
     """The nearest row that is longer than ten bytes, told by the bytes that stand aside."""
 
-    def is_long(rows: RowBatch) -> Bools:
+    def is_long(rows: Rows) -> Bools:
         return np.array([at in rows.long for at in range(len(rows))], np.bool_)
 
     step = find_step(store, is_long, index, by)
@@ -161,7 +162,9 @@ test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
 
 def test_a_new_filter_starts_near_the_given_row() -> None:
     store = RowStore(1_000, block_rows=10)
-    store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
+    store.append(
+        Rows.from_rows([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
+    )
     store.view.set_filter(RowFilter.parse("noise"), near=42)
     assert not store.view.filter_step(1)
     assert [index for index, _ in store.view.slice(0, 100)] == list(range(40, 50))
@@ -173,7 +176,7 @@ def test_dropped_blocks_are_loaded_again_when_needed() -> None:
     ]
     source = Again(rows)
     store = RowStore(1000, 10, source, most_blocks=3)
-    store.append(rows)
+    store.append(Rows.from_rows(rows))
     assert source.loads == 0
     assert store.rows(970, 1000) == rows[970:]
     assert source.loads == 0
@@ -196,7 +199,7 @@ def test_a_source_that_loads_other_rows_is_refused() -> None:
     rows: list[Row] = [Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)]
     source = Again(rows)
     store = RowStore(1000, 10, source, most_blocks=1)
-    store.append(rows)
+    store.append(Rows.from_rows(rows))
     source.rows = rows[:5]
     with pytest.raises(ValueError, match="5 rows came back of 10"):
         store.rows(0, 10)
@@ -205,7 +208,9 @@ def test_a_source_that_loads_other_rows_is_refused() -> None:
 @pytest.mark.parametrize("position", [-1, 3])
 def test_a_position_that_does_not_exist_is_an_error(position: int) -> None:
     store = RowStore()
-    store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
+    store.append(
+        Rows.from_rows([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
+    )
     with pytest.raises(IndexError):
         store.view.row(position)
     with pytest.raises(IndexError):
@@ -223,9 +228,9 @@ def test_a_limit_hides_rows_as_if_they_had_not_come(count: int, limit: int, filt
     raws = [encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": 7}) for motor in (1, 2)]
     rows = [Frame("p", 10 * number, raws[number % 3 // 2], number) for number in range(count)]
     whole, short = RowStore(block_rows=7), RowStore(block_rows=7)
-    whole.append(rows)
+    whole.append(Rows.from_rows(rows))
     whole.limit = limit
-    short.append(rows[:limit])
+    short.append(Rows.from_rows(rows[:limit]))
     for store in (whole, short):
         store.view.set_filter(RowFilter.parse("motor = 2") if filtered else None)
         store.view.filter_step()

@@ -25,7 +25,7 @@ from fte_sniff.protocol import (
     encode,
     spaced_hex,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import Codebook, Rows
 
 NOON_NS = 1_769_860_800_000_000_000
 
@@ -45,7 +45,7 @@ ROWS: Sequence[Row] = (
 
 
 def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
-    mask = Search.parse(typed).matches(RowBatch.from_rows(rows))
+    mask = Search.parse(typed).matches(Rows.from_rows(rows))
     return [int(at) for at in np.flatnonzero(mask)]
 
 
@@ -98,7 +98,7 @@ def test_displayed_texts_are_found(typed: str, rows: list[int]) -> None:
     ],
 )
 def test_hidden_columns_are_not_searched(typed: str, column: str, rows: list[int]) -> None:
-    batch = RowBatch.from_rows(ROWS)
+    batch = Rows.from_rows(ROWS)
     search = Search.parse(typed)
     others = set(COLUMN_BY_NAME) - {column}
     assert search.matches(batch, {column}).nonzero()[0].tolist() == rows
@@ -107,7 +107,7 @@ def test_hidden_columns_are_not_searched(typed: str, column: str, rows: list[int
 
 @pytest.mark.parametrize("typed", ["motor=1", "speed", "noise", "aa 01"])
 def test_kind_values_faults_and_bytes_are_always_searched(typed: str) -> None:
-    batch = RowBatch.from_rows(ROWS)
+    batch = Rows.from_rows(ROWS)
     search = Search.parse(typed)
     assert (search.matches(batch, ()) == search.matches(batch)).all()
 
@@ -173,7 +173,7 @@ def test_the_nearest_fault_is_found(
     faulty: list[bool], start: int, by: int, filtered: bool, bound: int
 ) -> None:
     store = RowStore(bound, block_rows=8)
-    store.append(rows_with_faults(faulty))
+    store.append(Rows.from_rows(rows_with_faults(faulty)))
     if filtered:
         store.view.set_filter(TEN_BYTES)
         store.view.filter_step()
@@ -203,7 +203,7 @@ def test_the_nearest_raised_flag_is_found_and_only_in_frames(
         for number, (framed, raised) in enumerate(flags)
     ]
     store = RowStore(bound, block_rows=8)
-    store.append(rows)
+    store.append(Rows.from_rows(rows))
     if filtered:
         store.view.set_filter(RowFilter.parse("kind = 'speed_feedback'"))
         store.view.filter_step()
@@ -221,7 +221,7 @@ def rows_between(start: int, stop: int) -> Sequence[Row]:
     return [Frame("p", 10 * at, raw, at) for at, raw in enumerate(raws, start)]
 
 
-def third(rows: RowBatch) -> npt.NDArray[np.bool_]:
+def third(rows: Rows) -> npt.NDArray[np.bool_]:
     return np.asarray(rows.offset % 30 == 0)
 
 
@@ -246,7 +246,7 @@ def test_hit_positions_equal_a_count_by_hand(row_filter: str | None, bound: int)
     store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
     hits = HitCounter(store, third)
     for start in range(0, 120, 7):
-        store.append(rows_between(start, start + 7))
+        store.append(Rows.from_rows(rows_between(start, start + 7)))
         while hits.step():
             pass
         for index in range(store.first, store.next):
@@ -255,14 +255,14 @@ def test_hit_positions_equal_a_count_by_hand(row_filter: str | None, bound: int)
 
 def test_the_total_grows_with_every_step() -> None:
     store = RowStore(1000, block_rows=16)
-    store.append(rows_between(0, 40))
+    store.append(Rows.from_rows(rows_between(0, 40)))
     hits = HitCounter(store, third)
     assert hits.position(3) == HitPosition(None, 0)
     assert hits.step()
     assert hits.position(3) == HitPosition(2, 6)
     while hits.step():
         pass
-    store.append(rows_between(40, 45))
+    store.append(Rows.from_rows(rows_between(40, 45)))
     assert hits.position(3) == HitPosition(2, 14)
 
 
@@ -270,7 +270,7 @@ def test_the_total_grows_with_every_step() -> None:
 def test_hits_that_are_hidden_again_are_not_counted(row_filter: str | None) -> None:
     store = RowStore(1000, block_rows=16)
     store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
-    store.append(rows_between(0, 40))
+    store.append(Rows.from_rows(rows_between(0, 40)))
     hits = counter_of(store)
     for limit in (0, 20, 5, 33, None):
         store.limit = limit
@@ -282,19 +282,19 @@ def test_hits_that_are_hidden_again_are_not_counted(row_filter: str | None) -> N
 
 
 class Again:
-    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
-        return RowBatch.from_rows(rows_between(start, start + count), codebook)
+    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
+        return Rows.from_rows(rows_between(start, start + count), codebook)
 
 
 def test_rows_that_left_memory_before_they_were_counted_are_skipped() -> None:
     store = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
-    store.append(rows_between(0, 64))
+    store.append(Rows.from_rows(rows_between(0, 64)))
     late = counter_of(store)
     assert late.position(63) == HitPosition(11, 11)
     early = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
     hits = HitCounter(early, third)
     for start in range(0, 64, 16):
-        early.append(rows_between(start, start + 16))
+        early.append(Rows.from_rows(rows_between(start, start + 16)))
         while hits.step():
             pass
     assert hits.position(63) == HitPosition(22, 22)

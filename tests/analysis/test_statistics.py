@@ -33,7 +33,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol.rows import Codebook, Rows
 from tests.analysis.pieces import Step, bauds_after, captures, observe, pieces_of, state_of
 
 SECOND = 1_000_000_000
@@ -44,7 +44,7 @@ SETUP = LineSetup()
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
     found, codebook = Statistics(SETUP), Codebook()
     for part in (rows[:cut], rows[cut:]):
-        found.observe(RowBatch.from_rows(part, codebook))
+        found.observe(Rows.from_rows(part, codebook))
     return found
 
 
@@ -169,7 +169,7 @@ def summary_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummar
     summary = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
         summary.begin(f"{number}.mcap")
-        summary.observe(rows)
+        summary.observe(Rows.from_rows(rows))
     return summary
 
 
@@ -214,7 +214,7 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
     detector = GapDetector()
     detector.begin({}, gaps)
     for part in (rows[:cut], rows[cut:]):
-        summary.observe(part, changes=detector.changes(part))
+        summary.observe(Rows.from_rows(part), changes=detector.changes(Rows.from_rows(part)))
     (port,), (stream,) = summary.statistics.ports(), summary.statistics.streams(None)
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
@@ -252,7 +252,7 @@ def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
 def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> None:
     summary = summary_of(rows[:cut], rows[cut:])
     motors = Motors()
-    motors.observe(RowBatch.from_rows(rows))
+    motors.observe(Rows.from_rows(rows))
     for found, state in zip(summary.answers.stats(), motors.states(None), strict=True):
         assert (
             found.motor,
@@ -337,7 +337,11 @@ def test_utilization_follows_a_baud_change() -> None:
             summary.begin(name)
             # The second file of a capture names the baud of its beginning too.
             changes = detector.begin({"p": 115_200})
-            summary.observe(part, events, changes + detector.changes(part, events))
+            summary.observe(
+                Rows.from_rows(part),
+                events,
+                changes + detector.changes(Rows.from_rows(part), events),
+            )
         (port,) = summary.statistics.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
@@ -349,7 +353,9 @@ def test_the_baud_of_the_user_has_priority() -> None:
     summary.begin("a")
     rows = [frame("reset", at * SECOND) for at in range(2)]
     events = [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)]
-    summary.observe(rows, events, GapDetector().changes(rows, events))
+    summary.observe(
+        Rows.from_rows(rows), events, GapDetector().changes(Rows.from_rows(rows), events)
+    )
     assert summary.statistics.ports()[0].baud == 1200
 
 

@@ -20,7 +20,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 from tests.analysis.pieces import PORTS
 
 VALUES = st.integers(-(2**31), 2**31 - 1)
@@ -80,7 +80,7 @@ def expected(rows: list[Row], kind: str, motor: int, name: str) -> list[tuple[in
 def test_every_row_with_a_time_is_in_its_series(rows: list[Row], size: int) -> None:
     timeline = Timeline()
     for start in range(0, len(rows), size):
-        timeline.observe(RowBatch.from_rows(rows[start : start + size]))
+        timeline.observe(Rows.from_rows(rows[start : start + size]))
     for trace, series in timeline.traces.items():
         assert pairs(series) == expected(rows, trace.kind.name, trace.motor, trace.field)
     known = {
@@ -111,7 +111,7 @@ def test_kinds_have_what_the_frame_table_says() -> None:
         for kind in KINDS
     ]
     timeline = Timeline()
-    timeline.observe(RowBatch.from_rows(frames))
+    timeline.observe(Rows.from_rows(frames))
     for kind in KINDS:
         fields = {trace.field for trace in timeline.traces if trace.kind is kind}
         if kind.names_motor:
@@ -132,7 +132,7 @@ def test_memory_is_bounded_and_the_spike_stays() -> None:
             Frame("a", 10 * at, spike if at == 54_321 else frame, at * 1000, (), 0)
             for at in range(start, start + 10_000)
         ]
-        timeline.observe(RowBatch.from_rows(rows))
+        timeline.observe(Rows.from_rows(rows))
     (series,) = timeline.traces.values()
     found = pairs(series)
     assert timeline.thinned
@@ -153,7 +153,7 @@ def test_a_break_is_at_the_last_row_before_each_gap(gaps: list[bool], size: int)
     for start in range(0, len(rows), size):
         part = gaps[start : start + size]
         changes = [StreamChange(at, gap) for at, ends in enumerate(part) if ends]
-        timeline.observe(RowBatch.from_rows(rows[start : start + size]), changes)
+        timeline.observe(Rows.from_rows(rows[start : start + size]), changes)
     assert timeline.breaks == [999 + at for at, ends in enumerate(gaps) if ends and at]
 
 

@@ -25,7 +25,7 @@ from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.cli.capture_command import PlainLines, Report
 from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, Rows
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.capture_process import MOST_WAITING
 from fte_sniff.session.capture_state import CapturePlan, CaptureState, WriteProgress
@@ -666,7 +666,7 @@ class Reporting:
 
     def update(self, state: FeedState, rows: Sequence[Row] = (), **more: Any) -> None:
         for one in self._observers:
-            one.update(FeedUpdate(state, rows, **more), self._session)
+            one.update(FeedUpdate(state, Rows.from_rows(rows), **more), self._session)
 
     def becomes(self, **state: Any) -> None:
         self._session.state = replace(self._session.state, **state)

@@ -15,8 +15,8 @@ from rich.cells import cell_len
 
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import RowBatch
 from tests.beside import running
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal
@@ -29,7 +29,7 @@ UNCOVERED = "max(rpm, kind IS NULL) < 9"
 
 
 def write(path: Path, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts("a", 115_200)], [RowBatch.from_rows(rows)], {})
+    write_recording(path, [PortFacts("a", 115_200)], [Rows.from_rows(rows)], {})
     return path
 
 

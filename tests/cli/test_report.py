@@ -33,9 +33,9 @@ from fte_sniff.protocol import (
     PortEventKind,
     encode,
 )
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.writer import BulkWriter
-from fte_sniff.row_batch import RowBatch
 from tests.beside import running
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 from tests.waiting import BOUND_S
@@ -68,7 +68,7 @@ def feedback(number: int, rpm: int, port: str = "a") -> Frame:
 
 def recorded(path: Path, frames: list[Frame], facts: dict[str, str] | None = None) -> Path:
     ports = [PortFacts(port) for port in dict.fromkeys(frame.port for frame in frames)]
-    write_recording(path, ports or [PortFacts("a")], [RowBatch.from_rows(frames)], facts)
+    write_recording(path, ports or [PortFacts("a")], [Rows.from_rows(frames)], facts)
     return path
 
 
@@ -265,9 +265,9 @@ def test_lines_end_at_a_silence_a_lost_port_and_a_gap(run, tmp_path, browser, ki
     silence = 1500 if kind is None else 300
     times = [*range(0, 500, 10), *range(490 + silence, 1000 + silence, 10)]
     frames = [one for at in times for one in (command(at, at), feedback(at + 5, at))]
-    path, batch = tmp_path / "a.mcap", RowBatch.from_rows(frames)
+    path, batch = tmp_path / "a.mcap", Rows.from_rows(frames)
     events = [] if kind is None else [PortEvent(START_NS + 510 * MS, "a", kind, "gone")]
-    write_recording(path, [PortFacts("a")], [replace(batch, events=tuple(events))])
+    write_recording(path, [PortFacts("a")], [batch.with_columns(events=events)])
     shown(browser, made(run, tmp_path, path))
     line, target = source(browser, "rpm-1-actual"), source(browser, "rpm-1-target")
     at = line["y"].index(None)
@@ -415,7 +415,7 @@ def test_gaps_and_flags_are_bands_that_differ(run, tmp_path, browser) -> None:
     frames[70] = replace(frames[70], raw=faulty)
     path = tmp_path / "x.mcap"
     writer = BulkWriter(path, [PortFacts("a")])
-    writer.write(RowBatch.from_rows(frames[:30] + frames[60:]))
+    writer.write(Rows.from_rows(frames[:30] + frames[60:]))
     gap = Gap(GapKind.WRITE_ERROR, 30, frames[30].t_ns, frames[60].t_ns, "no space is left")
     writer.close([(GAP_NAME, gap_to_metadata(gap))])
     shown(browser, made(run, tmp_path, path))
@@ -531,7 +531,7 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
 def test_a_page_without_every_row_says_so(tmp_path, most_points: int) -> None:
     frames = [feedback(number, 5) for number in range(10)]
     timeline = Timeline(most_points)
-    timeline.observe(RowBatch.from_rows(frames))
+    timeline.observe(Rows.from_rows(frames))
     numbers = fte_sniff.stats(recorded(tmp_path / "a.mcap", frames))
     text = page(timeline, numbers, ReportFacts("a", [], {}, [], {}))
     assert ("the minimum and maximum of bins of time" in text) is (most_points == 9)

@@ -18,10 +18,10 @@ from rich.cells import cell_len
 import fte_sniff
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
-from fte_sniff.row_batch import RowBatch
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
@@ -279,7 +279,7 @@ def test_filter_and_span(run, samples: Path) -> None:
 
 
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
-    write_recording(path, [port], [RowBatch.from_rows(rows, events=events)], {})
+    write_recording(path, [port], [Rows.from_rows(rows, events=events)], {})
 
 
 def speed(port: str, at: int, t: int) -> fte_sniff.Frame:

@@ -16,8 +16,8 @@ import pytest
 
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, encode
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
@@ -142,7 +142,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Speed commands, a millisecond apart; the speed is that of the row's number."""
     codebook = Codebook()
     raws = b"".join(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in range(RPMS))
-    columns = RowBatch.allocate(codebook, ROWS)
+    columns = Rows.allocate(codebook, ROWS)
     numbers = np.arange(ROWS)
     columns.t_ns[:] = FIRST_NS + numbers * 1_000_000
     columns.offset[:] = numbers * 10

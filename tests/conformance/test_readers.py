@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from benchmarks.recorded_rows import write_recording
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import RowBatch
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
@@ -40,7 +40,7 @@ PORT = PortFacts("/dev/ttyUSB0", 115_200)
 
 
 def _write_bulk(folder: Path) -> None:
-    batches = (RowBatch.from_rows(some_rows(40_000, start=START + n * 10**12)) for n in range(3))
+    batches = (Rows.from_rows(some_rows(40_000, start=START + n * 10**12)) for n in range(3))
     write_recording(folder / "x.mcap", [PORT], batches)
 
 

@@ -16,6 +16,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.formats import parquet
 from fte_sniff.formats.parquet import ParquetRows, write_parquet
 from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.protocol.rows import Rows
 from tests.analysis import conftest
 
 FRAMES = st.builds(
@@ -32,7 +33,7 @@ DAMAGES = st.builds(
 
 
 def written(rows: list[Row], path: Path) -> Path:
-    write_parquet(iter([table_frame(rows)]), path, dict(TABLE_SCHEMA))
+    write_parquet(iter([table_frame(Rows.from_rows(rows))]), path, dict(TABLE_SCHEMA))
     return path
 
 
@@ -70,7 +71,7 @@ SOUND = Frame("a", 0, bytes.fromhex("AA0101000100000000EE"), 5)
 )
 def test_a_value_that_no_row_has_is_refused(tmp_path: Path, change: pl.Expr, reason: str) -> None:
     path = tmp_path / "a.parquet"
-    table_frame([SOUND]).with_columns(change).write_parquet(path)
+    table_frame(Rows.from_rows([SOUND])).with_columns(change).write_parquet(path)
     if not reason:
         assert [row for batch in ParquetRows(path).batches() for row in batch] == [SOUND]
         return
@@ -83,7 +84,7 @@ def test_a_value_that_no_row_has_is_refused(tmp_path: Path, change: pl.Expr, rea
 @pytest.mark.parametrize("name", ["time", "port", "offset", "cmd", "faults", "raw"])
 def test_a_parquet_file_of_another_program_is_refused_by_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / "foreign.parquet"
-    table_frame([SOUND]).drop(name).write_parquet(path)
+    table_frame(Rows.from_rows([SOUND])).drop(name).write_parquet(path)
     with pytest.raises(FileError, match=f"foreign.parquet has no column {name}; only Parquet"):
         ParquetRows(path)
 
@@ -99,5 +100,5 @@ def test_a_damaged_parquet_file_is_one_line(tmp_path: Path, content: bytes) -> N
 def test_the_words_of_faults_may_be_plain_text(tmp_path: Path) -> None:
     row = replace(SOUND, faults=(Fault.BAD_MOTOR, Fault.LINE_ERROR))
     words = pl.col("faults").cast(pl.List(pl.String))
-    table_frame([row]).with_columns(words).write_parquet(tmp_path / "a.parquet")
+    table_frame(Rows.from_rows([row])).with_columns(words).write_parquet(tmp_path / "a.parquet")
     assert list(next(ParquetRows(tmp_path / "a.parquet").batches())) == [row]

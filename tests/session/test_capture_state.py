@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session.capture_state import CaptureState, Ended, Message, RowsMessage, Started
 
@@ -26,7 +27,7 @@ def batch(
     *changes: Change, rows: int = 0, leftover: int = 0, **events: PortEventKind
 ) -> RowsMessage:
     happened = [PortEvent(0, port, kind, "") for port, kind in events.items()]
-    return RowsMessage([], happened, rows, 3, changes, leftover)
+    return RowsMessage(NO_ROWS, happened, rows, 3, changes, leftover)
 
 
 def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:

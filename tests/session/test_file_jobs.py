@@ -27,9 +27,9 @@ from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.file_jobs import (
     DelayedInterrupt,
     FileJob,
@@ -76,7 +76,7 @@ def write_parts(folder: Path, parts: Sequence[Sequence[Row | PortEvent]]) -> lis
         events = [one for one in part if isinstance(one, PortEvent)]
         facts = {"start": START, "host": "here", "part": str(number)}
         paths.append(folder / f"{number}.mcap")
-        write_recording(paths[-1], PORTS, [RowBatch.from_rows(rows, events=events)], facts)
+        write_recording(paths[-1], PORTS, [Rows.from_rows(rows, events=events)], facts)
     return paths
 
 
@@ -232,7 +232,7 @@ def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
         write_parts(tmp_path / "a", [rows[:2]])[0],
         tmp_path / "b.mcap",
     ]
-    write_recording(paths[1], PORTS, [RowBatch.from_rows(other)], {"start": "x", "host": "here"})
+    write_recording(paths[1], PORTS, [Rows.from_rows(other)], {"start": "x", "host": "here"})
     apart = measured(paths, None)
     assert whole.statistics.streams(None)[0].periods.count == 3
     assert apart.statistics.streams(None)[0].periods.count == 2

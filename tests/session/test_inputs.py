@@ -16,17 +16,17 @@ from hypothesis import strategies as st
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.session import save
 from fte_sniff.session.inputs import InputBatch, LogInput, RecordingInput
-from fte_sniff.session.log_rows import FEW, SPAN_BYTES, decided_spans, rows_of_spans
+from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.save import write_rows
 from tests.protocol.streams import raw_bytes
 
@@ -49,10 +49,8 @@ def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_n
     framer = Framer("f")
     expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
     if data:
-        for few in (0, 1000, FEW):
-            spans = decided_spans(chunks, "f", lambda _: None, lambda: waiting)
-            found = [row for rows in rows_of_spans(spans, few) for row in rows]
-            assert found == expected
+        parts = rows_of_chunks(chunks, "f", lambda _: None, lambda: waiting)
+        assert [row for rows in parts for row in rows] == expected
 
 
 def test_spans_are_bounded() -> None:
@@ -97,7 +95,7 @@ def test_rows_before_an_error_are_not_lost() -> None:
         next(batches)
 
 
-@pytest.mark.parametrize("count", [10, FEW])
+@pytest.mark.parametrize("count", [10, 20_000])
 def test_a_span_takes_what_lies_in_it(count: int) -> None:
     chunks = [Chunk("f", 10**18 + at * 10**9, FRAME) for at in range(count)]
     notes: list[str] = []
@@ -154,32 +152,20 @@ UNTIMED = st.lists(
 )
 
 
-def both(rows: list[Row]) -> tuple[InputBatch, InputBatch]:
-    return InputBatch(rows), InputBatch(RowBatch.from_rows(rows))
-
-
-def written(batch: InputBatch, form: OutputFormat) -> str:
+def written(rows: Rows, form: OutputFormat, so_far: int) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=True)
-    write_rows(writer, batch.rows)
+    write_rows(writer, rows, so_far)
     writer.close()
     return stream.getvalue()
 
 
 @pytest.mark.parametrize("form", [*TEXT_FORMATS, OutputFormat.HEX])
 @given(rows=ROWS | UNTIMED)
-def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:
-    one_by_one, at_once = both(rows)
-    if rows:
-        assert written(at_once, form) == written(one_by_one, form)
-
-
-@given(ROWS | UNTIMED)
-def test_the_count_is_the_same(rows: list[Row]) -> None:
-    one_by_one, at_once = Tally(), Tally()
-    for tally, batch in zip((one_by_one, at_once), both(rows), strict=True):
-        tally.update(batch.rows)
-    assert at_once == one_by_one
+def test_columns_are_written_byte_for_byte_as_rows(form: OutputFormat, rows: list[Row]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(save, "_FEWEST", 0)
+        assert written(Rows.from_rows(rows), form, 10**9) == written(Rows.from_rows(rows), form, 0)
 
 
 @given(
@@ -199,28 +185,22 @@ def test_the_count_is_the_same(rows: list[Row]) -> None:
         ]
     ),
 )
-def test_a_filter_wants_the_same(rows: list[Row], text: str) -> None:
+def test_a_filter_selects_each_row_by_itself(rows: list[Row], text: str) -> None:
     wanted = RowFilter.parse(text)
-    one_by_one, at_once = both(rows)
-    assert list(at_once.select(wanted).rows) == one_by_one.select(wanted).rows
+    one_by_one = [row for row in rows if wanted.select(Rows.from_rows([row]))]
+    assert list(InputBatch(Rows.from_rows(rows)).select(wanted).rows) == one_by_one
 
 
 @given(ROWS, st.integers(0, 14))
-def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
-    assert all(list(batch.first(count).rows) == rows[:count] for batch in both(rows))
-
-
-@given(ROWS | UNTIMED)
-def test_the_times_are_the_same(rows: list[Row]) -> None:
-    one_by_one, at_once = both(rows)
-    assert at_once.times == one_by_one.times
+def test_the_first_rows(rows: list[Row], count: int) -> None:
+    assert list(InputBatch(Rows.from_rows(rows)).first(count).rows) == rows[:count]
 
 
 @given(ROWS, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
     span = TimeRange(first_ns, end_ns)
     inside = [row for row in rows if span.contains(row)]
-    assert list(span.select(RowBatch.from_rows(rows))) == inside
+    assert list(span.select(Rows.from_rows(rows))) == inside
 
 
 @given(UNTIMED.filter(lambda rows: any(row.t_ns is None for row in rows)))
@@ -228,30 +208,23 @@ def test_a_recording_takes_no_row_without_time(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
 ) -> None:
     with pytest.raises(FileError, match="has no time since 1970"):
-        write_recording(tmp_path_factory.getbasetemp() / "x", [], [RowBatch.from_rows(rows)])
-
-
-@given(ROWS)
-def test_the_frame_is_the_same(rows: list[Row]) -> None:
-    one_by_one, at_once = (table_frame(batch.rows) for batch in both(rows))
-    assert at_once.equals(one_by_one)
-    assert at_once.schema == one_by_one.schema == TABLE_SCHEMA
+        write_recording(tmp_path_factory.getbasetemp() / "x", [], [Rows.from_rows(rows)])
 
 
 def test_parquet_is_the_frames_one_behind_the_other(tmp_path: Path) -> None:
     rows: list[Row] = [Damage("p", at, b"x", at, (Fault.NOISE,)) for at in range(100)]
-    batches = [both(rows[:30])[0], both(rows[30:])[1]]
+    batches = [Rows.from_rows(rows[:30]), Rows.from_rows(rows[30:])]
     path = tmp_path / "rows.parquet"
-    write_parquet((table_frame(batch.rows) for batch in batches), path, dict(TABLE_SCHEMA))
+    write_parquet((table_frame(batch) for batch in batches), path, dict(TABLE_SCHEMA))
     found = pl.read_parquet(path)
-    assert found.equals(table_frame(rows))
+    assert found.equals(table_frame(Rows.from_rows(rows)))
 
 
 def test_a_recording_of_which_nothing_can_be_read_is_reported(tmp_path: Path) -> None:
     """Its first batch is empty and has no place in the file."""
     path = tmp_path / "a.mcap"
     rows = [Frame("p", 10 * at, FRAME, 10**18 + at) for at in range(100)]
-    write_recording(path, [PortFacts("p")], [RowBatch.from_rows(rows)])
+    write_recording(path, [PortFacts("p")], [Rows.from_rows(rows)])
     content = path.read_bytes()
     at = content.index(b"\x06", 200)
     found = []

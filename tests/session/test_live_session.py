@@ -25,6 +25,7 @@ from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
+from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import live_session as live
@@ -268,7 +269,7 @@ def is_behind(_plan: CapturePlan, view: Connection) -> None:
     view.recv()
     for total in range(15):
         view.poll(0.2)
-        view.send(RowsMessage([], [], total, 0))
+        view.send(RowsMessage(NO_ROWS, [], total, 0))
     view.send(Ended())
 
 

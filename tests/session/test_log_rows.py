@@ -45,12 +45,10 @@ SECTIONS = "".join(
 """First all that was sent, then all that was received."""
 
 
-@pytest.mark.parametrize("few", [0, 20_000])
 @pytest.mark.parametrize("size", [3000, 1 << 20])
 def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few: int, size: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
-    monkeypatch.setattr(log_rows, "FEW", few)
     monkeypatch.setattr(text_blocks, "BLOCK_BYTES", size)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
@@ -93,10 +91,10 @@ def test_after_the_clock_was_set_back_the_order_is_that_of_the_lines(tmp_path: P
     assert any("line 201 steps back in time: '5.905 s'" in note for note in notes)
 
 
-@given(st.integers(0, 10**6), st.sampled_from([100, 999, 5000]), st.sampled_from([0, 20_000]))
+@given(st.integers(0, 10**6), st.sampled_from([100, 999, 5000]))
 @examples(15)
 def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, size: int, few: int
+    tmp_path_factory: pytest.TempPathFactory, seed: int, size: int
 ) -> None:
     rng, us, lines = random.Random(seed), 0, list[str]()
     for _ in range(rng.randint(20, 400)):
@@ -114,7 +112,6 @@ def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
     assert times_of(whole) == sorted(times_of(whole))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(text_blocks, "BLOCK_BYTES", size)
-        patch.setattr(log_rows, "FEW", few)
         assert rows_of(LogReader(str(path))) == whole
         split = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
     piped = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.notes import (
     MOST_PLACES,
     START,
@@ -289,7 +289,7 @@ def test_a_note_belongs_to_the_capture_of_its_row(tmp_path: Path) -> None:
 
 def test_the_row_that_contains_the_byte_is_found() -> None:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
-    rows = RowBatch.from_rows([Frame(port, 10 * n, raw, T_NS) for n in range(4) for port in "pq"])
+    rows = Rows.from_rows([Frame(port, 10 * n, raw, T_NS) for n in range(4) for port in "pq"])
     keys = [RowKey("p", 0), RowKey("q", 25), RowKey("q", 40), RowKey("r", 0), RowKey("p", 30, 1)]
     keys.append(RowKey("p", 30))
     assert sorted(located(rows, keys)) == [(0, keys[0]), (5, keys[1]), (6, keys[5]), (6, keys[4])]

@@ -20,10 +20,10 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples
@@ -34,7 +34,9 @@ FRAME = bytes.fromhex("AA0000000000000000EE")
 
 def batches(count: int, size: int = 10) -> list[InputBatch]:
     return [
-        InputBatch([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
+        InputBatch(
+            Rows.from_rows([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
+        )
         for b in range(count)
     ]
 
@@ -54,7 +56,7 @@ def test_all_rows_come_in_order() -> None:
     session = ReplaySession(made, "file")
     assert all_of(session) == [row for batch in made for row in batch.rows]
     assert session.poll().state.ended is None
-    assert session.poll().rows == []
+    assert list(session.poll().rows) == []
 
 
 def test_reading_waits_for_the_view() -> None:
@@ -170,7 +172,7 @@ def test_stop_ends_the_reading() -> None:
 
 def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
-    parts = [RowBatch.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
+    parts = [Rows.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
     session = ReplaySession((InputBatch(part) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
@@ -188,7 +190,7 @@ def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
 def test_what_the_file_lacks_stands_as_soon_as_it_is_known() -> None:
     for count in (1, 3):
         losses = [f"bytes {number} are gone" for number in range(count)]
-        session = ReplaySession([*batches(3), InputBatch([], losses=losses)], "file")
+        session = ReplaySession([*batches(3), InputBatch(NO_ROWS, losses=losses)], "file")
         assert len(all_of(session)) == 30
         trouble = session.poll().state.trouble
         assert trouble is not None
@@ -217,7 +219,7 @@ def made(port: str, count: int) -> list[Row]:
 
 
 def written(path: Path, port: str, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts(port)], [RowBatch.from_rows(rows)])
+    write_recording(path, [PortFacts(port)], [Rows.from_rows(rows)])
     return path
 
 
@@ -290,7 +292,7 @@ def test_a_store_of_few_blocks_holds_every_row(files: list[Path], rows: list[Row
     pages, _ = noted(files)
     store = RowStore(2**62, 4096, pages, 3)
     for start in range(0, len(rows), 10_000):
-        store.append(rows[start : start + 10_000])
+        store.append(Rows.from_rows(rows[start : start + 10_000]))
     assert len(store) == len(rows)
     assert [store.row(index) for index in (0, 75_000, len(rows) - 1)] == [
         rows[0],
@@ -334,7 +336,9 @@ def test_a_file_that_is_not_what_it_was_is_named(
 
 def timed_store(times: list[int | None]) -> RowStore:
     store = RowStore(block_rows=3)
-    store.append([Frame("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)])
+    store.append(
+        Rows.from_rows([Frame("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)])
+    )
     return store
 
 

@@ -32,6 +32,7 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
 )
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
@@ -56,7 +57,7 @@ def rows(count: int = 40) -> list[Row]:
 def saved(path: Path, taken: list[Row]) -> Path:
     saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
     for at in range(0, len(taken), 7):
-        saving.write(taken[at : at + 7])
+        saving.write(Rows.from_rows(taken[at : at + 7]))
     saving.close()
     assert saving.rows == len(taken)
     return path
@@ -77,7 +78,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
         case ".parquet":
-            assert pl.read_parquet(path).equals(table_frame(taken))
+            assert pl.read_parquet(path).equals(table_frame(Rows.from_rows(taken)))
             assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
             assert entries_in(path) == taken
@@ -101,7 +102,7 @@ def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
 def test_an_abandoned_parquet_file_is_written_no_more(tmp_path: Path, pieces: int) -> None:
     sink = parquet_sink.ParquetSink(tmp_path / "rows.parquet")
     for _ in range(pieces):
-        sink.write(rows(5))
+        sink.write(Rows.from_rows(rows(5)))
     sink.abandon()
     assert not any(thread.name == "writes Parquet" for thread in threading.enumerate())
 
@@ -175,7 +176,7 @@ def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> 
         FileExport(tmp_path / "pipe", form, ORIGIN)
     (tmp_path / "link").symlink_to("target")
     export = FileExport(tmp_path / "link", form, ORIGIN)
-    export.sink.write(rows())
+    export.sink.write(Rows.from_rows(rows()))
     export.sink.close()
     export.commit()
     assert (tmp_path / "link").is_symlink()
@@ -186,7 +187,7 @@ def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
-    saving.write(rows())
+    saving.write(Rows.from_rows(rows()))
     saving.abandon()
     assert not list(tmp_path.iterdir())
 
@@ -194,7 +195,7 @@ def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
     saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), ORIGIN)
     with pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"):
-        saving.write([Damage("b", 0, b"\x01", None, (Fault.NOISE,))])
+        saving.write(Rows.from_rows([Damage("b", 0, b"\x01", None, (Fault.NOISE,))]))
     assert not list(tmp_path.iterdir())
 
 
@@ -232,7 +233,7 @@ def test_parquet_is_refused_unless_polars_can_open_all_that_it_needs() -> None:
 
 
 def _write_all(saving: SaveJob, taken: list[Row]) -> None:
-    saving.write(taken)
+    saving.write(Rows.from_rows(taken))
     saving.close()
 
 
@@ -243,7 +244,7 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
     ]
     origin = ExportSource(PORTS, {"b": 9600}, gaps, [Selection("motor = 1", 99)])
     saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), origin)
-    saving.write(rows())
+    saving.write(Rows.from_rows(rows()))
     saving.close()
     reader = RecordingReader(tmp_path / "rows.mcap")
     assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])

@@ -26,10 +26,10 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.records import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import InputBatch, RecordingInput
 from fte_sniff.session.replay import RecordingPages
@@ -39,7 +39,7 @@ START = 1_770_000_000_000_000_000
 SPEED = encode(KINDS[0], {field.name: field.low for field in KINDS[0].fields})
 
 
-def batch_of(rows: Sequence[Row], *, as_list: bool, at: int) -> InputBatch:
+def batch_of(rows: Sequence[Row], *, at: int) -> InputBatch:
     """The rows, an event before the first, and a change before the last."""
     events, changes = list[PortEvent](), list[StreamChange]()
     if rows:
@@ -47,9 +47,9 @@ def batch_of(rows: Sequence[Row], *, as_list: bool, at: int) -> InputBatch:
         events.append(PortEvent(t_ns, rows[0].port, PortEventKind.OPENED, str(at)))
         gap = Gap(GapKind.DAMAGE, rows=rows[-1].offset, port=rows[-1].port)
         changes.append(StreamChange(len(rows) - 1, gap))
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     return InputBatch(
-        list(rows) if as_list else batch,
+        batch,
         events,
         reload=lambda: batch,
         changes=changes,
@@ -73,7 +73,7 @@ def inputs(draw: st.DrawFn, *, falling: bool = False) -> list[list[InputBatch]]:
                 kind = Frame if raw is SPEED else Damage
                 rows.append(kind(str(number), offset, raw, t_ns, ()))
                 offset += len(raw)
-            batches.append(batch_of(rows, as_list=draw(st.booleans()), at=at))
+            batches.append(batch_of(rows, at=at))
         found.append(batches)
     return found
 
@@ -141,9 +141,9 @@ def test_merged_rows_can_be_read_again(given_: list[list[InputBatch]]) -> None:
             assert not len(batch.rows)
 
 
-def columns(first: int, count: int, port: str) -> RowBatch:
+def columns(first: int, count: int, port: str) -> Rows:
     """Rows a microsecond apart from a number on."""
-    rows = RowBatch.allocate(Codebook(), count)
+    rows = Rows.allocate(Codebook(), count)
     rows.t_ns[:] = START + (first + np.arange(count)) * 1000
     rows.offset[:] = 0
     rows.port[:] = rows.codebook.port_code(port)

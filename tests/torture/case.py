@@ -26,8 +26,8 @@ from time import monotonic, sleep
 
 from benchmarks.recorded_rows import PORTS, recorded_row, write_recording
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import RowBatch
 from tests.waiting import BOUND_S
 
 ROOT = Path(__file__).parents[2]
@@ -207,7 +207,7 @@ def minute() -> bytes:
     """A recording of a minute of a full wire."""
     with TemporaryDirectory() as name:
         path = Path(name) / "x.mcap"
-        batch = RowBatch.from_rows([recorded_row(PORTS[0], number) for number in range(69_120)])
+        batch = Rows.from_rows([recorded_row(PORTS[0], number) for number in range(69_120)])
         write_recording(path, [PortFacts(PORTS[0], DEFAULT_BAUD)], [batch])
         return path.read_bytes()
 

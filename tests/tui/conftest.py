@@ -26,6 +26,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol import rows as columns
 from fte_sniff.tui import find_actions, status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
@@ -60,7 +61,9 @@ class ListFeed:
         self.state = replace(self.state, running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
-        update = FeedUpdate(self.state, self._rows, self._events, self.changes)
+        update = FeedUpdate(
+            self.state, columns.Rows.from_rows(self._rows), self._events, self.changes
+        )
         self._rows, self._events, self.changes = [], [], []
         return update
 

@@ -16,9 +16,9 @@ from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import Input, LogInput, RecordingInput
 from fte_sniff.session.notes import Notes, Place
@@ -619,7 +619,7 @@ def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
         frames = [
             Frame("p", 10 * at, raw, NOON_NS + 2 * at + number, ()) for at, raw in enumerate(rows)
         ]
-        write_recording(path, [PortFacts("p")], [RowBatch.from_rows(frames)])
+        write_recording(path, [PortFacts("p")], [columns.Rows.from_rows(frames)])
     return RecordingInput(RecordingReader(path))
 
 

@@ -36,8 +36,8 @@ from fte_sniff.protocol import (
     encode,
     spaced_hex,
 )
+from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
@@ -423,7 +423,7 @@ def test_every_line_of_every_pane_fits(
     rows: list[Row], data: st.DataObject, width: int, height: int, window_ns: int, bench: LineSetup
 ) -> None:
     store = RowStore(100, 3)
-    store.append(rows)
+    store.append(columns.Rows.from_rows(rows))
     models = LiveModels(store, bench, 4)
     models.step(100)
     palette = data.draw(st.sampled_from([DARK, LIGHT]))
@@ -463,7 +463,7 @@ def _rows(lengths: list[int], ports: str = "p") -> list[Row]:
 
 def _store(rows: list[Row]) -> RowStore:
     store = RowStore(10_000, 16)
-    store.append(rows)
+    store.append(columns.Rows.from_rows(rows))
     return store
 
 
@@ -531,7 +531,7 @@ def test_rows_of_other_ports_are_no_neighbours() -> None:
 
 def test_a_row_that_left_has_no_neighbours() -> None:
     store = RowStore(5, 2)
-    store.append(_rows([10] * 9))
+    store.append(columns.Rows.from_rows(_rows([10] * 9)))
     with pytest.raises(IndexError):
         neighbours(store, 2, 100)
     assert neighbours(store, 5, 100)[0].offset == 40
@@ -541,10 +541,10 @@ def _page(
     rows: Sequence[Row], width: int, now_ns: int | None = NOON_NS, behind: Sequence[Row] = ()
 ) -> StatisticsPage:
     store = RowStore()
-    store.append(rows)
+    store.append(columns.Rows.from_rows(rows))
     models = LiveModels(store, LineSetup())
     assert models.step(len(rows))
-    store.append(behind)
+    store.append(columns.Rows.from_rows(behind))
     return StatisticsPage(models, now_ns, width, DARK)
 
 
@@ -691,7 +691,7 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
 
 
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
-    batch = RowBatch.from_rows(rows)
+    batch = columns.Rows.from_rows(rows)
     motors, traces = Motors(), Traces()
     motors.observe(batch)
     traces.observe(batch)
@@ -756,7 +756,7 @@ def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: 
     ]
     motors = Motors()
     for start in range(0, len(rows), cut):
-        motors.observe(RowBatch.from_rows(rows[start : start + cut]))
+        motors.observe(columns.Rows.from_rows(rows[start : start + cut]))
     first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
     assert first.target is not None
     assert second.target is not None

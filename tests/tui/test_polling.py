@@ -17,7 +17,8 @@ from fte_sniff.analysis.feed import BaudChange, FeedUpdate, StreamChange
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol import rows as columns
+from fte_sniff.protocol.rows import Codebook
 from fte_sniff.tui import app as screen
 from fte_sniff.tui import options as start_options
 from fte_sniff.tui import view_model
@@ -293,11 +294,11 @@ class Rereading:
         self.gone = False
         self.starts: list[int] = []
 
-    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+    def load(self, start: int, count: int, codebook: Codebook) -> columns.Rows:
         if self.gone:
             raise FileError("run.mcap: no such file any more")
         self.starts.append(start)
-        return RowBatch.from_rows(self.rows[start : start + count], codebook)
+        return columns.Rows.from_rows(self.rows[start : start + count], codebook)
 
 
 @pytest.fixture

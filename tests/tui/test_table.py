@@ -34,7 +34,7 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.table.columns import DELTA, ORDER, VALUES, TableView, layout_for
 from fte_sniff.tui.table.painter import Painter, RowCell
@@ -304,7 +304,7 @@ def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int)
     text = short_values(row, width)
     short = short_kind(row.kind.name, max(width, 11))
     for typed in filter(None, (text, short)):
-        assert Search.parse(typed).matches(RowBatch.from_rows([row])).all()
+        assert Search.parse(typed).matches(Rows.from_rows([row])).all()
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from fte_sniff.analysis.live_models import LiveModels, ShownStreams
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import COLUMNS, TopView, columns_for
@@ -286,7 +287,7 @@ def _shown(rows: Sequence[Row], text: str) -> dict[str, int]:
     store.view.set_filter(parse_filter(text))
     shown = ShownStreams(store)
     for start in range(0, len(rows), 5):
-        store.append(rows[start : start + 5])
+        store.append(Rows.from_rows(rows[start : start + 5]))
         while not store.view.filter_step():
             pass
         while not shown.step(3):
@@ -303,7 +304,9 @@ def test_streams_of_a_filter_are_those_of_its_rows() -> None:
 
 def test_a_new_filter_counts_from_the_start() -> None:
     store = RowStore()
-    store.append([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
+    store.append(
+        Rows.from_rows([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
+    )
     store.view.set_filter(parse_filter("rpm < 10"))
     shown = ShownStreams(store)
     for text, count in (("rpm < 10", 10), ("rpm < 50", 50), ("motor = 1", 50)):
@@ -316,7 +319,9 @@ def test_a_new_filter_counts_from_the_start() -> None:
 
 def test_rows_that_are_hidden_again_are_counted_no_more() -> None:
     store = RowStore()
-    store.append([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
+    store.append(
+        Rows.from_rows([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
+    )
     store.view.set_filter(parse_filter("motor = 1"))
     store.view.filter_step()
     shown = ShownStreams(store)
@@ -338,7 +343,7 @@ def test_commands_are_counted_by_their_cmd() -> None:
     ]
     for step in (1, 6):
         store = RowStore()
-        store.append(rows)
+        store.append(Rows.from_rows(rows))
         models = LiveModels(store, LineSetup())
         while not models.step(step):
             pass

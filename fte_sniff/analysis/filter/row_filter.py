@@ -18,9 +18,8 @@ damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import compress
 from math import inf
 from typing import Final
 
@@ -30,7 +29,7 @@ from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.parser import parse
 from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.row_batch import Bools
+from fte_sniff.protocol.rows import Bools, Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +66,13 @@ class RowFilter:
             found = found.new_from_index(0, frame.height)
         return found.fill_null(False)
 
-    def matches(self, rows: Sequence[Row]) -> Bools:
+    def matches(self, rows: Rows) -> Bools:
         """Whether each row passes; raises FilterError as `mask`."""
         return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
 
-    def select(self, rows: Sequence[Row]) -> list[Row]:
-        """The rows that pass, in order."""
-        return list(compress(rows, self.matches(rows))) if rows else []
+    def select(self, rows: Rows) -> Rows:
+        """The rows that pass, in order, and the port events between them."""
+        return rows.select(self.matches(rows), rows.events)
 
 
 ALERT_INTERVAL_S: Final = 1.0
@@ -89,7 +88,7 @@ class Alert:
         self.count = 0
         self.last: Row | None = None
 
-    def observe(self, rows: Sequence[Row], now_s: float) -> bool:
+    def observe(self, rows: Rows, now_s: float) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
         if not len(rows):
             return False
@@ -120,4 +119,4 @@ def _test_rows() -> Iterator[Row]:
     yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
 
 
-_TEST_FRAME: Final = row_frame(list(_test_rows()))
+_TEST_FRAME: Final = row_frame(Rows.from_rows(_test_rows()))

@@ -47,7 +47,7 @@ from fte_sniff.protocol.framer.predicates import (
     is_strict,
 )
 from fte_sniff.protocol.framer.reserve import ReserveLearner
-from fte_sniff.protocol.framer.segments import DecidedSpan, LineHealth, PendingBytes, Segment
+from fte_sniff.protocol.framer.segments import LineHealth, PendingBytes, Segment
 from fte_sniff.protocol.framer.tables import (
     EXTRA,
     FTE_TABLES,
@@ -57,7 +57,8 @@ from fte_sniff.protocol.framer.tables import (
     FrameTables,
 )
 from fte_sniff.protocol.framer.timestamps import SETTLING_NS, ArrivalTimeline, IdleTimes
-from fte_sniff.protocol.rows import Chunk, Row
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Codebook, Row, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
 _ENOUGH: Final[i64] = 3
@@ -184,9 +185,16 @@ class Framer:
     """Turns the chunks of one port into rows that cover its stream without gap or overlap."""
 
     def __init__(
-        self, port: str, baud: int = DEFAULT_BAUD, tables: FrameTables = FTE_TABLES
+        self,
+        port: str,
+        baud: int = DEFAULT_BAUD,
+        tables: FrameTables = FTE_TABLES,
+        codebook: Codebook | None = None,
     ) -> None:
         """Frame the bytes of a port, which is named in every row, at `baud` bits per second.
+
+        The rows of framers with the same `codebook` have the same codes; by default each has
+        another one.
 
         Raises:
             ValueRangeError: `baud` is less than 1.
@@ -196,7 +204,7 @@ class Framer:
         self._reserve = ReserveLearner(tables)
         self._timeline = ArrivalTimeline(byte_time_ns(baud))
         self._line = LineHealth(tables.length)
-        self._decided = PendingBytes(port, self._timeline.times)
+        self._decided = PendingBytes(port, self._timeline.times, codebook or Codebook())
         self._data = b""
         self._base: i64 = 0
         """Stream offset of the first byte of `_data`."""
@@ -239,10 +247,10 @@ class Framer:
     def _rows(self) -> list[Row]:
         if self._line.segments.end == self._decided.start:
             return []
-        return self.drain().rows()
+        return list(self.drain())
 
-    def drain(self) -> DecidedSpan:
-        """All that was decided since the last call, as columns instead of rows."""
+    def drain(self) -> Rows:
+        """All rows that were decided since the last call."""
         return self._decided.drain(self._line.drain())
 
     def restart(self) -> list[Row]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from array import array
 from typing import Final, final
 
 from librt.vecs import append, vec
-from mypy_extensions import i64, mypyc_attr
+from mypy_extensions import i16, i32, i64, mypyc_attr, u8
 
 from fte_sniff.protocol.framer.tables import AMBIGUOUS, FAULT_SETS, NOISE, TRUNCATED
-from fte_sniff.protocol.framer.timestamps import ArrivalTime, ArrivalTimes
-from fte_sniff.protocol.rows import Damage, Frame, Row
-from fte_sniff.protocol.spec import Fault
+from fte_sniff.protocol.framer.timestamps import ArrivalTimes
+from fte_sniff.protocol.rows import NO_TIME, Buffer, Codebook, Rows
+from fte_sniff.protocol.spec import FRAME_LENGTH
 
 
 @final
@@ -44,6 +44,8 @@ LONGEST_ROW: Final[i64] = 1024
 """Bytes in a row of noise, at most."""
 
 _NONE: Final[i64] = -1
+_WIDTH: Final[i64] = FRAME_LENGTH
+"""The number of first bytes of a row in `Rows.raw`."""
 
 
 @final
@@ -171,81 +173,13 @@ class LineHealth:
 
 
 @final
-class DecidedSpan:
-    """The decided bytes of one port between two offsets."""
-
-    def __init__(
-        self,
-        port: str,
-        data: bytes,
-        start: i64,
-        segments: SegmentList,
-        times: Sequence[ArrivalTime],
-    ):
-        self.port = port
-        self.data = data
-        """The bytes, and perhaps more after them."""
-        self.start = start
-        """The stream offset of the first one."""
-        self.segments = segments
-        self.times = times
-        """The arrival times of all bytes."""
-
-    def __len__(self) -> int:
-        """The number of rows."""
-        count: i64 = 0
-        for own in self.segments.counts:
-            count += own
-        return int(count)
-
-    def last(self) -> tuple[int, bool, tuple[Fault, ...]] | None:
-        """Length of the last row, whether it is a frame, and its faults; None without rows."""
-        segments = self.segments
-        number = i64(len(segments.starts)) - 1
-        if number < 0:
-            return None
-        code = segments.codes[number]
-        length = (segments.end - segments.starts[number]) // segments.counts[number]
-        return int(length), code & 1 == 1, FAULT_SETS[code >> 1]
-
-    def rows(self) -> list[Row]:
-        """The rows with their times."""
-        rows: list[Row] = []
-        segments = self.segments
-        starts, counts, codes = segments.starts, segments.counts, segments.codes
-        size: i64 = len(starts)
-        times = ArrivalTimes(self.times)
-        for number in range(size):
-            at, code = starts[number], codes[number]
-            stop = starts[number + 1] if number + 1 < size else segments.end
-            length = (stop - at) // counts[number]
-            make = Frame if code & 1 == 1 else Damage
-            faults = FAULT_SETS[code >> 1]
-            while at < stop:
-                raw = self.data[at - self.start : at - self.start + length]
-                t_ns, delay = times.at(at).time_and_delay(at)
-                rows.append(make(self.port, int(at), raw, t_ns, faults, delay))
-                at += length
-        return rows
-
-    def headers(self) -> Iterator[tuple[int, int]]:
-        """The offset and the header of each frame."""
-        segments = self.segments
-        starts, counts, codes = segments.starts, segments.counts, segments.codes
-        for number in range(i64(len(starts))):
-            if codes[number] & 1 == 1:
-                for count in range(counts[number]):
-                    at = starts[number] + count * segments.frame_length
-                    yield int(at), self.data[at - self.start]
-
-
-@final
 class PendingBytes:
     """The decided bytes of one port that were not drained yet."""
 
-    def __init__(self, port: str, times: ArrivalTimes) -> None:
-        self._port = port
+    def __init__(self, port: str, times: ArrivalTimes, codebook: Codebook) -> None:
         self._times = times
+        self._codebook = codebook
+        self._port_code = codebook.port_code(port)
         self.start: i64 = 0
         """The stream offset of the first one."""
         self._chunks: list[bytes] = []
@@ -259,8 +193,8 @@ class PendingBytes:
         self._chunks.append(data)
         self._last_size = size
 
-    def drain(self, segments: SegmentList) -> DecidedSpan:
-        """The bytes of these segments."""
+    def drain(self, segments: SegmentList) -> Rows:
+        """The rows of these segments."""
         start, size = self.start, segments.end - self.start
         if len(self._chunks) > 1:
             self._chunks[-1] = self._chunks[-1][: self._last_size]
@@ -270,4 +204,105 @@ class PendingBytes:
         self._chunks = [data[size : self._last_size]] if size < self._last_size else []
         self._last_size = max(i64(0), self._last_size - size)
         self.start = segments.end
-        return DecidedSpan(self._port, data, start, segments, self._times.before(segments.end))
+        columns = ColumnFiller(data, start, self._times, self._codebook)
+        columns.append(segments)
+        return columns.rows(self._port_code)
+
+
+@final
+class ColumnFiller:
+    """Fills the columns of `Rows` with decided segments."""
+
+    def __init__(self, data: bytes, start: i64, times: ArrivalTimes, codebook: Codebook) -> None:
+        """`data` holds the segments' bytes from the stream offset `start` on."""
+        self._data = data
+        self._start = start
+        self._times = times
+        self._codebook = codebook
+        self._t_ns = vec[i64]()
+        self._offsets = vec[i64]()
+        self._delays = vec[i64]()
+        self._lengths = vec[i32]()
+        self._faults = vec[i16]()
+        self._framed = vec[u8]()
+        self._raw = vec[u8]()
+        """The first bytes of each row; empty while all rows have as many bytes as `data` shows."""
+        self._is_even = True
+        self._long: dict[int, bytes] = {}
+
+    def append(self, segments: SegmentList) -> None:
+        """Append the rows of the segments."""
+        starts, counts, codes = segments.starts, segments.counts, segments.codes
+        size: i64 = len(starts)
+        for number in range(size):
+            at = starts[number]
+            stop = starts[number + 1] if number + 1 < size else segments.end
+            length = (stop - at) // counts[number]
+            if length != _WIDTH and self._is_even:
+                self._end_even_rows()
+            self._append_rows(at, stop, length, codes[number])
+
+    def _append_rows(self, at: i64, stop: i64, length: i64, code: i64) -> None:
+        """Append rows of equal length and code."""
+        faults = i16(self._codebook.fault_code(FAULT_SETS[code >> 1])) if code > 1 else i16(0)
+        framed = u8(code & 1)
+        while at < stop:
+            time = self._times.at(at)
+            # All rows that begin in the same chunk.
+            end = min(stop, time.stop)
+            known = time.t_ns is not None
+            read_ns: i64 = NO_TIME if time.t_ns is None else time.t_ns
+            floor_ns: i64 = time.floor_ns
+            byte_ns: i64 = time.byte_ns
+            while at < end:
+                t_ns, delay_ns = read_ns, read_ns
+                if known:
+                    delay_ns = (time.stop - at) * byte_ns
+                    t_ns = read_ns - delay_ns
+                    if t_ns < floor_ns:
+                        t_ns, delay_ns = floor_ns, max(i64(0), read_ns - floor_ns)
+                self._t_ns = append(self._t_ns, t_ns)
+                self._delays = append(self._delays, delay_ns)
+                self._offsets = append(self._offsets, at)
+                self._lengths = append(self._lengths, i32(length))
+                self._faults = append(self._faults, faults)
+                self._framed = append(self._framed, framed)
+                if not self._is_even:
+                    self._append_raw(at, length)
+                at += length
+
+    def _append_raw(self, at: i64, length: i64) -> None:
+        raw, data = self._raw, self._data
+        begin = at - self._start
+        for own in range(begin, begin + min(length, _WIDTH)):
+            raw = append(raw, u8(data[own]))
+        for _ in range(length, _WIDTH):
+            raw = append(raw, u8(0))
+        self._raw = raw
+        if length > _WIDTH:
+            self._long[len(self._offsets) - 1] = data[begin : begin + length]
+
+    def _end_even_rows(self) -> None:
+        """Copy the bytes of the rows so far: those that follow have another length."""
+        self._is_even = False
+        raw, data = self._raw, self._data
+        for at in range(_WIDTH * len(self._offsets)):
+            raw = append(raw, u8(data[at]))
+        self._raw = raw
+
+    def rows(self, port_code: int) -> Rows:
+        """The rows of all segments."""
+        count = len(self._offsets)
+        columns: dict[str, Buffer] = {
+            "t_ns": memoryview(self._t_ns),
+            "offset": memoryview(self._offsets),
+            "delay_ns": memoryview(self._delays),
+            "length": memoryview(self._lengths).cast("B").cast("I"),
+            "port": array("H", [port_code]) * count,
+            "faults": memoryview(self._faults).cast("B").cast("H"),
+            "framed": memoryview(self._framed).cast("?"),
+            "unordered": memoryview(bytes(count)).cast("?"),
+        }
+        whole = memoryview(self._data)[: _WIDTH * count]
+        raw = whole if self._is_even else memoryview(self._raw)
+        return Rows(self._codebook, columns, raw, self._long)

@@ -12,12 +12,11 @@ arrived until its time: it is silence too, but moves no byte.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from typing import final
 
 from mypy_extensions import i64
 
-from fte_sniff.protocol.rows import Chunk
+from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.spec import byte_time_ns
 
 PAUSE_BYTES = 3.5
@@ -59,8 +58,8 @@ class ArrivalTime:
 class ArrivalTimes:
     """Queue of the arrival times of one port's bytes, read from left to right."""
 
-    def __init__(self, times: Iterable[ArrivalTime] = ()) -> None:
-        self._times = deque(times)
+    def __init__(self) -> None:
+        self._times: deque[ArrivalTime] = deque()
 
     def append(self, time: ArrivalTime) -> None:
         """Append the arrival time of the next bytes."""
@@ -71,15 +70,6 @@ class ArrivalTimes:
         while self._times[0].stop <= offset:
             self._times.popleft()
         return self._times[0]
-
-    def before(self, offset: i64) -> list[ArrivalTime]:
-        """The arrival times of all bytes before `offset`; drops those of complete chunks."""
-        found: list[ArrivalTime] = []
-        while self._times and self._times[0].stop <= offset:
-            found.append(self._times.popleft())
-        if self._times and self._times[0].start < offset:
-            found.append(self._times[0])
-        return found
 
 
 @final

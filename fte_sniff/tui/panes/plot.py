@@ -25,7 +25,7 @@ from rich.text import Text
 from fte_sniff.analysis.traces import EnvelopeColumns, Floats
 from fte_sniff.analysis.usual_range import inside, medians, usual_targets
 from fte_sniff.formats.cell_text import fit_right, short_number
-from fte_sniff.row_batch import Bools, Ints
+from fte_sniff.protocol.rows import Bools, Ints
 
 ACROSS: Final = 2
 

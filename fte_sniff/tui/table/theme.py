@@ -16,7 +16,7 @@ from textual.filter import LineFilter
 from textual.theme import Theme
 
 from fte_sniff.errors import FilterError, TranslatableText, quoted
-from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Status, status_of
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Rows, Status, status_of
 from fte_sniff.protocol.dissect import byte_names, dissect
 from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
@@ -316,7 +316,7 @@ class ColorRules:
         """The styles of rows with their indices; those of the previous call are known."""
         new = [(index, row) for index, row in rows if index not in self._styles]
         found = [_PLAIN] * len(new)
-        batch = [row for _, row in new]
+        batch = Rows.from_rows(row for _, row in new)
         for row_filter, style in reversed(self._rules if new else ()):
             for number in row_filter.matches(batch).nonzero()[0].tolist():
                 found[number] = style

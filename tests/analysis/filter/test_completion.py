@@ -20,6 +20,7 @@ from fte_sniff.protocol import (
     Status,
     encode,
 )
+from fte_sniff.protocol.rows import Rows
 from tests.protocol.oracle import frame_faults
 
 CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
@@ -109,10 +110,11 @@ ROWS = st.one_of(FRAMES, DAMAGE)
 def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: Row) -> None:
     for cell in cell_filters(row):
         only, without = RowFilter.parse(cell.only), RowFilter.parse(cell.without)
-        assert only.select([row]) == [row]
-        assert without.select([row]) == []
+        assert list(only.select(Rows.from_rows([row]))) == [row]
+        assert not without.select(Rows.from_rows([row]))
         if cell.column != "time" or other.t_ns is not None:
-            assert len(only.select([other])) + len(without.select([other])) == 1
+            others = Rows.from_rows([other])
+            assert len(only.select(others)) + len(without.select(others)) == 1
 
 
 @given(ROWS)

@@ -15,6 +15,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import Term, TermType
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row
+from fte_sniff.protocol.rows import Rows
 from tests.examples import examples
 
 MISTAKES: list[tuple[str, tuple[str, ...]]] = [
@@ -181,7 +182,7 @@ def test_a_mistake_is_reported_with_its_position_and_a_fix(
     ids=_short,
 )
 def test_filters_within_the_limits_work(text: str) -> None:
-    assert len(RowFilter.parse(text).mask(row_frame(ROWS))) == len(ROWS)
+    assert len(RowFilter.parse(text).mask(row_frame(Rows.from_rows(ROWS)))) == len(ROWS)
 
 
 ROWS: list[Row] = [
@@ -220,7 +221,7 @@ def _parses_or_explains(text: str) -> None:
         message = str(error)
     else:
         message = ""
-        mask = wanted.mask(row_frame(ROWS))
+        mask = wanted.mask(row_frame(Rows.from_rows(ROWS)))
         assert len(mask) == len(ROWS)
         assert mask.null_count() == 0
         assert set(wanted.expression.meta.root_names()) == wanted.names
@@ -298,4 +299,8 @@ LARGEST = {
 def test_largest_filters_are_computed_in_any_thread(text: str) -> None:
     with ThreadPoolExecutor(1) as threads:
         other = threads.submit(RowFilter.parse, text).result()
-    assert RowFilter.parse(text).mask(row_frame(ROWS)).equals(other.mask(row_frame(ROWS)))
+    assert (
+        RowFilter.parse(text)
+        .mask(row_frame(Rows.from_rows(ROWS)))
+        .equals(other.mask(row_frame(Rows.from_rows(ROWS))))
+    )

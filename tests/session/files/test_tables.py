@@ -19,10 +19,10 @@ from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
 from tests.recording.conftest import some_rows
@@ -256,7 +256,7 @@ def test_the_first_example_of_the_documentation_shows_no_motor_that_does_not_exi
     rows = framer.feed(Chunk("p", 10**18, raw)) + framer.flush()
     assert [row.faults for row in rows] == [(), (Fault.BAD_MOTOR,), ()]
     (tmp_path / "logs").mkdir()
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     write_recording(tmp_path / "logs/x.mcap", [PortFacts("p")], [batch])
     (tmp_path / "capture.mcap").write_bytes((tmp_path / "logs/x.mcap").read_bytes())
     page = (SAMPLES.parent / "docs/python.md").read_text("utf-8")
@@ -385,7 +385,7 @@ def _robots(folder: Path) -> list[Path]:
             Frame(f"p{robot}", 10 * at, FRAME, START + robot * 3600 * 10**9 + at * 10**6)
             for at in range(100)
         ]
-        write_recording(paths[-1], [PortFacts(f"p{robot}")], [RowBatch.from_rows(rows)])
+        write_recording(paths[-1], [PortFacts(f"p{robot}")], [Rows.from_rows(rows)])
     return paths
 
 
@@ -483,7 +483,7 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
         path = folder / f"{number}.mcap"
         rows = [Frame(port, 10 * at, FRAME, START + ns) for at, (port, ns) in enumerate(entries)]
         if at_once:
-            write_recording(path, [PortFacts("a")], [RowBatch.from_rows(rows)])
+            write_recording(path, [PortFacts("a")], [Rows.from_rows(rows)])
             continue
         with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
             for row in rows:
@@ -494,7 +494,7 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
 
 def test_a_file_whose_library_marks_no_early_rows_shows_no_first_time(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    write_recording(path, [PortFacts("a")], [RowBatch.from_rows([Frame("a", 0, FRAME, START)])])
+    write_recording(path, [PortFacts("a")], [Rows.from_rows([Frame("a", 0, FRAME, START)])])
     assert RecordingReader(path).span_ns == (START, START)
     path.write_bytes(path.read_bytes().replace(b"library.marks", b"library.other"))
     assert RecordingReader(path).span_ns == (0, START)

@@ -1,21 +1,23 @@
-"""A batch holds the rows it is made of, whether from rows or from the framer's spans."""
+"""`Rows` holds the rows that it is made of, whether single ones or those of the framer."""
 
 from __future__ import annotations
 
+import pickle
+from collections import Counter
 from collections.abc import Sequence
 from itertools import compress
 from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
-from fte_sniff.protocol.framer.segments import DecidedSpan
-from fte_sniff.row_batch import COLUMNS, NO_KIND, Codebook, RowBatch, RowBuffer
+from fte_sniff.protocol import rows as rows_module
+from fte_sniff.protocol.rows import COLUMNS, NO_KIND, Codebook, RowBuffer, Rows
 from tests.analysis import conftest as _row_strategies  # noqa: F401
 from tests.protocol.streams import raw_bytes
 
@@ -30,7 +32,7 @@ def facts(rows: Sequence[Row]) -> list[tuple[object, ...]]:
 
 @given(ROWS, st.data())
 def test_a_batch_is_a_sequence_of_its_rows(rows: list[Row], data: st.DataObject) -> None:
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     assert facts(batch) == facts(rows)
     assert len(batch) == len(rows)
     start, end = data.draw(INDEX), data.draw(INDEX)
@@ -42,19 +44,19 @@ def test_a_batch_is_a_sequence_of_its_rows(rows: list[Row], data: st.DataObject)
 
 @given(ROWS, ROWS)
 def test_batches_are_concatenated_and_recoded(one: list[Row], two: list[Row]) -> None:
-    whole = RowBatch.concat([RowBatch.from_rows(one), RowBatch.from_rows(two)])
+    whole = Rows.concat([Rows.from_rows(one), Rows.from_rows(two)])
     assert facts(whole) == facts(one + two)
     codebook = Codebook()
     codebook.port_code("another first")
     codebook.fault_code(tuple(Fault))
-    recoded = RowBatch.from_rows(whole, codebook)
+    recoded = whole.recoded(codebook)
     assert recoded.codebook is codebook
     assert facts(recoded) == facts(one + two)
 
 
 @given(ROWS, st.data())
 def test_rows_are_selected_by_slice_mask_and_index(rows: list[Row], data: st.DataObject) -> None:
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
     assert list(batch.select(np.array(mask, np.bool_))) == list(compress(rows, mask))
     if rows:
@@ -67,8 +69,8 @@ def test_rows_are_selected_by_slice_mask_and_index(rows: list[Row], data: st.Dat
 @given(ROWS, ROWS)
 def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
     codebook = Codebook()
-    batch = RowBatch.allocate(codebook, len(one) + len(two))
-    batch.assign(0, RowBatch.from_rows(one, codebook))
+    batch = Rows.allocate(codebook, len(one) + len(two))
+    batch.assign(0, Rows.from_rows(one, codebook))
     for at, row in enumerate(two, len(one)):
         batch.put(at, row)
     assert facts(batch) == facts(one + two)
@@ -88,17 +90,36 @@ def test_a_buffer_is_one_batch_only_if_all_that_was_reserved_fits() -> None:
 
 @given(ROWS)
 def test_the_bytes_of_a_batch_are_those_of_its_rows(rows: list[Row]) -> None:
-    batch = RowBatch.from_rows(rows)
+    batch = Rows.from_rows(rows)
     assert batch.tobytes() == b"".join(row.raw for row in rows)
     assert batch[1:].tobytes() == b"".join(row.raw for row in rows[1:])
 
 
 @given(ROWS)
-def test_a_batch_is_counted_as_its_rows_are(rows: list[Row]) -> None:
-    found, expected = Tally(), Tally()
-    found.update(RowBatch.from_rows(rows))
-    expected.update(rows)
-    assert found == expected
+def test_rows_cross_a_pipe(rows: list[Row]) -> None:
+    batch = pickle.loads(pickle.dumps(Rows.from_rows(rows)))
+    assert facts(batch) == facts(rows)
+    assert facts(Rows.concat([batch, Rows.from_rows(rows)])) == facts(rows + rows)
+
+
+@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=ROWS)
+def test_rows_are_counted(few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row]) -> None:
+    monkeypatch.setattr(rows_module, "FEW", few)
+    monkeypatch.setattr(rows_module, "_FEWEST", few)
+    found, frames = Tally(), [row for row in rows if isinstance(row, Frame)]
+    found.update(Rows.from_rows(rows).select(slice(None)))
+    assert type(found.bytes) is int  # which JSON can hold
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    assert (found.rows, found.frames) == (len(rows), len(frames))
+    assert found.bytes == sum(len(row.raw) for row in rows)
+    assert found.times == ((min(times), max(times)) if times else None)
+    assert found.by_port == Counter(row.port for row in rows)
+    assert found.by_status == Counter(row.status for row in rows)
+    assert found.by_fault == Counter(fault for row in rows for fault in set(row.faults))
+    assert found.by_kind == Counter(kind.name for row in frames if (kind := row.kind))
+    assert Rows.from_rows(rows).tobytes() == b"".join(row.raw for row in rows)
 
 
 @given(ROWS)
@@ -106,15 +127,15 @@ def test_times_are_the_first_and_the_latest(rows: list[Row]) -> None:
     times = [row.t_ns for row in rows]
     known = [time for time in times if time is not None]
     expected = (known[0], max(known)) if times and len(known) == len(times) else None
-    assert RowBatch.from_rows(rows).times == expected
+    assert Rows.from_rows(rows).times == expected
 
 
 def test_a_row_and_its_index_under_a_filter_take_no_more_than_48_bytes() -> None:
-    batch = RowBatch.allocate(Codebook(), 1)
-    assert sum(getattr(batch, name).nbytes for name in COLUMNS) + 2 <= 48
+    batch = Rows.allocate(Codebook(), 1)
+    assert sum(getattr(batch, name).nbytes for name in (*COLUMNS, "raw")) + 2 <= 48
 
 
-# Spans of the framer
+# Rows of the framer
 
 TIMES = st.none() | st.integers(0, 2**62) | st.integers(10**18, 10**18 + 10**9)
 
@@ -136,8 +157,8 @@ def one_by_one(chunks: Sequence[Chunk]) -> list[Row]:
     return [row for rows in fed for row in rows] + framer.flush()
 
 
-def spans_of(chunks: Sequence[Chunk], taken_after: int) -> list[DecidedSpan]:
-    """The spans of the same chunks, one for every `taken_after` of them."""
+def drained(chunks: Sequence[Chunk], taken_after: int) -> list[Rows]:
+    """The rows of the same chunks, drained after every `taken_after` of them."""
     framer, found = Framer("p"), []
     for count, chunk in enumerate(chunks):
         framer.push(chunk)
@@ -149,17 +170,16 @@ def spans_of(chunks: Sequence[Chunk], taken_after: int) -> list[DecidedSpan]:
 
 def check(chunks: Sequence[Chunk], taken_after: int) -> None:
     expected = facts(one_by_one(chunks))
-    spans = spans_of(chunks, taken_after)
-    assert facts([row for span in spans for row in span.rows()]) == expected
-    batches = [RowBatch.from_span(span) for span in spans]
-    assert [len(span) for span in spans] == [len(batch) for batch in batches]
+    batches = drained(chunks, taken_after)
     assert facts([row for batch in batches for row in batch]) == expected
-    assert facts(RowBatch.concat(batches)) == expected
+    assert facts(Rows.concat(batches)) == expected
 
 
 @settings(deadline=None)
 @given(raw_bytes, st.lists(st.integers(1, 120), min_size=1, max_size=4), st.integers(1, 5))
-def test_spans_give_the_rows(data: bytes, sizes: list[int], taken_after: int) -> None:
+def test_draining_gives_the_rows_of_feeding(
+    data: bytes, sizes: list[int], taken_after: int
+) -> None:
     check([Chunk("p", None, piece) for piece in pieces(data, sizes)], taken_after)
 
 
@@ -198,7 +218,7 @@ def test_nothing_decided_is_no_rows(data: bytes | None) -> None:
     if data is not None:
         framer.push(Chunk("p", None, data))
         framer.finish()
-    assert list(RowBatch.from_span(framer.drain())) == framer.drain().rows() == []
+    assert list(framer.drain()) == []
 
 
 @pytest.mark.parametrize(
@@ -208,7 +228,7 @@ def test_columns_have_the_values_of_the_rows(share: float, payload: str) -> None
     stream, _ = damaged_stream(3, 3000, share, payload)
     chunk = Chunk("p", None, stream)
     rows = one_by_one([chunk])
-    batch = RowBatch.concat([RowBatch.from_span(span) for span in spans_of([chunk], 1)])
+    batch = Rows.concat(drained([chunk], 1))
     assert batch.offset.tolist() == [row.offset for row in rows]
     assert batch.length.tolist() == [len(row.raw) for row in rows]
     assert batch.framed.tolist() == [isinstance(row, Frame) for row in rows]
@@ -232,4 +252,4 @@ def test_the_end_offset_of_a_port_is_after_its_last_row(
         offset = ends.get(port, 0)
         rows.append(Damage(port, offset, bytes(length), 1, (Fault.NOISE,)))
         ends[port] = offset + length
-    assert RowBatch.from_rows(rows).end_offsets() == ends
+    assert Rows.from_rows(rows).end_offsets() == ends

@@ -1,0 +1,160 @@
+"""What the framer reads, and what else happens: all that is not a row.
+
+Chunk            the bytes of one read, with its time
+PortEvent        something that happened to the port rather than on the wire
+Gap              rows that are missing between others
+LineErrorCounts  how many errors of each kind the UART reported
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import reduce
+
+from fte_sniff.errors import TranslatableText
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """The bytes of one read, with its time; without bytes it reports that the line was idle."""
+
+    port: str
+    """The wire: the port's name, or the file's."""
+    t_ns: int | None
+    """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
+    data: bytes
+    line_errors: tuple[tuple[int, int], ...] = ()
+    """Where the UART reported errors: half-open ranges of offsets in `data`. The last range may end
+    one past the data: errors are counted before their bytes are read."""
+    is_late: bool = False
+    """Whether the reader was held up before it read, so that no silence before it is known."""
+
+
+class PortEventKind(StrEnum):
+    """What happened to a port."""
+
+    OPENED = "opened"
+    LOST = "lost"
+    FOUND_AGAIN = "found_again"
+    LINE_ERROR = "line_error"
+    OVERRUN = "overrun"
+    CLOSED = "closed"
+    WIRING = "wiring"
+    CLOCK_SET = "clock_set"
+    BAUD_CHANGED = "baud_changed"
+    NOT_PASSED_ON = "not_passed_on"
+    NOT_OPENED = "not_opened"
+
+
+@dataclass(frozen=True, slots=True)
+class LineErrorCounts:
+    """How many errors a UART reported, by kind; false if there are none."""
+
+    framing: int = 0
+    """Missing stop bits: another baud, another polarity, or a disturbed line."""
+    parity: int = 0
+    breaks: int = 0
+    """Times that the line was low for longer than a byte."""
+    overruns: int = 0
+    """Bytes lost in the UART: the system fetched them too late."""
+    buffer_overruns: int = 0
+    """Bytes lost in the driver: no program read them in time."""
+
+    @property
+    def by_kind(self) -> tuple[int, int, int, int, int]:
+        """The counts in the order of their definition."""
+        return self.framing, self.parity, self.breaks, self.overruns, self.buffer_overruns
+
+    @property
+    def total(self) -> int:
+        """The number of all errors."""
+        return sum(self.by_kind)
+
+    def __bool__(self) -> bool:
+        return any(self.by_kind)
+
+    def __add__(self, other: LineErrorCounts) -> LineErrorCounts:
+        return LineErrorCounts(*map(int.__add__, self.by_kind, other.by_kind))
+
+    def __str__(self) -> str:
+        """The counts that are not 0: `2 framing, 1 break`."""
+        counts = [text for text in self._texts() if text.values["count"]]
+        if not counts:
+            return ""
+        return reduce(
+            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), counts
+        )
+
+    def _texts(self) -> Iterator[TranslatableText]:
+        yield TranslatableText("{count:,} framing", count=self.framing)
+        yield TranslatableText("{count:,} parity", count=self.parity)
+        yield TranslatableText("{count:,} break", count=self.breaks)
+        yield TranslatableText("{count:,} overrun", count=self.overruns)
+        yield TranslatableText("{count:,} buffer overrun", count=self.buffer_overruns)
+
+
+@dataclass(frozen=True, slots=True)
+class PortEvent:
+    """Something that happened to a port rather than on its wire."""
+
+    t_ns: int
+    """Nanoseconds since 1970 UTC."""
+    port: str
+    kind: PortEventKind
+    detail: str
+    """One line of text for the user; may contain text from outside."""
+    count: int = 0
+    """Bytes (overrun, not passed on), errors (line error), or the new bits per second (baud
+    changed); else 0."""
+
+
+class GapKind(StrEnum):
+    """Why rows are missing."""
+
+    WRITE_ERROR = "write_error"
+    LEFT_OUT = "left_out"
+    """They are not in the file: a trigger dropped them, or the copied file has a gap."""
+    DAMAGE = "damage"
+    OTHER_RECORDING = "other_recording"
+    PORT = "port"
+    """The port was lost, or bytes of it were."""
+    NOT_SHOWN = "not_shown"
+    """The view was too slow to receive them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Rows that are missing between others: no period, rate or silence spans a gap."""
+
+    kind: GapKind
+    rows: int | None = None
+    """How many rows are missing; None if unknown."""
+    start_ns: int | None = None
+    """First time at which a row may be missing, nanoseconds since 1970 UTC; None if unknown."""
+    end_ns: int | None = None
+    """Last time at which a row may be missing; None if unknown."""
+    reason: str = ""
+    """One line of text for the user; may contain text from outside."""
+    port: str | None = None
+    """The port whose rows are missing; None for all ports."""
+    port_lost: bool | None = None
+    """Whether a port remains lost after it, so that no command can be unanswered; None if the gap
+    does not change that."""
+
+    def including(self, t_ns: int, rows: int = 1) -> Gap:
+        """The gap, with more missing rows of one time."""
+        start = t_ns if self.start_ns is None else min(self.start_ns, t_ns)
+        end = t_ns if self.end_ns is None else max(self.end_ns, t_ns)
+        return Gap(self.kind, (self.rows or 0) + rows, start, end, self.reason, self.port)
+
+    def within(self, first_ns: int | None, last_ns: int | None) -> Gap | None:
+        """The part between two times, both included (None: unbounded), or None; rows unknown."""
+        if self.start_ns is None or self.end_ns is None:
+            return self
+        first = self.start_ns if first_ns is None else max(first_ns, self.start_ns)
+        last = self.end_ns if last_ns is None else min(last_ns, self.end_ns)
+        if (first, last) == (self.start_ns, self.end_ns):
+            return self
+        return replace(self, rows=None, start_ns=first, end_ns=last) if first <= last else None
