@@ -21,6 +21,7 @@ from mcap.records import Statistics
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol.rows import Array, Codebook, RowBuffer, Rows
 from fte_sniff.recording.mcap.chunk_index import (
     CHANNEL_OFFSET,
     MESSAGE_HEAD,
@@ -43,7 +44,6 @@ from fte_sniff.recording.mcap.records import (
 )
 from fte_sniff.recording.messages.decode import DecodedColumns, Losses, ParseBudget, decode_columns
 from fte_sniff.recording.messages.definitions import ChannelReaders, Definitions
-from fte_sniff.row_batch import Array, Codebook, RowBatch, RowBuffer
 
 _LATEST = 2**63 - 1
 
@@ -73,7 +73,7 @@ class TimeRange:
         found: Array = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
         return found
 
-    def select(self, rows: RowBatch) -> RowBatch:
+    def select(self, rows: Rows) -> Rows:
         """The rows and events in the range."""
         if self.everything:
             return rows
@@ -215,7 +215,7 @@ class _Run:
 
     after_loss: bool
     ranges: list[ByteRange] = field(default_factory=list)
-    batches: list[RowBatch] = field(default_factory=list)
+    batches: list[Rows] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -324,7 +324,7 @@ class BatchReader:
         self.statistics: Statistics | None = None
         """Those at the end of the file, checked by no checksum."""
 
-    def read(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
+    def read(self, records: RecordStream) -> Iterator[tuple[RowRange, Rows]]:
         """The rows and events of the records, in their order, with the range of each batch."""
         first = True
         try:
@@ -347,13 +347,13 @@ class BatchReader:
             for job in self._jobs:
                 job.result.cancel()
 
-    def read_again(self, records: Iterable[RawRecord]) -> Iterator[RowBatch]:
+    def read_again(self, records: Iterable[RawRecord]) -> Iterator[Rows]:
         """The rows and events of a few records, in their order, without threads."""
         for sections in self._sections_of_jobs(records):
             decoded = self._decode(sections, self._channels.version)
             yield from (rows for _, rows in self._finished(sections, decoded))
 
-    def _next_batches(self) -> Iterator[tuple[RowRange, RowBatch]]:
+    def _next_batches(self) -> Iterator[tuple[RowRange, Rows]]:
         job = self._jobs.popleft()
         return self._finished(job.sections, job.result.result())
 
@@ -417,7 +417,7 @@ class BatchReader:
 
     def _finished(
         self, sections: list[_Section], decoded: _Decoded
-    ) -> Iterator[tuple[RowRange, RowBatch]]:
+    ) -> Iterator[tuple[RowRange, Rows]]:
         for definition, trusted in decoded.definitions:
             self._define(definition, trusted=trusted)
         if decoded.version != self._channels.version:
@@ -472,7 +472,7 @@ class BatchReader:
             del found, slices
         rows.end_batch(run.batches)
         if run.after_loss and not run.batches:
-            run.batches.append(RowBatch.allocate(self._codebook, 0))
+            run.batches.append(Rows.allocate(self._codebook, 0))
         return decoded
 
 
@@ -498,12 +498,12 @@ class _RowCollector:
         self.pieces.append(piece)
         return piece
 
-    def end_batch(self, batches: list[RowBatch]) -> None:
+    def end_batch(self, batches: list[Rows]) -> None:
         if not self.pieces:
             return
         rows = self._buffer.filled() if all(piece.in_place for piece in self.pieces) else None
         if rows is None:
-            rows = RowBatch.concat([piece.columns for piece in self.pieces])
+            rows = Rows.concat([piece.columns for piece in self.pieces])
         batches.append(self._span.select(rows))
         self.pieces, self._buffer = [], RowBuffer(self._codebook, 0)
 

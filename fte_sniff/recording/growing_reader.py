@@ -23,6 +23,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
 from fte_sniff.platform import read_at
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
 from fte_sniff.recording.file_lock import is_locked
 from fte_sniff.recording.mcap.reader import RecordStream, read_summary
@@ -37,7 +38,6 @@ from fte_sniff.recording.mcap.records import (
 )
 from fte_sniff.recording.metadata import END_NAME, NEXT_NAME, PROGRAM, part_of
 from fte_sniff.recording.reader import SUFFIX, RecordingReader
-from fte_sniff.row_batch import Codebook, RowBatch
 
 _DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
 """Records that can belong to the data or to the tail."""
@@ -215,7 +215,7 @@ class GrowingReader(RecordingReader):
 
     def new_ranges(
         self, codebook: Codebook, span: TimeRange = EVERYTHING
-    ) -> Iterator[tuple[RowRange, RowBatch]]:
+    ) -> Iterator[tuple[RowRange, Rows]]:
         """The rows of the records that are complete since the previous call; see `ranges`.
 
         Codebook and span are those of the first call.
@@ -233,7 +233,7 @@ class GrowingReader(RecordingReader):
 
     def last_ranges(
         self, codebook: Codebook, span: TimeRange = EVERYTHING
-    ) -> Iterator[tuple[RowRange, RowBatch]]:
+    ) -> Iterator[tuple[RowRange, Rows]]:
         """The rows up to the end of the file, which nobody writes any more; see `new_ranges`.
 
         Reports what is damaged, as `ranges` does after its pass.
@@ -254,7 +254,7 @@ class GrowingReader(RecordingReader):
 
     def _read(
         self, reader: BatchReader, stream: BinaryIO, span: TimeRange, stop: int | None
-    ) -> Generator[tuple[RowRange, RowBatch], None, RecordStream]:
+    ) -> Generator[tuple[RowRange, Rows], None, RecordStream]:
         """The rows of the records from `_position` to `stop`; None for the end of the file."""
         wanted = None if span.everything else span.overlaps
         records = RecordStream(

@@ -22,6 +22,7 @@ from mcap.records import Channel, Header, Metadata, Statistics
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.protocol import Gap, PortEvent, Row, iso_time
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
 from fte_sniff.recording.mcap.reader import (
     LostBytes,
@@ -50,7 +51,6 @@ from fte_sniff.recording.metadata import (
     gap_from_metadata,
     selection_from_metadata,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
 
 _BUFFER = 128 * 1024
 """Bytes read ahead: enough for the message indexes between two chunks."""
@@ -189,7 +189,7 @@ class RecordingReader:
 
     def batches(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
-    ) -> Iterator[RowBatch]:
+    ) -> Iterator[Rows]:
         """The same rows and events in batches, in file order, mostly of at least 64 thousand rows.
 
         Chunks outside `span`, by their log times, are skipped where the index agrees with them; a
@@ -200,7 +200,7 @@ class RecordingReader:
 
     def ranges(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING, share: int = 1
-    ) -> Iterator[tuple[RowRange, RowBatch]]:
+    ) -> Iterator[tuple[RowRange, Rows]]:
         """The same batches, each with the range with which `read` reads it again.
 
         `share` divides the memory: batches are smaller, and fewer are decoded ahead.
@@ -219,7 +219,7 @@ class RecordingReader:
         self._finish(reader, channels, records, whole=span.everything)
         self._check_topics(reader, channels, cut=bool(records.ending or records.losses))
 
-    def read(self, rows: RowRange) -> RowBatch:
+    def read(self, rows: RowRange) -> Rows:
         """Read a range of rows again, with a codebook of its own.
 
         Raises FileError if the file cannot be read any more, or has changed.
@@ -234,7 +234,7 @@ class RecordingReader:
         end = rows.skipped + rows.count
         if sum(map(len, batches)) < end:
             raise self._changed()
-        return RowBatch.concat(batches)[rows.skipped : end]
+        return Rows.concat(batches)[rows.skipped : end]
 
     def _records_of(self, rows: RowRange) -> Iterator[RawRecord]:
         with self._open() as stream:

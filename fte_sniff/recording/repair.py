@@ -9,13 +9,13 @@ from pathlib import Path
 
 from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import Gap, GapKind, iso_time
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.batch_reader import RowRange
 from fte_sniff.recording.mcap.records import MAGIC
 from fte_sniff.recording.metadata import PORTS_NAME, PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputPath
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import BulkWriter
-from fte_sniff.row_batch import RowBatch
 
 REPAIR_NAME = "fte-sniff.repair"
 """The metadata record of a repaired file: what was lost."""
@@ -115,7 +115,7 @@ class Repair:
         damage.lost_messages = reader.lost_messages
         damage.least_lost_messages = reader.least_lost_messages
 
-    def _ranges(self) -> Iterator[tuple[RowRange, RowBatch]]:
+    def _ranges(self) -> Iterator[tuple[RowRange, Rows]]:
         before = 0
         try:
             for found, rows in self._reader.ranges():
@@ -157,7 +157,7 @@ class Repair:
         }
 
 
-def _times(rows: RowBatch) -> tuple[int, int]:
+def _times(rows: Rows) -> tuple[int, int]:
     times = [event.t_ns for event in rows.events]
     if len(rows):
         times += [int(rows.t_ns.min()), int(rows.t_ns.max())]

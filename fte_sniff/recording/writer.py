@@ -22,6 +22,7 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol.rows import Array, Rows
 from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
@@ -45,7 +46,6 @@ from fte_sniff.recording.output_file import (
     stopped_by_error,
     stopped_by_removal,
 )
-from fte_sniff.row_batch import Array, RowBatch
 
 MAX_PENDING = 16_384
 """Rows that may wait for the end of their chunk; then the chunk ends by itself."""
@@ -296,7 +296,7 @@ class BulkWriter:
         """
         keep_freed_memory()
         self._last_time = 0
-        self._waiting: list[RowBatch] = []
+        self._waiting: list[Rows] = []
         self._waiting_rows = 0
         known = {port.name: port for port in ports}
         if isinstance(path, int):
@@ -314,7 +314,7 @@ class BulkWriter:
         self._under_way: deque[Future[PackedChunk]] = deque()
         self._closed = False
 
-    def write(self, batch: RowBatch) -> None:
+    def write(self, batch: Rows) -> None:
         """Write rows and events; small batches without events share a chunk.
 
         Raises FileError if a row has no time, OSError if the file cannot be written.
@@ -352,7 +352,7 @@ class BulkWriter:
 
     def _write_waiting(self) -> None:
         if self._waiting:
-            batch = RowBatch.concat(self._waiting)
+            batch = Rows.concat(self._waiting)
             self._waiting, self._waiting_rows = [], 0
             for chunk in _chunks(batch):
                 messages = self._messages(chunk)
@@ -364,7 +364,7 @@ class BulkWriter:
     def _write_first(self) -> None:
         self._file.write_chunk(self._under_way.popleft().result())
 
-    def _messages(self, chunk: RowBatch) -> McapBatch:
+    def _messages(self, chunk: Rows) -> McapBatch:
         times = self._log_times(chunk.t_ns)
         event_times = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
         # Each event comes before the first later row.
@@ -377,7 +377,7 @@ class BulkWriter:
         return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times
 
 
-def _check_times(rows: RowBatch) -> None:
+def _check_times(rows: Rows) -> None:
     untimed = np.flatnonzero(rows.t_ns < 0)
     if len(untimed):
         row = rows[int(untimed[0])]
@@ -387,7 +387,7 @@ def _check_times(rows: RowBatch) -> None:
         )
 
 
-def _chunks(rows: RowBatch) -> Iterator[RowBatch]:
+def _chunks(rows: Rows) -> Iterator[Rows]:
     """The rows of each chunk, with the events until its last row."""
     events = sorted(rows.events, key=lambda event: event.t_ns)
     for start in range(0, max(len(rows), 1), CHUNK_ROWS):

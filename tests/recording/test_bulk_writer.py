@@ -16,11 +16,11 @@ from mcap.reader import make_reader
 from benchmarks.recorded_rows import write_recording
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import CHUNK_ROWS, RecordingWriter
-from fte_sniff.row_batch import Codebook, RowBatch
 from tests.recording.conftest import entries_in
 
 MakeRows = Callable[..., list[Row]]
@@ -89,7 +89,7 @@ def test_messages_are_those_that_a_capture_writes(
     folder = tmp_path_factory.mktemp("both")
     with RecordingWriter(folder / "capture.mcap", PORTS) as writer:
         writer.write(rows)
-    write_recording(folder / "bulk.mcap", PORTS, [RowBatch.from_rows(rows)])
+    write_recording(folder / "bulk.mcap", PORTS, [Rows.from_rows(rows)])
     assert _messages(folder / "bulk.mcap") == _messages(folder / "capture.mcap")
 
 
@@ -97,8 +97,8 @@ def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: Ma
     path = tmp_path / "long.mcap"
     rows = make_rows(2 * CHUNK_ROWS + 100, "p")
     parts = [
-        RowBatch.from_rows(rows[:CHUNK_ROWS]),
-        RowBatch.from_rows(rows[CHUNK_ROWS:]),
+        Rows.from_rows(rows[:CHUNK_ROWS]),
+        Rows.from_rows(rows[CHUNK_ROWS:]),
     ]
     write_recording(path, [PortFacts("p")], parts)
     reader = RecordingReader(path)
@@ -108,11 +108,11 @@ def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: Ma
     assert (reader.ending, reader.losses) == ("", ())
 
 
-def _chunks(count: int) -> Iterator[RowBatch]:
+def _chunks(count: int) -> Iterator[Rows]:
     """So many chunks of frames, each with other values than the one before."""
     codebook, raw = Codebook(), encode(KINDS[0], {})
     for number in range(count):
-        columns = RowBatch.allocate(codebook, CHUNK_ROWS)
+        columns = Rows.allocate(codebook, CHUNK_ROWS)
         at = np.arange(number * CHUNK_ROWS, (number + 1) * CHUNK_ROWS)
         columns.t_ns[:] = at * 1000
         columns.offset[:] = at * len(raw)
@@ -126,7 +126,7 @@ def test_chunks_that_threads_pack_stay_in_order(tmp_path: Path) -> None:
     path, count = tmp_path / "long.mcap", 4 * cores() + 3
     write_recording(path, [PortFacts("p")], _chunks(count))
     reader = RecordingReader(path)
-    columns = RowBatch.concat(list(reader.batches()))
+    columns = Rows.concat(list(reader.batches()))
     assert (reader.ending, reader.losses) == ("", ())
     at = np.arange(count * CHUNK_ROWS)
     assert (columns.t_ns == at * 1000).all()
@@ -137,7 +137,7 @@ def test_few_chunks_are_under_way(tmp_path: Path) -> None:
     """Else what is to be written would pile up in memory."""
     path, sizes = tmp_path / "long.mcap", list[int]()
 
-    def observed() -> Iterator[RowBatch]:
+    def observed() -> Iterator[Rows]:
         for columns in _chunks(3 * cores() + 6):
             sizes.append(path.stat().st_size)
             yield columns
@@ -161,7 +161,7 @@ def test_a_full_disk_is_an_error_and_no_thread_is_left(tmp_path: Path, room: int
 
 
 def test_an_error_of_the_batches_is_raised_and_no_thread_is_left(tmp_path: Path) -> None:
-    def cut_short() -> Iterator[RowBatch]:
+    def cut_short() -> Iterator[Rows]:
         yield from _chunks(3)
         raise FileError("the input went away")
 
@@ -174,7 +174,7 @@ def test_an_error_of_the_batches_is_raised_and_no_thread_is_left(tmp_path: Path)
 def test_falling_times_and_unnamed_ports(tmp_path: Path, make_rows: MakeRows) -> None:
     path = tmp_path / "falls.mcap"
     rows = [*make_rows(50, "new"), *make_rows(50, "newer", 10**18)]
-    write_recording(path, [], [RowBatch.from_rows(rows)])
+    write_recording(path, [], [Rows.from_rows(rows)])
     reader = RecordingReader(path)
     assert list(reader) == rows
     assert (reader.ending, reader.losses) == ("", ())
@@ -191,7 +191,7 @@ def test_events_are_in_order_of_time(tmp_path: Path, make_rows: MakeRows) -> Non
         PortEvent(times[20] + 1, "p", PortEventKind.LOST, "gone"),
         PortEvent(times[-1] + 1, "p", PortEventKind.CLOSED, ""),
     ]
-    write_recording(path, [PortFacts("p")], [RowBatch.from_rows(rows, events=events)])
+    write_recording(path, [PortFacts("p")], [Rows.from_rows(rows, events=events)])
     entries = entries_in(path)
     assert entries == [events[0], *rows[:21], events[1], *rows[21:], events[2]]
 
@@ -215,4 +215,4 @@ def test_a_path_without_folder_is_an_error(tmp_path: Path) -> None:
 def test_rows_without_time_cannot_be_recorded(tmp_path: Path, t_ns: int | None) -> None:
     rows = [Damage("p", at, b"x", at_ns, (Fault.NOISE,)) for at, at_ns in enumerate((5, t_ns))]
     with pytest.raises(FileError, match="'p', offset 1, has no time since 1970"):
-        write_recording(tmp_path / "untimed.mcap", [], [RowBatch.from_rows(rows)])
+        write_recording(tmp_path / "untimed.mcap", [], [Rows.from_rows(rows)])

@@ -16,6 +16,7 @@ from polars import DataFrame
 
 from fte_sniff.errors import FileError, RecordingWarning
 from fte_sniff.protocol import Row
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.mcap.writer import McapFile
@@ -27,7 +28,6 @@ from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import BulkWriter, RecordingWriter
-from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.scan import read, scan
 from tests.examples import examples
 from tests.recording.conftest import START, entry_of, some_rows
@@ -89,8 +89,8 @@ def _bulk(path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(writer_module, "CHUNK_ROWS", 40)
         writer = BulkWriter(path, [FIRST], {})
-        writer.write(RowBatch.from_rows(_rows(200, [FIRST])))
-        writer.write(RowBatch.from_rows(_rows(400, [FIRST, SECOND])[200:]))
+        writer.write(Rows.from_rows(_rows(200, [FIRST])))
+        writer.write(Rows.from_rows(_rows(400, [FIRST, SECOND])[200:]))
         writer.close()
 
 

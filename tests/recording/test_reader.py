@@ -28,6 +28,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol.rows import NO_TIME, Rows
 from fte_sniff.recording.batch_reader import JOB, TimeRange
 from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.messages.encode import encode_row, topic_of
@@ -36,7 +37,6 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import NO_TIME, RowBatch
 from tests.examples import examples
 from tests.recording.conftest import entries_in
 from tests.waiting import BOUND_S
@@ -372,10 +372,10 @@ def test_a_time_range_unpacks_only_the_chunks_that_it_overlaps(recorded: Recorde
 
 def test_batches_are_concatenated_and_cut_with_their_long_rows(make_rows: MakeRows) -> None:
     rows = make_rows(100)
-    columns = RowBatch.from_rows(rows)
+    columns = Rows.from_rows(rows)
     assert list(columns) == rows
     parts = [columns[:33], columns[33:]]
-    assert list(RowBatch.concat(parts)) == rows
+    assert list(Rows.concat(parts)) == rows
     assert list(columns.select(columns.length > 10)) == [r for r in rows if len(r.raw) > 10]
 
 

@@ -20,6 +20,7 @@ from google.protobuf.message import DecodeError
 
 from fte_sniff.errors import FileError, TranslatableText, listed
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL, Fault, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_TIME, Array, Bools, Rows
 from fte_sniff.recording.mcap.chunk_index import (
     CHANNEL_OFFSET,
     LOG_TIME_OFFSET,
@@ -29,7 +30,6 @@ from fte_sniff.recording.mcap.chunk_index import (
 from fte_sniff.recording.mcap.records import RecordError
 from fte_sniff.recording.messages.schema import EVENTS, REPEATED, enum_value_name, message_class
 from fte_sniff.recording.messages.template import FIRST_FIELDS, Template, templates_of
-from fte_sniff.row_batch import NO_TIME, Array, Bools, RowBatch
 
 _GREATEST = 2**63 - 1
 """The largest offset, time and read delay: 64-bit columns hold no larger one."""
@@ -242,7 +242,7 @@ class ParseBudget:
 class DecodedColumns:
     """The rows and events of some messages."""
 
-    columns: RowBatch
+    columns: Rows
     messages: int
     """Number of messages, of any topic."""
     times: tuple[int, int] | None
@@ -255,7 +255,7 @@ class DecodedColumns:
 def decode_columns(
     messages: MessageIndex,
     reader_of: Callable[[int], ChannelReader],
-    columns: RowBatch,
+    columns: Rows,
     budget: ParseBudget,
 ) -> DecodedColumns:
     """Decode the messages of one or more unpacked chunks, in their order.
@@ -271,7 +271,7 @@ class _Decoder:
         self,
         messages: MessageIndex,
         reader_of: Callable[[int], ChannelReader],
-        columns: RowBatch,
+        columns: Rows,
         budget: ParseBudget,
     ) -> None:
         self._messages, self._reader_of, self._columns = messages, reader_of, columns

@@ -30,6 +30,7 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
+from fte_sniff.protocol.rows import NO_TIME, Array, Rows
 from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.schema import (
@@ -47,7 +48,6 @@ from fte_sniff.recording.messages.schema import (
 )
 from fte_sniff.recording.messages.template import LACKS, LACKS_IF_UNCERTAIN, Template
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import NO_TIME, Array, RowBatch
 
 MESSAGE = struct.Struct("<BQHIQQ")
 """Header of a message record: opcode, length, channel, sequence, log and publish time."""
@@ -242,10 +242,10 @@ class ColumnPacker:
         rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
         events = [entry for entry in entries if isinstance(entry, PortEvent)]
         at = [at for at, entry in enumerate(entries) if isinstance(entry, PortEvent)]
-        columns = RowBatch.from_rows(rows, events=events)
+        columns = Rows.from_rows(rows, events=events)
         return self.pack(columns, times, np.array(at, np.int64))
 
-    def pack(self, rows: RowBatch, times: Array, events_at: Array) -> McapBatch:
+    def pack(self, rows: Rows, times: Array, events_at: Array) -> McapBatch:
         """The messages of the rows and of their events, one at least, each in order.
 
         `times` are the log times of the messages, never falling; `events_at` the indexes of the
@@ -287,7 +287,7 @@ class ColumnPacker:
             data[starts[at] : ends[at]] = np.frombuffer(record, np.uint8)
         return McapBatch(data.data, channels, times, starts)
 
-    def _channels(self, rows: RowBatch, forms: Array, odd: Array, odd_rows: Sequence[Row]) -> Array:
+    def _channels(self, rows: Rows, forms: Array, odd: Array, odd_rows: Sequence[Row]) -> Array:
         """The channel of each row; each combination of port, form and motor is looked up once."""
         ports = rows.port.astype(np.int64)
         motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_OFFSET], MOTORS[0])
@@ -324,7 +324,7 @@ class ColumnPacker:
         return sequences
 
 
-def _forms_of(rows: RowBatch, times: Array) -> Array:
+def _forms_of(rows: Rows, times: Array) -> Array:
     """The form of every row that can be packed with numpy, `_NO_FORM` for the others."""
     head = rows.raw[:, 0] | rows.raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)
     forms: Array = _FORM_CODES.take(head)
@@ -339,7 +339,7 @@ def _forms_of(rows: RowBatch, times: Array) -> Array:
 
 
 def _records_by_form(
-    rows: RowBatch, forms: Array, heads: dict[str, Array]
+    rows: Rows, forms: Array, heads: dict[str, Array]
 ) -> Iterator[tuple[Array, Array]]:
     """For each form the indexes of its rows, and their message records."""
     raws = np.ascontiguousarray(rows.raw).view(_RAW)[:, 0]

@@ -18,8 +18,8 @@ import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL
+from fte_sniff.protocol.rows import Array, Bools
 from fte_sniff.recording.mcap.chunk_index import at_every_byte
-from fte_sniff.row_batch import Array, Bools
 
 _VARINT, _FIXED64, _DELIMITED, _FIXED32 = 0, 1, 2, 5
 _TYPES: dict[int, tuple[int, str, int]] = {

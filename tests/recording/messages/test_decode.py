@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, Row, encode
+from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.chunk_index import MESSAGE_HEAD, index_messages
 from fte_sniff.recording.mcap.records import HEAD
 from fte_sniff.recording.messages.decode import (
@@ -28,7 +29,6 @@ from fte_sniff.recording.messages.schema import (
     schema_data,
     schema_name,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
 from tests.examples import examples
 from tests.recording.conftest import entry_of
 from tests.recording.test_reader import damage, frames
@@ -56,7 +56,7 @@ def _decoded(messages: list[Message], budget: ParseBudget | None = None) -> Deco
         for channel, time, data in messages
     )
     index = index_messages(records, None, MOST)
-    columns = RowBatch.allocate(Codebook(), len(index))
+    columns = Rows.allocate(Codebook(), len(index))
     return decode_columns(
         index, READERS.get, columns, budget or ParseBudget([len(records)], [MOST])
     )
