@@ -31,7 +31,6 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
     )
     from fte_sniff.protocol.dissect import dissect
 
-from fte_sniff.protocol.rows import Rows
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)
@@ -110,7 +109,7 @@ def check(data: bytes) -> None:
     framer = Framer("p")
     framer.push(Chunk("p", None, data[1:]))
     framer.finish()
-    assert list(Rows.from_span(framer.drain())) == rows_of([Chunk("p", None, data[1:])])
+    assert list(framer.drain()) == rows_of([Chunk("p", None, data[1:])])
 
 
 def main() -> None:
