@@ -8,11 +8,10 @@ Modules:
     file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
-    growing_reader GrowingReader: read a recording while another program writes it.
     messages       Rows as protobuf messages and back.
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    Path choice, existing files, pipes, refusals.
-    reader         RecordingReader: read one recording.
+    reader         RecordingReader: read one recording, also while it grows.
     recorder       Recorder: rows in, files out, gaps on write errors, rotation.
     repair         Repair a damaged recording.
     retention      Rotation and size limits; which old files are deleted.

@@ -3,12 +3,21 @@
 A file may be truncated, damaged or written by another program. Everything readable is read;
 `ending` and `losses` report the rest. A chunk counts only if its checksum is right, an index only
 where the chunk agrees with it.
+
+`AppendFile` overwrites only the tail of a file: the records before it never change. So a file that
+another program writes is read up to its last complete record, and the next pass begins there:
+
+    pass 1   magic, head, chunk, indexes | tail
+    pass 2                                 chunk, indexes | tail
+    last                                                    chunk, indexes, tail
+
+Only the last pass, after the end of the writer, reads the tail and reports what is damaged there.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
@@ -21,9 +30,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Statistics
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
+from fte_sniff.platform import read_at
 from fte_sniff.protocol import Gap, PortEvent, Row, iso_time
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
+from fte_sniff.recording.file_lock import is_locked
 from fte_sniff.recording.mcap.reader import (
     LostBytes,
     RawRecord,
@@ -31,7 +42,16 @@ from fte_sniff.recording.mcap.reader import (
     Summary,
     read_summary,
 )
-from fte_sniff.recording.mcap.records import HEAD, MAGIC, RecordError, parse, records_in, unpack
+from fte_sniff.recording.mcap.records import (
+    HEAD,
+    LARGEST,
+    MAGIC,
+    RecordError,
+    claimed,
+    parse,
+    records_in,
+    unpack,
+)
 from fte_sniff.recording.messages.decode import Losses
 from fte_sniff.recording.messages.definitions import (
     NOTHING,
@@ -43,12 +63,15 @@ from fte_sniff.recording.messages.definitions import (
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
+    END_NAME,
     MARKS,
+    NEXT_NAME,
     PROGRAM,
     PortFacts,
     Selection,
     baud_in,
     gap_from_metadata,
+    part_of,
     selection_from_metadata,
 )
 
@@ -58,20 +81,56 @@ _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FO
 _MOST_TOPICS = 10
 _SEQUENCES = 2**32
 
+_DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
+"""Records that can belong to the data or to the tail."""
+_DATA = _DEFINITIONS | {
+    Opcode.HEADER,
+    Opcode.CHUNK,
+    Opcode.MESSAGE,
+    Opcode.MESSAGE_INDEX,
+    Opcode.METADATA,
+    Opcode.ATTACHMENT,
+}
+_STEP = 64 * 1024 * 1024
+"""Bytes whose checksums are verified before their rows are read."""
+_EDGE = 64
+"""Bytes before the tail by which an overwritten file is recognised."""
+
+
+class _Pass:
+    """One pass over a file; that over a growing file goes on as long as the file grows."""
+
+    def __init__(self, channels: ChannelReaders, reader: BatchReader, span: TimeRange) -> None:
+        self.channels, self.reader, self.span = channels, reader, span
+        self.position = 0
+        """Offset of the first record that was not read."""
+
 
 class RecordingReader:
-    """Reader of one recording; each iteration reads the file anew.
-
-    `ending` and `losses` are those of all iterations so far.
+    """Reader of one recording; each iteration reads the file anew, up to its last complete record
+    while it grows. `added` goes on where it ended. `ending` and `losses` are those of all so far.
     """
 
-    def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
+    def __init__(
+        self, path: Path, stream: BinaryIO | None = None, *, growing: bool = False
+    ) -> None:
         """Read the start of the file and its summary; of a stream, which `path` names, a copy.
 
-        Raises FileError if the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
-        topics.
+        A file is `growing` while another program may write it, until `settle`. Raises FileError if
+        the file cannot be read, is empty, no MCAP, has none of fte-sniff's topics, or cannot grow.
         """
+        if growing:
+            _check_kind(path)
         self.path = path
+        self._pass: _Pass | None = None
+        """The pass of `added`."""
+        self._grows = growing
+        """Whether a pass ends at `_complete`, and not at the end of the file."""
+        self._complete = 0
+        """Offset after the last complete record of a growing file."""
+        self._is_followed = False
+        self._edge = b""
+        self._state: tuple[int, int] = 0, 0
         self._channels: dict[int, Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         """The metadata records before the first row, by name."""
@@ -107,6 +166,8 @@ class RecordingReader:
             self.size = os.fstat(stream.fileno()).st_size
             """Bytes of the file when it was opened."""
             self._read_start(stream)
+            if growing:
+                self._follow(stream)
 
     @property
     def ports(self) -> tuple[PortFacts, ...]:
@@ -201,23 +262,65 @@ class RecordingReader:
     def ranges(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING, share: int = 1
     ) -> Iterator[tuple[RowRange, Rows]]:
-        """The same batches, each with the range with which `read` reads it again.
+        """The batches, each with the range with which `read` reads it again.
 
-        `share` divides the memory: batches are smaller, and fewer are decoded ahead.
+        Of a growing file, the records that are complete. `share` divides the memory: batches are
+        smaller, and fewer are decoded ahead.
         """
-        channels = self._known_channels()
-        counted = self._summary is not None
-        codebook = codebook or Codebook()
-        reader = BatchReader(channels, codebook, span, count_sequences=not counted, share=share)
-        wanted = None if span.everything else span.overlaps
+        current = self._new_pass(codebook or Codebook(), span, share)
+        if not self._grows:
+            yield from self._read_to_end(current)
+            return
         with self._open() as stream:
-            records = RecordStream(stream, self._summary, wanted, self._found)
-            try:
-                yield from reader.read(records)
-            finally:
-                self._damage |= dict.fromkeys((*records.losses, *reader.found.lost))
-        self._finish(reader, channels, records, whole=span.everything)
-        self._check_topics(reader, channels, cut=bool(records.ending or records.losses))
+            yield from self._read(current, stream, self._complete)
+
+    def added(
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[tuple[RowRange, Rows]]:
+        """The batches of a growing file, as `ranges`, that were added since the previous call.
+
+        After `settle`, all that is left. Codebook and span are those of the first call.
+        """
+        current = self._pass = self._pass or self._new_pass(codebook or Codebook(), span, 1)
+        if not self._grows:
+            yield from self._read_to_end(current)
+            return
+        while current.position < self._complete:
+            with self._open() as stream:
+                self._check(stream)
+                yield from self._read(current, stream, self._complete)
+                current.position = self._complete
+                # It names the records of the first pass only.
+                self._summary = None
+                self.times = current.reader.found.times or self.times
+                self._advance(stream)
+
+    def _new_pass(self, codebook: Codebook, span: TimeRange, share: int) -> _Pass:
+        channels, counts = self._known_channels(), self._summary is None
+        reader = BatchReader(channels, codebook, span, count_sequences=counts, share=share)
+        return _Pass(channels, reader, span)
+
+    def _read_to_end(self, current: _Pass) -> Iterator[tuple[RowRange, Rows]]:
+        """The rows from the position to the end of the file; reports what is damaged."""
+        with self._open() as stream:
+            records = yield from self._read(current, stream, None)
+        self._finish(current.reader, current.channels, records, whole=current.span.everything)
+        cut = bool(records.ending or records.losses)
+        self._check_topics(current.reader, current.channels, cut=cut)
+
+    def _read(
+        self, current: _Pass, stream: BinaryIO, stop: int | None
+    ) -> Generator[tuple[RowRange, Rows], None, RecordStream]:
+        """The rows of the records from the position to `stop`; None for the end of the file."""
+        wanted = None if current.span.everything else current.span.overlaps
+        records = RecordStream(
+            stream, self._summary, wanted, self._found, first=current.position, stop=stop
+        )
+        try:
+            yield from current.reader.read(records)
+        finally:
+            self._damage |= dict.fromkeys((*records.losses, *current.reader.found.lost))
+        return records
 
     def read(self, rows: RowRange) -> Rows:
         """Read a range of rows again, with a codebook of its own.
@@ -274,6 +377,144 @@ class RecordingReader:
                         with suppress(RecordError):
                             self._all_metadata.append(parse(Metadata, record.body))
         return self._all_metadata
+
+    @property
+    def next_path(self) -> Path | None:
+        """The next file of the capture; None while the file names none."""
+        for metadata in self.all_metadata:
+            name = Path(metadata.metadata.get("file", "")).name
+            if metadata.name == NEXT_NAME and name:
+                return self.path.with_name(name)
+        return None
+
+    @property
+    def limit(self) -> str:
+        """The limit at which the recording ended, text from the file; empty if it names none."""
+        found = (one.metadata for one in self.all_metadata if one.name == END_NAME)
+        return next((facts.get("reason", "") for facts in found), "")
+
+    def find_next(self) -> Path | None:
+        """The next file, also if this one could not name it because the disk failed."""
+        if self.next_path is not None:
+            return self.next_path
+        own = part_of(self.metadata.get(PROGRAM, {}))
+        for path in sorted(self.path.parent.glob(f"*{SUFFIX}")) if own else ():
+            with suppress(FileError, OSError):
+                if path.stat().st_mtime_ns < self._state[1]:
+                    continue
+                facts = RecordingReader(path).metadata.get(PROGRAM, {})
+                if own and part_of(facts) == own.next and facts.get("previous") == self.path.name:
+                    return path
+        return None
+
+    @property
+    def has_writer(self) -> bool:
+        """Whether a program holds the writer's lock; False also where locks do not work."""
+        with self._open() as stream:
+            return is_locked(stream.fileno())
+
+    def grow(self) -> bool:
+        """Find what was added to a growing file; True if it has changed since the previous call.
+
+        Raises FileError if it was deleted, replaced or cut off.
+        """
+        with self._open() as stream:
+            found, self._state = self._state, self._state_of(stream)
+            self._advance(stream)
+        position = self._pass.position if self._pass else 0
+        return found != self._state or self._complete > position
+
+    def settle(self) -> None:
+        """Read a growing file to its end from now on, because nobody writes it any more.
+
+        Raises FileError as `grow`.
+        """
+        with self._open() as stream:
+            self._check(stream)
+            self._summary = read_summary(stream)
+        self._grows = False
+
+    def _follow(self, stream: BinaryIO) -> None:
+        """Find the complete records of a growing file, and the metadata in them."""
+        self._complete = self._indexed_stop()
+        self._all_metadata = []
+        for record in RecordStream(stream, self._summary, chunks=False, stop=self._complete):
+            if record.opcode == Opcode.METADATA:
+                self._read_metadata(record.body)
+        self._advance(stream)
+        self._is_followed = True
+
+    def _indexed_stop(self) -> int:
+        """The end of the last chunk in the summary; the tail after it may change at any time."""
+        if self._summary is None or not self._summary.guarded:
+            self._summary = None
+            return len(MAGIC)
+        heads = {
+            start: head for start, head in self._summary.heads.items() if head[0] == Opcode.CHUNK
+        }
+        self._summary.heads = heads
+        stops = (start + HEAD.size + HEAD.unpack_from(head)[1] for start, head in heads.items())
+        return max(stops, default=len(MAGIC))
+
+    def _state_of(self, stream: BinaryIO) -> tuple[int, int]:
+        found = os.fstat(stream.fileno())
+        return found.st_size, found.st_mtime_ns
+
+    def _check(self, stream: BinaryIO) -> None:
+        """Raise FileError if what was read is not in the file any more."""
+        found = os.fstat(stream.fileno())
+        if (found.st_dev, found.st_ino) != self._identity:
+            raise FileError(
+                "{path} was replaced by another file while it was followed", path=self.path
+            )
+        if found.st_size < self._complete:
+            raise FileError(
+                "{path} was cut off to {size:,} bytes while it was followed",
+                path=self.path,
+                size=found.st_size,
+            )
+        if self._edge != self._edge_of(stream, self._complete):
+            raise FileError("{path} was overwritten while it was followed", path=self.path)
+
+    @staticmethod
+    def _edge_of(stream: BinaryIO, stop: int) -> bytes:
+        start = max(0, stop - _EDGE)
+        return read_at(stream.fileno(), stop - start, start)
+
+    def _advance(self, stream: BinaryIO) -> None:
+        """Move `_complete` over the records that are whole; a chunk by its checksum.
+
+        Raises FileError if what was read before is not in the file any more.
+        """
+        descriptor, size = stream.fileno(), os.fstat(stream.fileno()).st_size
+        position = complete = self._complete
+        limit = position + _STEP
+        while position < min(limit, size - HEAD.size):
+            head = read_at(descriptor, HEAD.size, position)
+            if len(head) < HEAD.size:  # cut off since its size was read
+                break
+            opcode, length = HEAD.unpack(head)
+            stop = position + HEAD.size + length
+            if opcode not in _DATA or length > LARGEST or stop > size:
+                break
+            if opcode in (Opcode.CHUNK, Opcode.METADATA):
+                body = read_at(descriptor, length, position + HEAD.size)
+                if opcode == Opcode.CHUNK and not _is_intact(body):
+                    break
+                if opcode == Opcode.METADATA:
+                    self._read_metadata(body)
+            position = stop
+            if opcode not in _DEFINITIONS:
+                complete = position
+        edge = self._edge_of(stream, complete)
+        if self._is_followed:
+            # Last: if the file is overwritten at any moment, this or the next check sees it.
+            self._check(stream)
+        self._complete, self._edge = complete, edge
+
+    def _read_metadata(self, body: bytes) -> None:
+        with suppress(RecordError):
+            self.all_metadata.append(parse(Metadata, body))
 
     def _known_channels(self) -> ChannelReaders:
         """The definitions in the summary, if a checksum protects it."""
@@ -386,6 +627,10 @@ class RecordingReader:
             with path.open("rb", _BUFFER) as stream:
                 yield stream
         except OSError as error:
+            if self._is_followed and isinstance(error, FileNotFoundError):
+                raise FileError(
+                    "{path} was deleted or moved while it was followed", path=self.path
+                ) from error
             raise unreadable(self.path, error) from error
 
     def _copy_of_pipe(self) -> IO[bytes] | None:
@@ -468,6 +713,27 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
     """Device and inode: the same for a file that has grown."""
     found = os.fstat(stream.fileno())
     return found.st_dev, found.st_ino
+
+
+def _check_kind(path: Path) -> None:
+    """Raise FileError for a file that is no recording, or no regular file."""
+    start = MAGIC
+    with suppress(OSError):  # raised again by `RecordingReader`
+        if path.is_file():
+            with path.open("rb") as stream:
+                start = stream.read(len(MAGIC))
+        elif path.exists():
+            start = b"?"
+    if not MAGIC.startswith(start):
+        raise FileError("{path} is no recording; --follow reads only recordings (.mcap)", path=path)
+
+
+def _is_intact(chunk: bytes) -> bool:
+    try:
+        unpack(chunk)
+    except RecordError:
+        return False
+    return claimed(chunk)[1] > 0
 
 
 FileVersion = tuple[int, int, int, int]

@@ -18,7 +18,7 @@ from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.recording.batch_reader import TimeRange
-    from fte_sniff.recording.growing_reader import GrowingReader
+    from fte_sniff.recording.reader import RecordingReader
 
 POLL_S: Final = 0.1
 
@@ -52,9 +52,9 @@ class Following:
 
         Raises FileError if it cannot be read, or is no recording.
         """
-        from fte_sniff.recording.growing_reader import GrowingReader
+        from fte_sniff.recording.reader import RecordingReader
 
-        found = FollowedInput(GrowingReader(path), self)
+        found = FollowedInput(RecordingReader(path, growing=True), self)
         self.name = found.name
         return found
 
@@ -95,7 +95,7 @@ class Following:
 class FollowedInput(RecordingInput):
     """A recording that another program writes; its batches come as they are flushed."""
 
-    def __init__(self, reader: GrowingReader, following: Following) -> None:
+    def __init__(self, reader: RecordingReader, following: Following) -> None:
         super().__init__(reader)
         self._growing, self._following = reader, following
         self._gaps_known = 0
@@ -134,13 +134,13 @@ class FollowedInput(RecordingInput):
         changed_s, named_s = time.monotonic(), None
         yield InputBatch()
         while True:
-            # Before the poll: what was flushed before the lock was released is then complete.
+            # Before `grow`: what was flushed before the lock was released is then complete.
             has_writer = reader.has_writer
             following.has_lock |= has_writer
             now_s = time.monotonic()
-            if reader.poll():
+            if reader.grow():
                 changed_s = now_s
-                yield from self._new(self._batches_of(reader.new_ranges(codebook, wanted)), span)
+                yield from self._new(self._batches_of(reader.added(codebook, wanted)), span)
             if reader.times and reader.times[1] >= wanted.end_ns:
                 following.ended = TranslatableText("{path}: --to is reached", path=self.name)
                 return
@@ -153,7 +153,8 @@ class FollowedInput(RecordingInput):
             following.is_up_to_date = True
             time.sleep(POLL_S)
         if not has_writer:
-            yield from self._new(self._batches_of(reader.last_ranges(codebook, wanted)), span)
+            reader.settle()
+            yield from self._new(self._batches_of(reader.added(codebook, wanted)), span)
 
     def _is_finished(
         self, has_writer: bool, now_s: float, changed_s: float, named_s: float | None

@@ -18,7 +18,6 @@ from fte_sniff.errors import FileError, RecordingWarning
 from fte_sniff.protocol import Row
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording import writer as writer_module
-from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.mcap.writer import McapFile
 from fte_sniff.recording.messages.decode import MessageReader
 from fte_sniff.recording.metadata import PortFacts, host_facts
@@ -280,8 +279,10 @@ def test_every_reader_reads_what_two_damages_leave(name: str, tmp_path: Path) ->
     reader = RecordingReader(path)
     pages = [reader.read(part) for part, _ in reader.ranges()]
     assert [row for page in pages for row in page] == rows
-    growing = GrowingReader(path)
-    batches = [*growing.new_ranges(Codebook()), *growing.last_ranges(Codebook())]
+    growing = RecordingReader(path, growing=True)
+    batches = [*growing.added(Codebook())]
+    growing.settle()
+    batches += growing.added(Codebook())
     assert [row for _, batch in batches for row in batch] == rows
     Repair(path).write(mended, Existing.REPLACE)
     reader = RecordingReader(mended)

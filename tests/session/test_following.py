@@ -14,7 +14,6 @@ import pytest
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.recording.growing_reader import GrowingReader
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
@@ -125,12 +124,12 @@ def test_a_next_file_that_comes_later_and_was_not_named_is_found(
 ) -> None:
     searches: list[Path | None] = []
 
-    def find_next(reader: GrowingReader) -> Path | None:
+    def find_next(reader: RecordingReader) -> Path | None:
         searches.append(found(reader))
         return searches[-1]
 
-    found = GrowingReader.find_next
-    monkeypatch.setattr(GrowingReader, "find_next", find_next)
+    found = RecordingReader.find_next
+    monkeypatch.setattr(RecordingReader, "find_next", find_next)
     monkeypatch.setattr(followed_module, "_RELEASE_S", 600.0)
     rows = [reset_at(number) for number in range(4)]
     first = RecordingWriter(tmp_path / "x.mcap", PORTS, FACTS)
@@ -167,7 +166,7 @@ def test_a_writer_that_left_a_port_open_did_not_end_by_itself(
     assert ("ended without closing a" in following.end("x", "")) == bool(still_open)
 
 
-class OverwrittenAfterCheck(GrowingReader):
+class OverwrittenAfterCheck(RecordingReader):
     """Its file is overwritten just after it was found to be the same."""
 
     def _check(self, stream: BinaryIO) -> None:
@@ -178,7 +177,24 @@ class OverwrittenAfterCheck(GrowingReader):
 def test_a_file_that_is_overwritten_during_a_check_is_reported(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
         writer.write([reset_at(0)])
-    reader = OverwrittenAfterCheck(tmp_path / "x.mcap")
-    reader.poll()
+    reader = OverwrittenAfterCheck(tmp_path / "x.mcap", growing=True)
+    reader.grow()
     with pytest.raises(FileError, match="was overwritten while it was followed"):
-        reader.poll()
+        reader.grow()
+
+
+def test_to_read_a_growing_file_anew_takes_nothing_from_what_is_added(tmp_path: Path) -> None:
+    rows = [reset_at(number) for number in range(4)]
+    with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
+        reader = RecordingReader(tmp_path / "x.mcap", growing=True)
+        added: list[Row] = []
+        for row in rows:
+            writer.write([row])
+            writer.flush()
+            reader.grow()
+            read = list(reader)
+            added += [one for _, batch in reader.added() for one in batch]
+            assert read == added
+    reader.settle()
+    added += [one for _, batch in reader.added() for one in batch]
+    assert added == list(reader) == rows
