@@ -25,8 +25,8 @@ from fte_sniff.capture.serial_port import ControlLine, LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.recording.output_file import STOPPED
+from fte_sniff.tui.commands import SECTIONS, UNBOUND
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
-from fte_sniff.tui.keys import SECTIONS, UNBOUND
 from fte_sniff.tui.status_bar import Mode
 from fte_sniff.tui.table.columns import Delta, TimeStyle
 from fte_sniff.tui.table.painter import Sign

@@ -25,8 +25,8 @@ import fte_sniff
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
 from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
+from fte_sniff.tui.commands import SECTIONS, key_names
 from fte_sniff.tui.i18n import _, set_language
-from fte_sniff.tui.keys import SECTIONS, key_names
 
 _PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
 

@@ -2,12 +2,11 @@
 
 Modules:
 
-    actions       Actions on the view and on rows: pause, times, columns, panes, copy and save.
     app           The application: composes the screen, polls the feed, handles signals.
-    find_actions  Actions that find rows: go to, marks and notes, filter, search.
+    commands      The commands: their keys, the key line, the help and the palette.
+    controllers   What the commands do: rows, search, filters, notes, export, playback, view.
     focus         Owner of the focus: which widget receives the keys, which keys may act.
     i18n          Translation, and the names of the themes.
-    keys          Key bindings: the source of the keys, the key line and the help.
     modals        Modal screens: pick an entry, choose columns, the help page.
     options       Options with which the screen is opened.
     panes         The panes below the table.

@@ -5,18 +5,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from inspect import isawaitable
 from pathlib import Path
 from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
 from textual.actions import ActionParseResult, parse
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import BindingType
+from textual.containers import Vertical
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.events import Event, InputEvent, Key, MouseDown, Resize
 from textual.filter import LineFilter
+from textual.widgets import Input
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
@@ -25,25 +28,37 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
 from fte_sniff.session.notes import Place, RowKey
-from fte_sniff.tui.actions import ExportActions, ViewActions
-from fte_sniff.tui.find_actions import FindActions
-from fte_sniff.tui.i18n import THEMES, _
-from fte_sniff.tui.keys import (
+from fte_sniff.tui.commands import (
+    COMMANDS,
     FINDING,
     HANDLING,
     INTERRUPT,
     LEAVING,
+    PALETTE,
     UNDERSTANDING,
-    WHERE,
+    action_of,
     bindings,
+    key_names,
 )
+from fte_sniff.tui.controllers.export import ExportController
+from fte_sniff.tui.controllers.filters import FilterController
+from fte_sniff.tui.controllers.notes import NotesController
+from fte_sniff.tui.controllers.playback import PlaybackController
+from fte_sniff.tui.controllers.rows import RowController
+from fte_sniff.tui.controllers.search import SearchController
+from fte_sniff.tui.controllers.view import ViewController
+from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, set_language, switch_language, theme_after
+from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
-from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
+from fte_sniff.tui.panes.pane import Body, Pane
+from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.prompt import PromptField
+from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewUpdate
+from fte_sniff.tui.table.widget import RowTable, TableHeader
+from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
 
 LOW = 16
 """Lines of the terminal below which a pane has only a few."""
@@ -52,8 +67,12 @@ TALL = 40
 """Lines of the terminal from which on a pane takes the larger part."""
 
 
-class SniffApp(ViewActions, ExportActions, FindActions):
-    """The screen over one feed."""
+class SniffApp(App[None]):
+    """The screen over one feed.
+
+    It composes the widgets and the controllers, runs the commands on what owns them, polls the
+    feed, and ends.
+    """
 
     CSS_PATH = Path(__file__).with_name("screen.tcss")
     TITLE = "fte-sniff"
@@ -67,41 +86,84 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def __init__(
         self, feed: Feed, options: StartOptions = DEFAULTS, source: BlockSource | None = None
     ) -> None:
-        super().__init__(feed, options, source)
+        """Build the screen; with a `source`, which reads rows again, not all stay in memory."""
+        super().__init__()
+        set_language(options.language)
         for theme in CONTRAST_THEMES:
             self.register_theme(theme)
         self.theme = options.choices.theme or THEMES[0]
+        self.language = options.language
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
+        self._options = options
+        self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
         self._poll_interval = PollInterval(feed)
-        rules = ColorRules(options.colors)
-        self._table.rules = rules if options.colors else None
-        self._warnings = [*options.warnings, *rules.mistakes]
         self._alerts = 0
-        self._title_line, self._status_line = TitleLine(), StatusLine()
-        self._hit_status = HitStatus(self._model.store, self._table)
+        self._compose_widgets()
+        self._compose_controllers()
         self.first_choices = self.choices
+
+    def _compose_widgets(self) -> None:
+        options, store = self._options, self._model.store
+        rules = ColorRules(options.colors)
+        self._warnings = [*options.warnings, *rules.mistakes]
+        self._header = TableHeader()
+        self._table = RowTable(store, self._header, options.choices.view)
+        self._table.rules = rules if options.colors else None
+        captures = 1 if options.notes is None else options.notes.origins.captures
+        self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
+        self._focus = Focus(self, self._table, self._header, self._panes.top)
+        main = Vertical(self._header, self._table, self._panes.top, id="main")
+        self._body = Body(main, self._panes, options.choices.panes)
+        self._notice = NoticeLine()
+        self._title_line, self._status_line = TitleLine(), StatusLine()
+        self._hit_status = HitStatus(store, self._table)
+
+    def _compose_controllers(self) -> None:
+        options, model, store, table = self._options, self._model, self._model.store, self._table
+        panes, focus, notice = self._panes, self._focus, self._notice
+        speed = 1.0 if options.play_speed is None else options.play_speed
+        self.rows = RowController(store, table, focus, notice)
+        self.search = SearchController(store, table, focus, notice)
+        self.filters = FilterController(model, table, panes.top, focus, notice, options)
+        self.notes = NotesController(
+            store, table, focus, notice, options.notes, options.place.cursor
+        )
+        self.export = ExportController(model, table, focus, notice, options.export_source)
+        self.playback = PlaybackController(model, table, panes, notice, speed)
+        self.view = ViewController(model, table, panes, self._body, focus, notice)
+        self._owners: Mapping[str, object] = {
+            "app": self,
+            "table": table,
+            "top": panes.top,
+            "rows": self.rows,
+            "search": self.search,
+            "filters": self.filters,
+            "notes": self.notes,
+            "export": self.export,
+            "playback": self.playback,
+            "view": self.view,
+        }
 
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
         yield self._title_line
         yield self._body
         yield self._notice
-        yield self._filter_field
-        yield self._name_field
-        yield self._note_field
-        yield self._search_field
-        yield self._goto_field
-        yield self._save_field
-        yield self._picture_field
+        yield self.filters.field
+        yield self.filters.name_field
+        yield self.notes.field
+        yield self.search.field
+        yield self.rows.field
+        yield self.export.field
+        yield self.export.picture_field
         yield self._status_line
         yield KeyLine()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key may act now."""
-        where = WHERE.get((action, parameters))
-        return where is None or self._focus.allows(where)
+        return action != "command" or self._focus.allows(COMMANDS[str(parameters[0])].where)
 
     async def run_action(
         self,
@@ -111,26 +173,30 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     ) -> bool:
         """Run the action of a key, and remove the answer to the key before."""
         before = self._notice.answer
-        _target, name, parameters = parse(action) if isinstance(action, str) else action
-        where = WHERE.get((name, parameters))
-        if where is not None:
-            self._focus.prepare(where)
         done = await super().run_action(action, default_namespace, namespaces)
         if done:
             self._notice.remove_answer(before)
         return done
 
+    async def action_command(self, run: str) -> None:
+        """Run a command of the table of commands, on what owns it."""
+        self._focus.prepare(COMMANDS[run].where)
+        owner, name, parameters = parse(run)
+        waits = getattr(self._owners[owner], f"action_{name}")(*parameters)
+        if isawaitable(waits):
+            await waits
+
     def action_dismiss(self) -> None:
         """End one thing that was begun: a save, a selection, a notice, a search, a pane."""
-        if self._abandon_save() or self._end_selection():
+        if self.export.abandon() or self._table.end_selection():
             return
-        if self._notice.display and not self._searching:
+        if self._notice.display and not self.search.running:
             self._notice.dismiss()
-        elif not self._end_search() and not self._panes.close():
+        elif not self.search.end() and not self._panes.close():
             if self._panes.top.display:
-                self.action_top()
+                self.view.action_top()
             else:
-                self._stop_playback()
+                self.playback.stop()
 
     def action_leave(self) -> None:
         """Close the open pane, else quit; while it is recorded, only when pressed again."""
@@ -142,6 +208,53 @@ class SniffApp(ViewActions, ExportActions, FindActions):
             self._notice.ask(_("press q again to stop recording and quit"))
         else:
             self.exit()
+
+    def action_interrupt(self) -> None:
+        """Copy the selected text of a field; without one, quit."""
+        field = self.focused
+        if isinstance(field, Input) and field.selected_text:
+            self.copy_to_clipboard(field.selected_text)
+        else:
+            self.exit()
+
+    def action_theme(self) -> None:
+        """Switch to the next theme."""
+        self.theme = theme_after(self.theme)
+        self._table.sync()
+        self._notice.inform(_("theme {name}", name=self.theme))
+
+    def action_language(self) -> None:
+        """Switch to the next language."""
+        words = list(LANGUAGES)
+        self.language = words[(words.index(self.language) + 1) % len(words)]
+        switch_language(self.language)
+        self.query_one(KeyLine).refresh()
+        for field in self.query(PromptField):
+            field.translate()
+        self._panes.forget_texts()
+        self._table.refresh()
+        self._notice.inform(_("the language is English"))
+
+    def action_palette(self) -> None:
+        """Pick a command from a list."""
+        entries = [
+            Entry(
+                _(command.tooltip),
+                command.run,
+                key_names(command),
+                f"{command.words} {command.key_display} {command.tooltip}",
+            )
+            for command in PALETTE
+        ]
+        self.push_screen(Picker(_("commands"), entries), self._run_picked)
+
+    async def _run_picked(self, run: str | None) -> None:
+        if run is not None:
+            await self.run_action(action_of(run))
+
+    def action_overview(self, cell: int) -> None:
+        """Go to the most important row of a cell of the scroll bar that was clicked."""
+        self._table.jump_to_cell(cell)
 
     def get_driver_class(self) -> type[Driver]:
         """Our driver in place of Textual's for Linux."""
@@ -164,11 +277,10 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         if self._warnings:
             self._notice.warn("; ".join(map(_, self._warnings)))
         self.tick()
-        if not self._model.state.live and self._left_at == self._options.place.cursor:
+        if not self._model.state.live and self.notes.left_at == self._options.place.cursor:
             self._table.action_first()
         if self._options.play_speed is not None:
-            self._speed = self._options.play_speed
-            self.call_later(self.action_pause)
+            self.call_later(self.playback.action_pause)
         self.set_interval(TICK_S, self._on_clock)
         if self._model.state.running:
             self._poll_interval.start(lambda: self.call_later(self.tick))
@@ -181,10 +293,9 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def on_unmount(self) -> None:
         """Remove an unfinished file and the signal handlers."""
         self._poll_interval.stop()
-        if self._save_job is not None:
-            self._save_job.abandon()
-        if self._notes is not None:
-            self._notes.save()
+        if self.export.job is not None:
+            self.export.job.abandon()
+        self.notes.save()
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             with contextlib.suppress(RuntimeError, ValueError):
@@ -195,7 +306,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         """What the user has chosen by now."""
         view = self._table.view
         switched = self.language if self.language != self._options.language else None
-        filters = tuple(self._saved_filters.items())
+        filters = tuple(self.filters.saved.items())
         return Choices(
             self.theme,
             view.choice,
@@ -211,9 +322,9 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     def place(self) -> Place:
         """Where the view is now."""
         row, choice = self._table.cursor_row, self._table.view.choice
-        capture = self._capture_at(self._table.last_index)
+        capture = self.notes.capture_at(self._table.last_index)
         return Place(
-            self._filter_field.current,
+            self.filters.field.current,
             None if choice is None else choice.names,
             () if choice is None else choice.widths,
             None if row is None else RowKey(row.port, row.offset, capture),
@@ -259,7 +370,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         if self._model.state.live and not state.live:
             self._table.action_follow()  # what was recorded so far is read
         self._panes.observe(update.events, update.stream_changes)
-        self._find_noted(update.rows, update.first)
+        self.notes.find_noted(update.rows, update.first)
         self._report(update)
         self._table.landmarks.add(update.events, update.stream_changes)
         if update.changed or update.events:
@@ -273,7 +384,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
                 self.now_ns(), state.live and state.running, None if play is None else play.t_ns
             )
             if play is not None and play.is_over and not state.running:
-                self._stop_playback()
+                self.playback.stop()
 
     def _update_table(self) -> None:
         start_ns = self._model.start_ns
@@ -326,7 +437,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         speed = None if play is None else play.speed
         self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
         self._status_line.numbers = model.status_counters(viewport, self._hit_status.text)
-        self._filter_field.set_count(model.filter_text)
+        self.filters.field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
 
     def _handle_exception(self, error: Exception) -> None:
@@ -348,6 +459,18 @@ class SniffApp(ViewActions, ExportActions, FindActions):
         """Leave an open field where the rows behind it are clicked."""
         self._focus.clicked(event.widget)
 
+    @on(TableHeader.Clicked)
+    def _on_header_clicked(self) -> None:
+        self.view.action_columns()
+
+    @on(RowTable.Opened)
+    def _on_double_click(self) -> None:
+        self.view.explain_row()
+
+    @on(Pane.Pointed)
+    def _on_pointed(self, event: Pane.Pointed) -> None:
+        self._table.look_at(event.field)
+
     @on(Pane.Resized)
     def _on_pane_resized(self) -> None:
         self._panes.redraw()
@@ -355,7 +478,7 @@ class SniffApp(ViewActions, ExportActions, FindActions):
     @on(RowTable.Moved)
     def _on_table_moved(self) -> None:
         self._show_state()
-        self._show_note()
+        self.notes.show_note()
         self._panes.on_cursor_moved()
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 from textual.app import App
 from textual.widget import Widget
 
-from fte_sniff.tui.keys import Where
+from fte_sniff.tui.commands import Where
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 

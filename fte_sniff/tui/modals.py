@@ -32,8 +32,8 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.columns import short_names_of
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.tui.commands import CHOOSING, PICKING, SECTIONS, bindings, key_names
 from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
-from fte_sniff.tui.keys import CHOOSING, PICKING, SECTIONS, bindings, key_names, translate_keys
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
@@ -90,7 +90,6 @@ class ListScreen(ModalScreen[ScreenResultType]):
         super().__init__()
         self._done = False
         self._list = LineList(compact=True)
-        translate_keys(self)
 
     def compose(self) -> ComposeResult:
         """The box and the line of keys."""
@@ -428,7 +427,6 @@ class HelpPage(ModalScreen[None]):
 
     def __init__(self, palette: Palette) -> None:
         super().__init__()
-        translate_keys(self)
         self._palette = palette
         self._text = Static()
         # An attribute, since a query finds nothing once the page is dismissed.

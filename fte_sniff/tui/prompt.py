@@ -25,7 +25,6 @@ from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.save import DEFAULT_NAME, free_path
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text, later
-from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.modals import LineList, list_line
 from fte_sniff.tui.status_bar import WrappedText
 from fte_sniff.tui.view_model import STEP_PAUSE_S
@@ -93,7 +92,6 @@ class PromptLine(Input):
 
     def __init__(self, field: PromptField) -> None:
         super().__init__(compact=True)
-        translate_keys(self)
         self.can_focus = False
         self.history = History()
         self._field = field
@@ -162,7 +160,6 @@ class PromptField(Vertical):
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
         self._prompt, self._check, self._on_submit = prompt, check, on_submit
-        translate_keys(self)
         self._focus = focus
         self.line = PromptLine(self)
         self._patience: Timer | None = None
@@ -177,10 +174,8 @@ class PromptField(Vertical):
         return Text(f" {_(self._prompt.label)} ")
 
     def translate(self) -> None:
-        """Show the label and the keys in the current language."""
+        """Show the label in the current language."""
         self._label.update(self._label_text)
-        for node in (self, self.line):
-            translate_keys(node)
 
     def compose(self) -> ComposeResult:
         """The label, the input and, below, the verdict."""

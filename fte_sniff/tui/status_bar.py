@@ -26,8 +26,8 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import ELLIPSIS, fit, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.retention import size_text
+from fte_sniff.tui.commands import key_names, rank_of
 from fte_sniff.tui.i18n import _
-from fte_sniff.tui.keys import SHOWN_FIRST, key_names
 from fte_sniff.tui.text import event_text
 
 if TYPE_CHECKING:
@@ -314,7 +314,7 @@ GAP = 1
 def fitting_keys(keys: Iterable[Binding], width: int) -> list[Binding]:
     """The most important keys that fit into `width` cells."""
     found, left = [], width + GAP
-    for key in sorted(keys, key=_rank):
+    for key in sorted(keys, key=rank_of):
         cells = GAP + cell_len(_key_text(key))
         if cells <= left:
             found.append(key)
@@ -322,13 +322,8 @@ def fitting_keys(keys: Iterable[Binding], width: int) -> list[Binding]:
     return found
 
 
-def _rank(key: Binding) -> int:
-    """Keys that are not in `SHOWN_FIRST`, those of a field, come first."""
-    return SHOWN_FIRST.index(key.action) if key.action in SHOWN_FIRST else -1
-
-
 def _key_text(key: Binding) -> str:
-    return f"{key_names(key)} {key.description}"
+    return f"{key_names(key)} {_(key.description)}"
 
 
 class KeyLine(Widget):
@@ -353,7 +348,8 @@ class KeyLine(Widget):
         """The line."""
         style = self.get_component_rich_style("key-line--key", partial=True)
         keys = [
-            Text.assemble((key_names(key), style), " ", key.description) for key in self._fitting()
+            Text.assemble((key_names(key), style), " ", _(key.description))
+            for key in self._fitting()
         ]
         line = Text(" " * GAP).join(keys)
         line.no_wrap, line.overflow = True, "crop"

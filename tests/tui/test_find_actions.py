@@ -23,8 +23,8 @@ from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import Input, LogInput, RecordingInput
 from fte_sniff.session.notes import Notes, Place
 from fte_sniff.session.replay import ReplaySession
-from fte_sniff.tui import find_actions
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.controllers import search
 from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.theme import DARK
@@ -152,7 +152,7 @@ async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
     await press(app, pilot, "enter")
     await settle(app, pilot)
     # On a busy machine a search continues in the background.
-    await until(app, pilot, lambda: not app._searching)
+    await until(app, pilot, lambda: not app.search.running)
 
 
 def test_the_search_goes_from_hit_to_hit_and_around(feed: Any) -> None:
@@ -190,7 +190,7 @@ def test_every_way_around_the_end_is_reported(
     row_filter: str,
 ) -> None:
     """Also where the hit has a note, which is shown when the cursor has moved there."""
-    monkeypatch.setattr(find_actions, "SEARCH_BLOCK_S", block_s)
+    monkeypatch.setattr(search, "SEARCH_BLOCK_S", block_s)
     wanted = RowFilter.parse(row_filter) if row_filter else None
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -202,7 +202,7 @@ def test_every_way_around_the_end_is_reported(
                 await press(app, pilot, "slash")
                 await type_line(app, pilot, "rpm=123")
             await press(app, pilot, key)
-            await until(app, pilot, lambda: not app._searching)
+            await until(app, pilot, lambda: not app.search.running)
         assert table(app).viewport.cursor == 123
         assert "the search continued from the other end" in page(app)
 
@@ -334,7 +334,7 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
 def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
     feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(find_actions, "SEARCH_BLOCK_S", -1.0)
+    monkeypatch.setattr(search, "SEARCH_BLOCK_S", -1.0)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         some = speed_rows(30_000)
@@ -350,7 +350,7 @@ def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
         await press(app, pilot, "g", "slash", "ctrl+u")
         await type_line(app, pilot, "rpm=77777")
         await rush(app, pilot, "enter", "escape")
-        assert not app._searching
+        assert not app.search.running
         assert "esc ends it" not in page(app)
         assert "no row has" not in page(app)
         assert table(app).viewport.cursor == 0
@@ -453,7 +453,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         table(app).jump(499)
         await press(app, pilot, "colon")
-        app._goto_field.line.value = goal
+        app.rows.field.line.value = goal
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == min(cursor, 999)
 
@@ -463,7 +463,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
 def test_a_byte_that_is_not_there_is_told(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "colon")
-        app._goto_field.line.value = "@100"
+        app.rows.field.line.value = "@100"
         await press(app, pilot, "enter")
         await settle(app, pilot)
         assert "no row that is shown has byte 100 of its stream" in page(app)

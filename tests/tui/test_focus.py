@@ -4,46 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from itertools import product
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
 from textual import events
+from textual.actions import parse
 from textual.pilot import Pilot
 from textual.widget import Widget
 
 from docs.picture import idle
 from fte_sniff.protocol import Damage, Fault
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.keys import (
-    FINDING,
-    HANDLING,
-    INTERRUPT,
-    LEAVING,
-    MOVING,
-    OPENING,
-    TOP,
-    UNBOUND,
-    UNDERSTANDING,
-    WHERE,
-)
+from fte_sniff.tui.commands import COMMANDS, OPENING
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField, PromptLine
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import NOON_NS, _speed_rows, play, press, rush, settle
 
-COMMANDS: Final = (*MOVING, OPENING, *FINDING, *HANDLING, *UNDERSTANDING, *TOP, *LEAVING, INTERRUPT)
+BINDINGS: Final = (*COMMANDS.values(), OPENING)
 
-KEYS: Final = sorted({key for command in COMMANDS for key in command.key.split(",")})
-"""Every key of the key table."""
+KEYS: Final = sorted({key for one in BINDINGS for key in one.key.split(",") if key})
+"""Every key of the table of commands."""
 
 FIELDS: Final = {
-    "f": "_filter_field",
-    "slash": "_search_field",
-    "colon": "_goto_field",
-    "number_sign": "_note_field",
-    "w": "_save_field",
-    "P": "_picture_field",
+    "f": attrgetter("filters.field"),
+    "slash": attrgetter("search.field"),
+    "colon": attrgetter("rows.field"),
+    "number_sign": attrgetter("notes.field"),
+    "w": attrgetter("export.field"),
+    "P": attrgetter("export.picture_field"),
 }
 """Keys that open a field."""
 
@@ -78,7 +69,7 @@ def view_of(app: SniffApp, view: str) -> Widget:
 
 def line_of(app: SniffApp, key: str) -> PromptLine:
     """The line of the field that a key opens."""
-    field: PromptField = getattr(app, FIELDS[key])
+    field: PromptField = FIELDS[key](app)
     return field.query_one(PromptLine)
 
 
@@ -109,11 +100,11 @@ async def begin(app: SniffApp, view: str, pane: str = "") -> None:
     for field in app.query(PromptField):
         field.close()
     app.workers.cancel_all()
-    app._save_job = None
-    app._set_filter("")
+    app.export.job = None
+    app.filters.set_filter("")
     app._table.set_search(None)
     app._table.selection_start = None
-    app._stop_playback()
+    app.playback.stop()
     app._panes.close()
     app._focus.show_top(view == "top")
     if pane:
@@ -141,10 +132,13 @@ def on_rows(feed: Any, check: Check, folder: Path, monkeypatch: pytest.MonkeyPat
     play(feed, scenario)
 
 
-def test_every_action_of_the_key_table_has_a_place() -> None:
-    commands = (*COMMANDS, *UNBOUND)
-    names = {command.action.rpartition(".")[2].partition("(")[0] for command in commands}
-    assert names == {name for name, _parameters in WHERE}
+def test_every_command_has_an_owner_with_its_method(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        for run in COMMANDS:
+            owner, name, _parameters = parse(run)
+            assert callable(getattr(app._owners[owner], f"action_{name}", None)), run
+
+    play(feed, scenario)
 
 
 @pytest.mark.parametrize(("view", "pane"), VIEWS)
@@ -272,10 +266,10 @@ def test_a_click_on_a_field_at_rest_leaves_the_open_one(
     feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def check(app: SniffApp, pilot: Pilot[None]) -> None:
-        app._set_filter("motor = 1")
+        app.filters.set_filter("motor = 1")
         await press(app, pilot, "slash", *"AA")
         await pilot.click("FilterField .asked", offset=(30, 0))
         assert not has_focus(app, line_of(app, "f"))
-        assert not app._search_field.display
+        assert not app.search.field.display
 
     on_rows(feed, check, tmp_path, monkeypatch)

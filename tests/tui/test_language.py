@@ -44,8 +44,8 @@ from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, 
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
-from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.row import DetailLayout, detail_text

@@ -23,7 +23,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui import prompt
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.find_actions import Goal, parse_goal
+from fte_sniff.tui.controllers.rows import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.prompt import Dropdown, FilterField, History, SaveField
@@ -612,7 +612,7 @@ def test_a_save_is_ended_by_esc_and_leaves_nothing(
         await settle(app, pilot)
         pieces = await save_and_press(app, pilot, tmp_path / "rows.jsonl", "w", "escape")
         assert 0 < sum(pieces) < 50_000
-        assert app._save_job is None
+        assert app.export.job is None
         assert not list(tmp_path.glob("rows*"))
         assert "was not saved" in page(app).replace("\n", "")
 
@@ -635,7 +635,7 @@ def test_it_is_told_at_once_that_a_save_has_begun(
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(SaveJob, "write", seen)
             await save_to(app, pilot, tmp_path / "rows.csv")
-            await until(app, pilot, lambda: app._save_job is None)
+            await until(app, pilot, lambda: app.export.job is None)
         assert "saving to" in told[0]
         assert "would be saved" not in told[0]
 
@@ -662,7 +662,7 @@ def test_rows_without_times_make_no_recording(
         feed.give(odd_rows)
         await settle(app, pilot)
         await save_to(app, pilot, tmp_path / "rows.mcap")
-        await until(app, pilot, lambda: app._save_job is None)
+        await until(app, pilot, lambda: app.export.job is None)
         assert "has no time since 1970" in page(app)
         assert not list(tmp_path.glob("rows*"))
 

@@ -20,14 +20,14 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.keys import (
+from fte_sniff.tui.commands import (
     FINDING,
     HANDLING,
     LEAVING,
     MOVING,
     SECTIONS,
-    SHOWN_FIRST,
     UNDERSTANDING,
+    action_of,
 )
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import Choices, StartOptions
@@ -102,13 +102,13 @@ SHOWN = [key for key in (*LEAVING, *FINDING, *HANDLING, *UNDERSTANDING, *MOVING)
 
 
 def test_every_key_of_the_line_has_a_rank() -> None:
-    assert sorted(key.action for key in SHOWN) == sorted(SHOWN_FIRST)
+    assert sorted(key.rank for key in SHOWN) == list(range(1, len(SHOWN) + 1))
 
 
 def test_keys_stand_whole_and_help_always() -> None:
     for width in range(6, 140):
         found = fitting_keys(SHOWN, width)
-        assert found[0].action == "help"
+        assert found[0].action == action_of("view.help")
         assert sum(len(f"{key.key_display} {key.description} ") for key in found) - 1 <= width
 
 
@@ -128,7 +128,7 @@ def test_a_key_that_is_clicked_is_pressed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await pilot.click(KeyLine, offset=(15, 0))
         await pilot.pause()
-        assert app._filter_field.is_open
+        assert app.filters.field.is_open
 
     play(feed, scenario)
 

@@ -20,7 +20,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.commands import SECTIONS, action_of
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.table.columns import RAISED_MARK, ColumnChoice, Delta, TableView, layout_for
 from fte_sniff.tui.table.painter import EVENT_SIGN, RowCell, Sign
@@ -72,7 +72,7 @@ def test_port_events_have_lines_that_are_no_rows(feed: Any, speed_rows: Rows) ->
         assert table(app).viewport.cursor == 3
         await pilot.click(table(app), offset=(20, 4))
         assert table(app).viewport.cursor == 3
-        await app.run_action("events", app)
+        await app.run_action(action_of("view.events"))
         assert not events_in(app)
         assert not app.choices.events
 

@@ -171,7 +171,7 @@ def test_the_mouse_sorts_and_chooses(feed: Any) -> None:
         await pilot.click(TopView, offset=(5, 4), times=2)
         await settle(app, pilot)
         assert not app.query_one(TopView).display
-        assert app._filter_field.current == "kind = 'speed_feedback' AND motor = 2"
+        assert app.filters.field.current == "kind = 'speed_feedback' AND motor = 2"
 
     play(feed, scenario)
 
@@ -188,7 +188,7 @@ def test_enter_shows_the_rows_of_the_line_and_the_key_again_the_lines_of_the_fil
         await press(app, pilot, "down", "enter")
         await settle(app, pilot)
         assert app.focused is table(app)
-        assert app._filter_field.current == "kind = 'speed' AND motor = 2"
+        assert app.filters.field.current == "kind = 'speed' AND motor = 2"
         assert table(app).viewport.count == 30
         await open_top(app, pilot)
         assert keys(app) == ["speed 2"]

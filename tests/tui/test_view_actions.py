@@ -14,8 +14,8 @@ from textual.pilot import Pilot
 
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.commands import PALETTE
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.keys import COMMANDS
 from fte_sniff.tui.modals import ColumnChooser, Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.row import DetailPane
@@ -311,8 +311,8 @@ TYPED = [
     *(("svg", "picture"), ("language", "language"), ("chinese", "language")),
     *(("hex dump", "pane('bytes')"), ("plot", "pane('motors')"), ("jump", "goto")),
     *(
-        (name, key.action)
-        for key in COMMANDS
+        (name, key.run.partition(".")[2])
+        for key in PALETTE
         for name in (key.key_display or "").split()
         if key.key
     ),
@@ -327,7 +327,8 @@ def test_commands_are_found_by_the_words_that_people_type(feed: Any, language: s
         assert isinstance(picker, Picker)
         for typed, action in TYPED:
             picker._type(typed)
-            assert action in [entry.value for entry in picker.shown[:3]], typed
+            found = [entry.value.partition(".")[2] for entry in picker.shown[:3]]
+            assert action in found, typed
 
     play(feed, scenario, options=StartOptions(language=language))
 
@@ -430,7 +431,7 @@ def test_a_file_is_played_with_all_panes_as_live(
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         monkeypatch.setattr(app, "now_ns", lambda: now[0])
-        monkeypatch.setattr("fte_sniff.tui.actions.monotonic_ns", lambda: now[0])
+        monkeypatch.setattr("fte_sniff.tui.controllers.playback.monotonic_ns", lambda: now[0])
 
         async def after(ms: float) -> None:
             now[0] += round(ms * 1e6)
@@ -472,7 +473,7 @@ def test_times_count_from_a_mark_once_it_is_played(
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         monkeypatch.setattr(app, "now_ns", lambda: now[0])
-        monkeypatch.setattr("fte_sniff.tui.actions.monotonic_ns", lambda: now[0])
+        monkeypatch.setattr("fte_sniff.tui.controllers.playback.monotonic_ns", lambda: now[0])
         await press(app, pilot, "G", "m", "t", "t")
         assert "times count from the last mark" in page(app)
         await press(app, pilot, "home", "space")

@@ -30,8 +30,8 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text, short_number
 from fte_sniff.protocol import KINDS, Direction
 from fte_sniff.protocol.spec import Role, motor_bit
+from fte_sniff.tui.commands import TOP, action_of, bindings
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.keys import TOP, bindings, translate_keys
 from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
@@ -348,7 +348,6 @@ class TopView(ScrollView):
 
     def __init__(self) -> None:
         super().__init__()
-        translate_keys(self)
         self.display = False
         self._shown: ShownStreams | None = None
         self._columns: list[tuple[TopColumn, int]] = []
@@ -550,7 +549,7 @@ class TopView(ScrollView):
         if at < len(self._lines):
             self.action_move_line(at - self._cursor_at)
             if event.chain == 2:
-                await self.run_action("app.choose")
+                await self.run_action(action_of("filters.choose"))
 
     def _on_head_clicked(self, x: int) -> None:
         end = 1

@@ -29,7 +29,7 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Frame, Row
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.tui.keys import MOVING, OPENING, bindings, translate_keys
+from fte_sniff.tui.commands import MOVING, OPENING, bindings
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.painter import BarSign, OverviewBar, OverviewRender, Painter, RowCell, Sign
 from fte_sniff.tui.table.theme import REVERSED, ColorRules, Colors, Palette, palette_of
@@ -131,7 +131,6 @@ class RowTable(ScrollView):
 
     def __init__(self, store: RowStore, header: TableHeader, view: TableView) -> None:
         super().__init__()
-        translate_keys(self)
         self.viewport = Viewport()
         self.landmarks = Landmarks(store)
         self.relations = RowRelations(store, self.landmarks.gaps, self.landmarks.lost)
@@ -538,6 +537,14 @@ class RowTable(ScrollView):
         self.viewport.paused = not self.viewport.paused
         self._pause_index = self._store.next
         self.sync()
+
+    def end_selection(self) -> bool:
+        """End the selection; returns whether there was one."""
+        if self.selection_start is None:
+            return False
+        self.selection_start = None
+        self.sync()
+        return True
 
     def stop_following(self) -> None:
         """Leave the end; the cursor stays on its row."""

@@ -1,0 +1,493 @@
+"""The commands of the screen: their keys, the key line, the help and the palette.
+
+Keys are those of less, lnav and termshark, without those of tmux. Each has priority: it acts before
+the next key is handled, so that keys that are typed ahead go to the field that an earlier key
+opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import cast
+
+from textual.binding import Binding, BindingType
+
+from fte_sniff.tui.i18n import _, later
+
+
+class Where(Enum):
+    """Where a command may act."""
+
+    ROWS = "rows"
+    """On the table, which first comes back in place of the top view."""
+    VIEW = "view"
+    """On the table and on the top view."""
+    ANYWHERE = "anywhere"
+    """Also while a field or a page is open."""
+
+
+@dataclass(frozen=True)
+class Command(Binding):
+    """A command: its keys, its texts, and what it calls."""
+
+    run: str = ""
+    """The owner and its method, without `action_`: `rows.fault(1)`; unique."""
+    where: Where = Where.VIEW
+    rank: int = 0
+    """Its importance in the key line, 1 is the most important; 0 before all, for one view."""
+    words: str = ""
+    """Further words by which the palette finds it."""
+
+
+def action_of(run: str) -> str:
+    """The action of a binding that runs a command."""
+    return f"app.command({run!r})"
+
+
+_DISPLAYS = {
+    "slash": "/",
+    "number_sign": "#",
+    "colon": ":",
+    "less_than_sign": "<",
+    "greater_than_sign": ">",
+    "right_square_bracket": "]",
+    "left_square_bracket": "[",
+    "plus": "+",
+    "minus": "-",
+    "full_stop": ".",
+    "comma": ",",
+    "question_mark": "?",
+    "escape": "esc",
+    "pageup": "pgup",
+    "pagedown": "pgdn",
+}
+"""Keys that are written otherwise than Textual names them."""
+
+
+def _display(key: str) -> str:
+    return _DISPLAYS.get(key, key.replace("ctrl+", "^"))
+
+
+def _key(
+    keys: str,
+    run: str,
+    meaning: str,
+    *,
+    where: Where = Where.VIEW,
+    short: str = "",
+    display: str | None = None,
+    rank: int = 0,
+    words: str = "",
+) -> Command:
+    """A command; `short` is its text in the key line, where it is not empty."""
+    return Command(
+        keys,
+        action_of(run),
+        short or meaning,
+        show=bool(short),
+        key_display=display or " ".join(map(_display, keys.split(","))),
+        priority=True,
+        tooltip=meaning,
+        run=run,
+        where=where,
+        rank=rank,
+        words=words,
+    )
+
+
+_rows = partial(_key, where=Where.ROWS)
+"""A command on rows: the table comes back first."""
+
+MOVING: tuple[Command, ...] = (
+    _rows("up,k", "table.move(-1)", "one row up; leaves the end"),
+    _rows("down,j", "table.move(1)", "one row down"),
+    _rows("pageup,ctrl+u", "table.page(-1)", "one page up"),
+    _rows("pagedown,ctrl+d", "table.page(1)", "one page down"),
+    _rows("home,g", "table.first", "the first row", words="top start beginning home"),
+    _rows(
+        "end,G",
+        "table.follow",
+        "the last row, and follow what comes, also after enter",
+        short="Follow",
+        display="G",
+        rank=8,
+        words="bottom end tail newest last live",
+    ),
+    _rows("left,h", "table.aside(-1)", "columns to the left"),
+    _rows("right,l", "table.aside(1)", "columns to the right"),
+)
+
+FINDING: tuple[Command, ...] = (
+    _key(
+        "f",
+        "filters.filter",
+        "filter the rows: motor = 1 AND rpm > 500",
+        short="Filter",
+        rank=3,
+        words="where query sql show only",
+    ),
+    _key("F", "filters.unfilter", "show all rows again", words="clear remove reset filter"),
+    _rows(
+        "e",
+        "rows.fault(1)",
+        "the next row with a fault",
+        short="Fault",
+        rank=4,
+        words="next error damage malformed",
+    ),
+    _rows("E", "rows.fault(-1)", "the previous row with a fault", words="error damage malformed"),
+    _rows(
+        "a",
+        "rows.raised(1)",
+        "the next row whose ERROR or ONLINE is not all in order",
+        short="Flags",
+        rank=14,
+        words="next alarm flag",
+    ),
+    _rows(
+        "A",
+        "rows.raised(-1)",
+        "the previous row whose ERROR or ONLINE is not all in order",
+        words="alarm flag",
+    ),
+    _rows(
+        "slash",
+        "search.search",
+        "find rows that have a text or bytes (hex:AA ?? 03)",
+        short="Search",
+        rank=5,
+        words="find grep text hex bytes",
+    ),
+    _rows("n", "search.again(1)", "the next hit of the search"),
+    _rows("N", "search.again(-1)", "the previous hit of the search"),
+    _rows(
+        "x",
+        "filters.only",
+        "show only rows that are like this one in a cell",
+        words="filter by cell include",
+    ),
+    _rows(
+        "X",
+        "filters.without",
+        "hide rows that are like this one in a cell",
+        words="filter by cell exclude",
+    ),
+    _key(
+        "backspace",
+        "filters.filter_before",
+        "return to the previous filter",
+        words="undo back filter",
+    ),
+    _rows("m", "notes.mark", "mark the row, or remove its mark", words="bookmark flag"),
+    _rows(
+        "number_sign",
+        "notes.note",
+        "write a note on the row; an empty one removes it",
+        words="comment remark annotate text label",
+    ),
+    _rows("u", "notes.to_mark(1)", "the next marked row"),
+    _rows("U", "notes.to_mark(-1)", "the previous marked row"),
+    _rows(
+        "o",
+        "rows.landmark(1)",
+        "the next lost port or gap",
+        words="next gap lost port disconnect missing",
+    ),
+    _rows(
+        "O",
+        "rows.landmark(-1)",
+        "the previous lost port or gap",
+        words="gap lost port disconnect missing",
+    ),
+    _rows(
+        "colon",
+        "rows.goto",
+        "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte",
+        words="jump seek time row number offset",
+    ),
+)
+
+HANDLING: tuple[Command, ...] = (
+    _key(
+        "space,p",
+        "playback.pause",
+        "freeze the view, never the capture; play a file from here",
+        short="Pause",
+        display="space",
+        rank=7,
+        words="stop freeze hold play playback",
+    ),
+    _key(
+        "less_than_sign",
+        "playback.speed(-1)",
+        "play more slowly, down to 0.1×",
+        words="playback slow",
+    ),
+    _key(
+        "greater_than_sign", "playback.speed(1)", "play faster, up to 100×", words="playback fast"
+    ),
+    _rows(
+        "v",
+        "rows.select",
+        "select rows from here to the cursor, for y, Y and w",
+        words="range block rows",
+    ),
+    _rows(
+        "y",
+        "export.copy_text",
+        "copy the row decoded (through the terminal, OSC 52)",
+        words="clipboard yank",
+    ),
+    _rows("Y,c", "export.copy", "copy the row's bytes as hex", words="clipboard yank hex"),
+    _key(
+        "w",
+        "export.save",
+        "save the selected rows, or all that are shown, to a file",
+        short="Save",
+        rank=13,
+        words="export write csv jsonl parquet mcap hex raw txt",
+    ),
+    _key(
+        "P",
+        "export.picture",
+        "save a screenshot as SVG or HTML",
+        words="screenshot image export svg html print",
+    ),
+    _rows(
+        "t",
+        "view.times",
+        "times: UTC, local, since the first row, since a mark",
+        words="clock timestamp utc local zone",
+    ),
+    _rows(
+        "d",
+        "view.changes",
+        "highlight bytes that changed, dim the others",
+        words="difference diff cansniffer dim highlight",
+    ),
+    _rows(
+        "C",
+        "view.columns",
+        "choose columns, their order and widths",
+        words="fields width layout delta",
+    ),
+    _key(
+        "ctrl+t",
+        "app.theme",
+        "switch the theme: dark, light, with more contrast",
+        words="colours colors dark light contrast appearance",
+    ),
+    _key("ctrl+p", "app.palette", "find a command by its name"),
+    _key(
+        "escape",
+        "app.dismiss",
+        "cancel: a save, selection, search, notice or pane",
+        words="escape close back",
+    ),
+)
+
+UNDERSTANDING: tuple[Command, ...] = (
+    _rows(
+        "i",
+        "view.pane('detail')",
+        "what each byte means (also enter)",
+        short="Detail",
+        rank=9,
+        words="explain decode inspect row",
+    ),
+    _rows(
+        "right_square_bracket",
+        "view.field(1)",
+        "look at the next field of the row",
+        words="next byte highlight",
+    ),
+    _rows(
+        "left_square_bracket",
+        "view.field(-1)",
+        "look at the previous field",
+        words="byte highlight",
+    ),
+    _rows(
+        "R",
+        "rows.related",
+        "from a command to its answer, or back",
+        words="answer reply response request pair jump",
+    ),
+    _rows(
+        "b",
+        "view.pane('bytes')",
+        "the bytes around the row",
+        short="Bytes",
+        rank=12,
+        words="hex dump",
+    ),
+    _key(
+        "M",
+        "view.pane('motors')",
+        "target and feedback of each motor",
+        short="Motors",
+        rank=10,
+        words="plot curve chart graph rpm speed",
+    ),
+    _key(
+        "T",
+        "view.top",
+        "one line for each kind and motor, in place of the table",
+        short="Top",
+        rank=6,
+        words="htop sorted summary overview streams live",
+    ),
+    _key(
+        "S",
+        "view.pane('statistics')",
+        "rates, use of the line, faults over time",
+        short="Stats",
+        rank=11,
+        words="stats rates counters",
+    ),
+    _key("z", "view.zoom(-1)", "less time in the plots of the motors", words="zoom in"),
+    _key("Z", "view.zoom(1)", "more time in the plots of the motors", words="zoom out"),
+    _key("r", "view.plot_range", "outliers of the motors: markers at the edge, or the full range"),
+    _key("plus", "view.grow_pane(1)", "a larger pane; the mouse drags its border"),
+    _key("minus", "view.grow_pane(-1)", "a smaller pane"),
+    _key("L", "view.pane_side", "the pane beside the table or below it, from 160 columns on"),
+    _key("J", "view.scroll_pane(1)", "scroll the pane down"),
+    _key("K", "view.scroll_pane(-1)", "scroll the pane up"),
+)
+
+TOP: tuple[Command, ...] = (
+    _key("enter", "filters.choose", "the rows of this kind and motor, as a filter", short="Rows"),
+    _key("full_stop", "top.sort(1)", "sort by the next column", short="Sort"),
+    _key("comma", "top.sort(-1)", "sort by the previous column"),
+    _key("I", "top.reverse", "sort the other way round", short="Reverse"),
+    _key("up,k", "top.move_line(-1)", "one line up"),
+    _key("down,j", "top.move_line(1)", "one line down"),
+    _key("pageup,ctrl+u", "top.page_lines(-1)", "one page up"),
+    _key("pagedown,ctrl+d", "top.page_lines(1)", "one page down"),
+)
+
+LEAVING: tuple[Command, ...] = (
+    _key(
+        "question_mark",
+        "view.help",
+        "all keys and signs",
+        short="Help",
+        rank=1,
+        words="keys shortcuts manual",
+    ),
+    _key(
+        "q",
+        "app.leave",
+        "close the pane; quit; a recording is stopped by a second q",
+        short="Quit",
+        rank=2,
+        words="exit close end",
+    ),
+    _key(
+        "Q,ctrl+q",
+        "app.quit",
+        "quit at once, and print where the recording is",
+        words="exit close end",
+    ),
+    _key(
+        "ctrl+z",
+        "app.suspend_process",
+        "to the shell until `fg`; a capture goes on",
+        words="background shell",
+    ),
+)
+
+UNBOUND: tuple[Command, ...] = (
+    _key(
+        "",
+        "app.language",
+        "switch the language: English, Chinese",
+        words="locale english chinese 中文 translation",
+    ),
+    _rows(
+        "",
+        "view.events",
+        "show or hide the lines of port events and gaps",
+        words="separator port lines hide show",
+    ),
+    _rows("", "notes.notes", "list all marks and notes", words="bookmarks comments annotations"),
+)
+"""Commands of the palette alone."""
+
+INTERRUPT = _key("ctrl+c", "app.interrupt", "copy a selection, or quit", where=Where.ANYWHERE)
+"""Quits, but copies where text is selected in a field."""
+
+OPENING = Binding("enter", action_of("view.pane('detail')"), show=False, priority=True)
+"""A key of the table alone: the top view has its own."""
+
+COMMANDS: Mapping[str, Command] = {
+    command.run: command
+    for command in (
+        *(*FINDING, *UNDERSTANDING, *HANDLING, *UNBOUND, *MOVING, *LEAVING),
+        *(*TOP, INTERRUPT),
+    )
+}
+"""All commands by what they run."""
+
+PALETTE: tuple[Command, ...] = tuple(
+    command
+    for command in COMMANDS.values()
+    if command not in (*TOP, INTERRUPT) and command.run != "app.palette"
+)
+"""The commands that the palette lists."""
+
+SECTIONS: tuple[tuple[str, tuple[Command, ...]], ...] = (
+    ("Move", MOVING),
+    ("Find", FINDING),
+    ("Understand", UNDERSTANDING),
+    ("Top view", TOP[:4]),
+    ("Handle", (*HANDLING, *LEAVING)),
+)
+"""The keys in the help, under their headings."""
+
+
+def rank_of(binding: Binding) -> int:
+    """Its place in the key line; keys that are not of the table, such as a field's, come first."""
+    return _RANKS.get(binding.action, 0)
+
+
+_RANKS = {command.action: command.rank for command in COMMANDS.values()}
+
+
+def _of_list(key: str, short: str, display: str) -> Binding:
+    """A key for the key line only; the list handles it itself."""
+    return Binding(key, f"list('{key}')", short, key_display=display)
+
+
+_BACK = _of_list("escape", later("Back"), "esc")
+_MOVES = (_of_list("up", later("Up"), "up"), _of_list("down", later("Down"), "down"))
+
+PICKING = (_of_list("enter", later("Pick"), "enter"), _BACK, *_MOVES)
+
+CHOOSING = (
+    _of_list("enter", later("Apply"), "enter"),
+    _BACK,
+    _of_list("space", later("Show"), "space"),
+    *_MOVES,
+)
+
+KEY_NAMES = frozenset(
+    (
+        *(later("space"), later("up"), later("down"), later("left"), later("right")),
+        *(later("enter"), later("backspace")),
+    )
+)
+
+
+def key_names(binding: Binding) -> str:
+    """Names of a binding's keys, in the language of the screen."""
+    names = (binding.key_display or binding.key).split(" ")
+    return " ".join(_(name) if name in KEY_NAMES else name for name in names)
+
+
+def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:
+    """The groups as a class attribute BINDINGS."""
+    return [cast(BindingType, binding) for group in groups for binding in group]

@@ -1,0 +1,256 @@
+"""Copy rows to the clipboard; save rows and pictures of the screen to files."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from platformdirs import user_cache_path
+from rich.console import Console
+from rich.terminal_theme import SVG_EXPORT_THEME
+from textual.worker import WorkType
+
+from fte_sniff.analysis.search import select_rows
+from fte_sniff.errors import FteSniffError, unwritable
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
+from fte_sniff.protocol import Row, spaced_hex
+from fte_sniff.recording.metadata import Selection
+from fte_sniff.session.save import PICTURE_SUFFIXES, ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.i18n import _, error_text
+from fte_sniff.tui.prompt import PICTURE_FILE, ROWS_FILE, SaveField
+from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import ViewModel
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+
+COPY_NAME: Final = "copied.txt"
+"""File in the user's cache folder that holds the latest copy."""
+
+MAX_COPIED_ROWS = 10_000
+"""A terminal accepts about a megabyte."""
+
+GROUP = "save"
+"""The worker that saves, and its notice."""
+
+_GAPS = re.compile(" {2,}")
+
+
+def write_copy(text: str) -> Path | None:
+    """Write the text to `COPY_NAME`, readable by the user only; None where that fails."""
+    path = user_cache_path("fte-sniff", appauthor=False) / COPY_NAME
+    try:
+        replace_text(path, text)
+    except OSError:
+        return None
+    return path
+
+
+def _short_path(path: Path) -> str:
+    """The path with `~` for the home folder."""
+    with suppress(ValueError, RuntimeError):
+        return f"~/{path.relative_to(Path.home())}"
+    return str(path)
+
+
+class ExportController:
+    """Copies and saves rows, one file at a time, and pictures of the screen."""
+
+    def __init__(
+        self,
+        model: ViewModel,
+        table: RowTable,
+        focus: Focus,
+        notice: NoticeLine,
+        source: ExportSource,
+    ) -> None:
+        """`source` holds facts about all rows, which are saved with them."""
+        self._model, self._table, self._notice, self._source = model, table, notice, source
+        self.job: SaveJob | None = None
+        """The rows that are being saved."""
+        self.field = SaveField(focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
+        self.picture_field = SaveField(
+            focus, PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
+        )
+
+    def action_copy_text(self) -> None:
+        """Copy the selected rows, or the cursor's, in the table format of `decode`."""
+        rows = self._rows_to_copy()
+        if rows is not None:
+            stream = StringIO()
+            row_writer(OutputFormat.TABLE, stream, ports=len(self._model.ports) > 1).write(rows)
+            text = stream.getvalue()
+            if len(rows) == 1:
+                # A single row needs neither columns nor their names.
+                text = _GAPS.sub("  ", text.splitlines()[-1])
+            self._copy(text, len(rows))
+
+    def action_copy(self) -> None:
+        """Copy the bytes of the selected rows, or of the cursor's, as hex."""
+        rows = self._rows_to_copy()
+        if rows is not None:
+            self._copy("\n".join(spaced_hex(row.raw) for row in rows), len(rows))
+
+    def _rows_to_copy(self) -> list[Row] | None:
+        """The rows to copy; None where there are none, or too many."""
+        positions, row = self._selected_positions(), self._table.cursor_row
+        if not self._table.selected:
+            return None if row is None else [row]
+        if len(positions) > MAX_COPIED_ROWS:
+            text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
+            self._notice.inform(text.format(count=len(positions), most=MAX_COPIED_ROWS))
+            return None
+        rows = self._model.store.view.slice(positions.start, positions.stop)
+        return [row for _, row in rows]
+
+    def _copy(self, text: str, rows: int) -> None:
+        text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
+        self._table.app.copy_to_clipboard(text)
+        file = write_copy(text)
+        first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
+        form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
+        self._notice.inform(form.format(what=first, file=_short_path(file) if file else ""))
+
+    def action_save(self) -> None:
+        """Ask for the file to which the selected rows, or all shown rows, are saved."""
+        if self.job is not None:
+            text = _("{file} is still being saved; esc ends that")
+            self._notice.inform(text.format(file=self.job.path))
+        elif not self._model.store.view.count:
+            self._notice.inform(_("no row is shown that could be saved"))
+        else:
+            self._report_row_count()
+            self.field.open()
+
+    def _report_row_count(self) -> None:
+        selected = self._selected_positions()
+        count, text = self._model.store.view.count, _("{count:,} shown rows would be saved")
+        if selected:
+            count, text = len(selected), _("{count:,} selected rows would be saved")
+        self._notice.inform(text.format(count=count))
+
+    def _selected_positions(self) -> range:
+        """Positions of the selected rows among those shown."""
+        selected, position_of = self._table.selected, self._model.store.view.position_of
+        return range(position_of(selected.start), position_of(selected.stop))
+
+    def _target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._model.state.files)
+
+    def _save(self, line: str) -> None:
+        if not line:
+            return
+        store, selected = self._model.store, self._table.selected
+        indices = selected or range(store.first, store.next)
+        try:
+            job = self.job = SaveJob(self._target(line), self._export_source(selected))
+        except FteSniffError as error:
+            self._notice.warn(error_text(error))
+            return
+        self._show_progress(job, 0)
+        work: WorkType[None] = partial(self._write, job, indices, store.view.filter)
+        self._table.run_worker(work, group=GROUP, exclusive=True)
+
+    def _export_source(self, selected: range) -> ExportSource:
+        """Facts about the rows that are saved: those shown, or the selected ones among them."""
+        store = self._model.store
+        source = replace(self._source, ports=self._model.ports)
+        if selected:
+            first, last = store.row(selected.start), store.row(selected.stop - 1)
+            source = source.within(first.t_ns, last.t_ns)
+        if store.view.filter is not None:
+            rows = len(selected or range(store.first, store.next))
+            selection = Selection(store.view.filter.text, rows)
+            source = replace(source, selections=[*source.selections, selection])
+        return source
+
+    async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
+        """Save the rows of these indices that pass the filter, while the screen continues."""
+        store, index = self._model.store, indices.start
+        # The first rows may take long, so the notice comes before them.
+        await self._table.screen.wait_for_refresh()
+        try:
+            while index < indices.stop:
+                if index < store.first:
+                    index = min(store.first, indices.stop)
+                rows, index = select_rows(store, index, indices.stop, row_filter)
+                job.write(rows)
+                self._show_progress(job, (index - indices.start) / len(indices))
+                await asyncio.sleep(0)
+            job.close()
+        except FteSniffError as error:
+            self._forget_job()
+            self._notice.warn(error_text(error))
+        else:
+            self._forget_job()
+            text = _("saved {count:,} rows to {file}")
+            self._notice.report(text.format(count=job.rows, file=job.path))
+            self._table.end_selection()
+
+    def action_picture(self) -> None:
+        """Keep the screen as it is now, and ask for the file to which it is saved."""
+        self._picture = self._record_screen()
+        self.picture_field.open()
+
+    def _record_screen(self) -> Console:
+        """The screen, as a console that can export it."""
+        width, height = self._table.app.size
+        console = Console(
+            width=width,
+            height=height,
+            file=StringIO(),
+            force_terminal=True,
+            color_system="truecolor",
+            record=True,
+            safe_box=False,
+        )
+        console.print(self._table.screen._compositor.render_update(full=True))
+        return console
+
+    def _picture_target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._model.state.files, PICTURE_SUFFIXES)
+
+    def _save_picture(self, line: str) -> None:
+        if not line:
+            return
+        path = self._picture_target(line).path
+        if path.suffix.lower() == ".svg":
+            text = self._picture.export_svg(title=self._table.app.title)
+        else:
+            text = self._picture.export_html(theme=SVG_EXPORT_THEME)
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            self._notice.warn(error_text(unwritable(path, error)))
+        else:
+            self._notice.inform(_("saved the screen to {file}", file=path))
+
+    def _show_progress(self, job: SaveJob, share: float) -> None:
+        text = _("saving to {file}: {share:.0%}, esc ends it")
+        text = text.format(file=job.path, share=share)
+        self._notice.pin(GROUP, text, warning=False)
+
+    def _forget_job(self) -> None:
+        self.job = None
+        self._notice.unpin(GROUP)
+
+    def abandon(self) -> bool:
+        """Cancel a running save and remove its file; returns whether there was one."""
+        job = self.job
+        if job is None:
+            return False
+        self._forget_job()
+        self._table.workers.cancel_group(self._table, GROUP)
+        # A worker that has not started yet does not notice that it is cancelled.
+        job.abandon()
+        self._notice.inform(_("{file} was not saved", file=job.path))
+        return True

@@ -1,0 +1,124 @@
+"""Filter the rows: by a line that is typed, by a cell, by a line of the top view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
+from fte_sniff.errors import printable
+from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.modals import Entry, Picker
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.top import TopView
+from fte_sniff.tui.prompt import (
+    FILTER_NAME,
+    FilterField,
+    PromptField,
+    parse_filter,
+    preload_filter,
+)
+from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import ViewModel
+
+
+class FilterController:
+    """Applies filters, and keeps the earlier ones and those that are saved by name."""
+
+    def __init__(
+        self,
+        model: ViewModel,
+        table: RowTable,
+        top: TopView,
+        focus: Focus,
+        notice: NoticeLine,
+        options: StartOptions,
+    ) -> None:
+        """Begin with the filter and the saved filters of the options."""
+        self._model, self._table, self._top = model, table, top
+        self._focus, self._notice = focus, notice
+        self.saved = dict(options.choices.filters)
+        """Filters by their names."""
+        self.field = FilterField(
+            focus,
+            model.store,
+            options.row_filter.text if options.row_filter else "",
+            self.saved,
+            self._cursor_ns,
+            self.set_filter,
+            self._ask_name,
+        )
+        self.name_field = PromptField(focus, FILTER_NAME, str, self._name_filter)
+        self._earlier: list[str] = []
+        """Filters before the current one, the latest last; an empty one shows all rows."""
+
+    def _cursor_ns(self) -> int | None:
+        row = self._table.cursor_row
+        return None if row is None else row.t_ns
+
+    def action_filter(self) -> None:
+        """Ask for a filter."""
+        self.field.open()
+
+    def action_unfilter(self) -> None:
+        """Show all rows."""
+        self.set_filter("")
+
+    def action_filter_before(self) -> None:
+        """Go back to the previous filter."""
+        if self._earlier:
+            self._apply_filter(self._earlier.pop())
+        else:
+            self._notice.inform(_("there was no other filter before"))
+
+    def set_filter(self, line: str) -> None:
+        """Apply a valid filter, and remember the current one; an empty one shows all rows."""
+        current = self.field.current
+        if line != current:
+            self._earlier.append(current)
+        self._apply_filter(line)
+
+    def _apply_filter(self, line: str) -> None:
+        self.field.set_current(line)
+        self._model.set_filter(parse_filter(line) if line else None, self._table.near)
+        self._table.sync()
+
+    def action_choose(self) -> None:
+        """Show the rows of the line under the cursor of the top view, by a filter."""
+        condition = self._top.condition
+        if condition is not None:
+            self._add_condition(condition)
+            self._focus.show_top(False)
+
+    def _ask_name(self, _line: str) -> None:
+        self.name_field.open()
+
+    def _name_filter(self, name: str) -> None:
+        """Save the filter in effect by name."""
+        if name:
+            self.saved[name] = self.field.current
+            self._notice.inform(_("saved; f lists the filter as {name}", name=name))
+
+    def action_only(self) -> None:
+        """Show only rows with the same value in a cell."""
+        self._pick_cell(_("only rows with"), lambda cell: cell.only)
+
+    def action_without(self) -> None:
+        """Hide rows with the same value in a cell."""
+        self._pick_cell(_("hide rows with"), lambda cell: cell.without)
+
+    def _pick_cell(self, title: str, condition: Callable[[CellFilter], str]) -> None:
+        row = self._table.cursor_row
+        if row is None:
+            return
+        preload_filter()
+        cells = cell_filters(row)
+        names = [cell.column for cell in cells]
+        cursor = names.index(self._table.column) if self._table.column in names else 0
+        entries = [Entry(printable(cell.only), condition(cell)) for cell in cells]
+        self._table.app.push_screen(Picker(title, entries, cursor), self._add_condition)
+
+    def _add_condition(self, condition: str | None) -> None:
+        if condition is not None:
+            self.set_filter(both(self.field.current, condition))

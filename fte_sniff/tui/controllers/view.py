@@ -1,0 +1,129 @@
+"""What the table shows, and which pane is open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC
+
+from fte_sniff.protocol.dissect import dissect
+from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, HelpPage
+from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body
+from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.table.columns import TimeStyle
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import ViewModel
+
+
+class ViewController:
+    """Times, columns, changed bytes, event lines, panes, the top view and the help."""
+
+    def __init__(
+        self,
+        model: ViewModel,
+        table: RowTable,
+        panes: PaneSwitcher,
+        body: Body,
+        focus: Focus,
+        notice: NoticeLine,
+    ) -> None:
+        self._model, self._table, self._panes, self._body = model, table, panes, body
+        self._focus, self._notice = focus, notice
+
+    def action_times(self) -> None:
+        """Switch to the next time style; without a mark or another zone, two are skipped."""
+        if self._model.start_ns is None and len(self._model.store):
+            self._notice.inform(_("no row here has a time"))
+            return
+        view, styles = self._table.view, list(TimeStyle)
+        if self._table.marks.latest is None:
+            styles.remove(TimeStyle.MARK)
+        if view.zone == UTC:
+            styles.remove(TimeStyle.LOCAL)
+        current = styles.index(view.times) if view.times in styles else 0
+        style = styles[(current + 1) % len(styles)]
+        self._table.set_view(times=style)
+        self._panes.redraw()
+        self._notice.inform(_(style.meaning))
+
+    def action_changes(self) -> None:
+        """Highlight the bytes that changed, or no longer."""
+        changes = not self._table.view.changes
+        self._table.set_view(changes=changes)
+        on = _("bytes that differ from the frame before of the same kind and motor are highlighted")
+        self._notice.inform(on if changes else _("changed bytes are not highlighted"))
+
+    def action_events(self) -> None:
+        """Show the lines of port events and gaps, or hide them."""
+        events = not self._table.view.events
+        self._table.set_view(events=events)
+        self._notice.inform(_("port events are shown") if events else _("port events are hidden"))
+
+    def action_columns(self) -> None:
+        """Choose columns, their order and widths."""
+
+        def choose(chosen: ChosenColumns | None) -> None:
+            if chosen is not None:
+                self._table.set_view(choice=chosen.choice, delta=chosen.delta)
+
+        chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
+        self._table.app.push_screen(chooser, choose)
+
+    def action_pane(self, name: str) -> None:
+        """Show or close a pane; one that explains a row stops following the end."""
+        self._panes.toggle(name)
+        if self._panes.explains_row:
+            self._table.stop_following()
+
+    def action_top(self) -> None:
+        """Show one line for each kind and motor in place of the table, or the table again."""
+        self._focus.show_top(not self._panes.top.display)
+        if self._panes.top.display and self._panes.explains_row:
+            self._panes.close()
+        self._body.call_after_refresh(self._panes.redraw)
+
+    def action_grow_pane(self, by: int) -> None:
+        """Move the divider between the table and the pane."""
+        self._body.grow(by)
+
+    def action_pane_side(self) -> None:
+        """Move the panes beside the table, or below it."""
+        if not self._body.can_be_beside:
+            text = _("a pane is beside the table from {cells} columns on")
+            self._notice.inform(text.format(cells=BESIDE_CELLS))
+            return
+        layout = self._body.pane_layout
+        self._body.set_pane_layout(replace(layout, beside=not layout.beside))
+
+    def action_zoom(self, by: int) -> None:
+        """Show more time, or less."""
+        self._panes.change(lambda pane: pane.zoom(by))
+
+    def action_plot_range(self) -> None:
+        """Show outliers in the plots, or leave them out."""
+        self._panes.change(lambda pane: pane.switch_range())
+
+    def action_scroll_pane(self, by: int) -> None:
+        """Scroll the pane by lines."""
+        self._panes.scroll(by)
+
+    def action_field(self, by: int) -> None:
+        """Look at the next field of the cursor's row, or at the previous one."""
+        row = self._table.cursor_row
+        if row is None:
+            return
+        self.explain_row()
+        current, count = self._table.field, len(dissect(row))
+        start = (-1 if by > 0 else count) if current is None else current
+        self._table.look_at((start + by) % count)
+
+    def explain_row(self) -> None:
+        """Open the detail pane, unless a pane about the row is open."""
+        if not self._panes.explains_row:
+            self.action_pane("detail")
+
+    def action_help(self) -> None:
+        """Show the help page."""
+        self._table.app.push_screen(HelpPage(self._table.palette))
