@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from threading import Thread
 from time import monotonic
@@ -16,6 +17,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.timer import Timer
+from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
@@ -79,6 +81,14 @@ LOW = 16
 """Lines of the terminal below which the verdict has only one line."""
 
 
+@cache
+def _actions(kind: type[Widget]) -> Mapping[str, str]:
+    """Actions of the keys of a widget; a class overrides those of its parents."""
+    tables = (vars(parent).get("BINDINGS", ()) for parent in reversed(kind.__mro__))
+    bindings = [one for table in tables for one in table if isinstance(one, Binding)]
+    return {key: one.action for one in bindings for key in one.key.split(",")}
+
+
 class PromptLine(Input):
     """The input of a field, with earlier lines on the arrow keys, which Textual's Input lacks."""
 
@@ -107,10 +117,10 @@ class PromptLine(Input):
             self.app.post_message(events.Key(event.key, event.character))
         elif not event.is_printable:
             for node in (self, self._field):
-                for binding in node._bindings.key_to_bindings.get(event.key, ()):
-                    if await self.app.run_action(binding.action, node):
-                        event.prevent_default().stop()
-                        return
+                action = _actions(type(node)).get(event.key)
+                if action is not None and await self.app.run_action(action, node):
+                    event.prevent_default().stop()
+                    return
 
     def action_older(self, by: int) -> None:
         """Move in the list of candidates, or show another line of the history."""
@@ -135,7 +145,7 @@ class PromptLine(Input):
         if not self._field.leave_list():
             self._field.close()
 
-    def _on_paste(self, event: events.Paste) -> None:
+    def on_paste(self, event: events.Paste) -> None:
         """Insert all lines as one."""
         event.prevent_default().stop()
         self.replace(" ".join(event.text.split()), *self.selection)
