@@ -126,7 +126,7 @@ class SniffApp(App[None]):
         speed = 1.0 if options.play_speed is None else options.play_speed
         self.rows = RowController(store, table, focus, notice)
         self.search = SearchController(store, table, focus, notice)
-        self.filters = FilterController(model, table, panes.top, focus, notice, options)
+        self.filters = FilterController(model, table, panes, focus, notice, options)
         self.notes = NotesController(
             store, table, focus, notice, options.notes, options.place.cursor
         )

@@ -19,7 +19,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import COLUMNS, TopView, columns_for
 from fte_sniff.tui.prompt import parse_filter
-from tests.tui.conftest import NOON_NS, lines, page, play, press, settle, table
+from tests.tui.conftest import NOON_NS, lines, page, play, press, rush, settle, table
 
 MS = 1_000_000
 
@@ -208,6 +208,19 @@ def test_enter_shows_the_rows_of_the_line_and_the_key_again_the_lines_of_the_fil
         await settle(app, pilot)
 
     play(feed, scenario)
+
+
+def test_enter_typed_ahead_does_not_choose_from_the_lines_of_an_earlier_filter(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "T")
+        app.filters.set_filter("noise")
+        await settle(app, pilot)
+        await press(app, pilot, "T", "F")
+        await rush(app, pilot, "T", "enter")
+        assert app.filters.field.current.startswith("kind = 'speed'")
+        assert not app.query_one(TopView).display
+
+    play(feed, scenario, rows=30)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.top import TopView
+from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FILTER_NAME,
     FilterField,
@@ -30,13 +30,13 @@ class FilterController:
         self,
         model: ViewModel,
         table: RowTable,
-        top: TopView,
+        panes: PaneSwitcher,
         focus: Focus,
         notice: NoticeLine,
         options: StartOptions,
     ) -> None:
         """Begin with the filter and the saved filters of the options."""
-        self._model, self._table, self._top = model, table, top
+        self._model, self._table, self._panes = model, table, panes
         self._focus, self._notice = focus, notice
         self.saved = dict(options.choices.filters)
         """Filters by their names."""
@@ -86,7 +86,7 @@ class FilterController:
 
     def action_choose(self) -> None:
         """Show the rows of the line under the cursor of the top view, by a filter."""
-        condition = self._top.condition
+        condition = self._panes.top_condition()
         if condition is not None:
             self._add_condition(condition)
             self._focus.show_top(False)

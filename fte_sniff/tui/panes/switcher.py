@@ -188,6 +188,14 @@ class PaneSwitcher:
         for view in self._views:
             self._redraw_changed(view)
 
+    def top_condition(self) -> str | None:
+        """Filter for the rows of the line under the cursor of the top view; None without lines."""
+        if not self.top.scrollable_content_region:
+            # It has just been opened, and has the lines of its last drawing, or none.
+            self._update_models()
+            self.top.draw(self._context())
+        return self.top.condition
+
     def _redraw_changed(self, view: Pane | TopView) -> None:
         """Draw it, unless it shows the same already."""
         if not view.scrollable_content_region:

@@ -320,7 +320,7 @@ def columns_for(width: int, ports: int) -> list[tuple[TopColumn, int]]:
             break
         shown.append(column)
     widths = {column: column.width for column in COLUMNS if column in shown}
-    left = width - _total(*shown)
+    left = max(0, width - _total(*shown))
     for column, most in WIDEST:
         if column in widths:
             more = min(left, most - widths[column])
