@@ -184,7 +184,6 @@ def test_a_busy_port_says_who_has_it_and_exits_with_3(run: Run) -> None:
         with running([sys.executable, "-c", code, port], **pipes) as holder:
             holder.stdout.readline()
             done = run("doctor", port)
-            holder.stdin.write(b"\n")
     assert done.returncode == 3
     assert f"(pid {holder.pid}) has it open, and takes bytes away" in done.stdout
     assert done.stderr.startswith(f"fte-sniff: {port} is busy:")
