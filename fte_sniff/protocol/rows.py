@@ -290,9 +290,9 @@ class Rows(Sequence["Row"]):
         rows, codebook = list(rows), codebook or Codebook()
         raws = [row.raw for row in rows]
         columns = {
-            "t_ns": array("q", [_or_none(row.t_ns) for row in rows]),
+            "t_ns": array("q", [_or_no_time(row.t_ns) for row in rows]),
             "offset": array("q", [row.offset for row in rows]),
-            "delay_ns": array("q", [_or_none(row.read_delay_ns) for row in rows]),
+            "delay_ns": array("q", [_or_no_time(row.read_delay_ns) for row in rows]),
             "length": array("I", map(len, raws)),
             "port": array("H", [codebook.port_code(row.port) for row in rows]),
             "faults": array("H", [codebook.fault_code(row.faults) for row in rows]),
@@ -329,7 +329,7 @@ class Rows(Sequence["Row"]):
         events: Iterable[PortEvent] | None = None,
         **columns: Buffer,
     ) -> Rows:
-        """The same rows with other columns, another codebook or other events."""
+        """These rows with other columns, another codebook or other events."""
         return Rows(
             codebook or self.codebook,
             {**self.buffers, **columns},
@@ -338,12 +338,8 @@ class Rows(Sequence["Row"]):
             self.events if events is None else tuple(events),
         )
 
-    def put(self, at: int, row: Row) -> None:
-        """Fill in one row of those that `allocate` made."""
-        self.assign(at, Rows.from_rows([row], self.codebook))
-
     def assign(self, start: int, rows: Rows) -> None:
-        """Fill in those that `allocate` made, from index `start` on, with rows of its codebook."""
+        """Fill what `allocate` made, from index `start` on, with rows of its codebook."""
         own = slice(start, start + len(rows))
         for name in (*COLUMNS, "raw"):
             getattr(self, name)[own] = getattr(rows, name)
@@ -545,7 +541,7 @@ class Rows(Sequence["Row"]):
         return Rows(self.codebook, columns, self.raw[rows], long, events)
 
     def recoded(self, codebook: Codebook) -> Rows:
-        """The same rows with the codes of another codebook."""
+        """These rows with the codes of another codebook."""
         if codebook is self.codebook:
             return self
         ports = [codebook.port_code(port) for port in self.codebook.ports]
@@ -612,7 +608,7 @@ def _received(
     return Rows(codebook, buffers, raw, long, events)
 
 
-def _or_none(value: int | None) -> int:
+def _or_no_time(value: int | None) -> int:
     return NO_TIME if value is None else value
 
 

@@ -148,7 +148,7 @@ class RecordingReader:
         self.lost_messages: int | None = None
         """Messages that the last pass did not read, by the file's statistics; None if unknown."""
         self.least_lost_messages = 0
-        """The same by the gaps in the sequence numbers, if there is no trusted summary."""
+        """Lost rows by the gaps in the sequence numbers, for a file without a trusted summary."""
         self.unreadable = 0
         """Messages that the last pass found and could not read."""
         self.chunks = 0
@@ -251,7 +251,7 @@ class RecordingReader:
     def batches(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
     ) -> Iterator[Rows]:
-        """The same rows and events in batches, in file order, mostly of at least 64 thousand rows.
+        """Rows and events in batches, in file order, mostly of at least 64 thousand rows.
 
         Chunks outside `span`, by their log times, are skipped where the index agrees with them; a
         row that came late is in the range of its chunk. Damage in skipped chunks is not detected.
@@ -716,7 +716,7 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
 
 
 def _check_kind(path: Path) -> None:
-    """Raise FileError for a file that is no recording, or no regular file."""
+    """Raise FileError unless the file is a recording, and a regular file."""
     start = MAGIC
     with suppress(OSError):  # raised again by `RecordingReader`
         if path.is_file():

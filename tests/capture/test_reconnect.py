@@ -242,36 +242,34 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     received.until_event(PortEventKind.FOUND_AGAIN)
 
 
-def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter, opened):
-    pty, again = new_pty(), new_pty()
+@pytest.fixture
+def lost(new_pty, adapter, opened):
+    """What comes from a port that is lost, whose terminal a program had open."""
+    pty = new_pty()
     adapter.plug(pty)
-    with held(pty.near) as first:
+    with held(pty.near):
         received = Received(opened(adapter.name))
         adapter.pull(pty)
         received.until_event(PortEventKind.LOST)
-        first.terminate()
-    with held(again.near) as second:
-        adapter.plug(again)
-        received.until_event(PortEventKind.FOUND_AGAIN)
-        assert PortEventKind.NOT_OPENED not in [event.kind for event in received.events]
-        second.terminate()
+    return received
 
 
-def test_another_program_beside_the_known_one_is_named_alone(new_pty, adapter, opened):
-    pty, again = new_pty(), new_pty()
-    adapter.plug(pty)
-    with held(pty.near) as first:
-        received = Received(opened(adapter.name))
-        adapter.pull(pty)
-        received.until_event(PortEventKind.LOST)
-        first.terminate()
-    with held(again.near) as second, held(again.near, *OTHER) as other:
+def test_a_terminal_that_the_same_program_makes_again_is_opened(new_pty, adapter, lost):
+    again = new_pty()
+    with held(again.near):
         adapter.plug(again)
-        refused = received.until_event(PortEventKind.NOT_OPENED)
+        lost.until_event(PortEventKind.FOUND_AGAIN)
+        assert PortEventKind.NOT_OPENED not in [event.kind for event in lost.events]
+
+
+def test_another_program_beside_the_known_one_is_named_alone(new_pty, adapter, lost):
+    again = new_pty()
+    with held(again.near), held(again.near, *OTHER) as other:
+        adapter.plug(again)
+        refused = lost.until_event(PortEventKind.NOT_OPENED)
         assert f"tail (pid {other.pid}) has it open; close that" in refused.detail
         other.terminate()
-        received.until_event(PortEventKind.FOUND_AGAIN)
-        second.terminate()
+        lost.until_event(PortEventKind.FOUND_AGAIN)
 
 
 def test_a_port_that_is_back_but_busy_is_told(new_pty, adapter, opened):

@@ -71,8 +71,7 @@ def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
     codebook = Codebook()
     batch = Rows.allocate(codebook, len(one) + len(two))
     batch.assign(0, Rows.from_rows(one, codebook))
-    for at, row in enumerate(two, len(one)):
-        batch.put(at, row)
+    batch.assign(len(one), Rows.from_rows(two, codebook))
     assert facts(batch) == facts(one + two)
 
 

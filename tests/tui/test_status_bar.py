@@ -218,13 +218,13 @@ def test_the_title_tells_how_many_rows_wait() -> None:
     assert title_text(LIVE, Mode.PAUSED, 1234, 80).endswith(" PAUSED, 1,234 new ")
 
 
-def test_that_the_end_is_not_followed_is_told_at_every_width() -> None:
+def test_every_width_shows_that_the_end_is_not_followed() -> None:
     for width in range(40, 201):
         assert title_text(LIVE, Mode.SCROLLED, 48_160, width).endswith(" SCROLLED +48,160 ")
 
 
 @pytest.mark.parametrize(("share", "shown"), [(1e-6, "<0."), (0.0512, "5.1"), (1.0, "100%")])
-def test_the_malformed_are_told_at_every_width(share: float, shown: str) -> None:
+def test_every_width_shows_the_malformed(share: float, shown: str) -> None:
     for width in range(40, 201):
         assert shown in status_text(replace(NUMBERS, malformed_share=share), width)
 

@@ -386,7 +386,7 @@ def of_both_wires(log: Sequence[Sent]) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])
 @pytest.mark.parametrize("form", ["uart-1: {b:02X}", "{us}-{end} uart-1: {b:02X}"])
-def test_bytes_of_two_wires_in_turn_are_told_apart_by_their_frames(form: str, seed: int) -> None:
+def test_frames_separate_the_bytes_of_two_wires_in_turn(form: str, seed: int) -> None:
     log = a_log(seed, 300)
     sent = of_both_wires(log)
     text = "".join(form.format(us=us, end=us + 70, b=byte) + "\n" for us, byte in sent)
