@@ -148,7 +148,7 @@ class RecordingReader:
         self.lost_messages: int | None = None
         """Messages that the last pass did not read, by the file's statistics; None if unknown."""
         self.least_lost_messages = 0
-        """Lost rows by the gaps in the sequence numbers, for a file without a trusted summary."""
+        """Lost messages by the gaps in the sequence numbers, without a trusted summary."""
         self.unreadable = 0
         """Messages that the last pass found and could not read."""
         self.chunks = 0
