@@ -2,6 +2,7 @@
 
 import os
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,10 @@ def test_a_busy_processor_is_no_wait() -> None:
 
 def test_waits_add_up() -> None:
     wait = DiskWait()
-    for count in range(1, 4):
+    waited_s = [0.0]
+    for _ in range(3):
         with wait.call():
             time.sleep(0.02)
-        assert wait.seconds >= count * 0.019
+        waited_s.append(wait.seconds)
+    # A busy machine counts less of a sleep: what it queues for a processor is no wait of the disk.
+    assert all(earlier < later for earlier, later in pairwise(waited_s))
