@@ -3,7 +3,7 @@
 Modules:
 
     baud_guess    Diagnosis of a line: sound, silent, inverted, or at another baud rate.
-    counters      Counters over rows: durations, counts over time, tallies, rates.
+    counters      Counters over rows: durations, recent values, rates.
     dataframe     Rows to polars DataFrame, and a search for text in it.
     feed          Follow a growing store; gaps and baud changes.
     filter        The filter language: SQL boolean expressions over the row columns.
@@ -16,6 +16,7 @@ Modules:
     row_store     Append-only store of rows in blocks, with a filtered view.
     rules         Rules of a check: a measure of the rows, compared with a number.
     search        Search in a store: the next matching row, and a counter.
+    series        Numbers over time in windows, by group: totals, extremes, last values.
     statistics    Statistics of ports, streams and faults.
     summary       Statistics of all rows of one or more inputs.
     tally         Counts of rows by status, kind, fault and port; RowModel.

@@ -1,4 +1,4 @@
-"""Counters over rows: durations, counts over time, recent values, tallies, rates.
+"""Counters over rows: durations, recent values, rates.
 
 The histogram of durations has logarithmic bins, 1024 in an octave:
 
@@ -11,8 +11,6 @@ octave 22    4.2 ms ... 8.4 ms           bins of 4,096 ns
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -123,90 +121,6 @@ def _middles(bins: Ints) -> _Floats:
     width = np.ldexp(1.0, octaves) / PER_OCTAVE
     middles = np.where(width > 1, low + (width - 1) / 2, np.ceil(low))
     return np.where(bins == _NO_TIME_BIN, 0.0, middles)
-
-
-SLOTS: Final = 512
-
-SHORTEST_NS: Final = 1 << 24
-"""Initial length of a slot, nanoseconds: about 17 ms."""
-
-
-@dataclass(frozen=True, slots=True)
-class TimeSeries:
-    """One number for each of equally long slots of time."""
-
-    start_ns: int
-    """Start of the first slot, nanoseconds since 1970 UTC."""
-    slot_ns: int
-    values: tuple[float, ...]
-
-
-class CountsOverTime:
-    """Counts by category (0, 1, ...) and by slot of time; slots grow so that `SLOTS` suffice."""
-
-    def __init__(self, shortest_ns: int = SHORTEST_NS) -> None:
-        self.slot_ns = shortest_ns
-        self._first = 0
-        self._table: Ints = np.zeros((0, 0), np.int64)
-
-    @property
-    def start_ns(self) -> int:
-        """Start of the first slot, nanoseconds since 1970 UTC."""
-        return self._first * self.slot_ns
-
-    def update(
-        self, categories: npt.NDArray[np.integer], t_ns: Ints, counts: Ints | None = None
-    ) -> None:
-        """Add counts (by default 1 each) by category and time."""
-        if not len(t_ns):
-            return
-        self._cover(int(categories.max()), int(t_ns.min()), int(t_ns.max()))
-        cells = categories * self._table.shape[1] + (t_ns // self.slot_ns - self._first)
-        added = np.bincount(cells, counts, self._table.size)
-        self._table += added.astype(np.int64).reshape(self._table.shape)
-
-    def merge(self, other: CountsOverTime, categories: Sequence[int]) -> None:
-        """Add the counts of another object; `categories` are those of its rows here."""
-        while self.slot_ns < other.slot_ns:
-            self._merge_pairs()
-        starts_ns = other.start_ns + np.arange(other._table.shape[1]) * other.slot_ns
-        for category, counts in zip(categories, other._table, strict=False):
-            self.update(np.full(len(starts_ns), category), starts_ns, counts)
-
-    def _cover(self, category: int, low_ns: int, high_ns: int) -> None:
-        if not self._table.shape[1]:
-            self._first = low_ns // self.slot_ns
-        while True:
-            slots = self._table.shape[1]
-            first = min(self._first, low_ns // self.slot_ns)
-            last = max(self._first + slots - 1, high_ns // self.slot_ns)
-            if last - first < SLOTS:
-                break
-            self._merge_pairs()
-        before, after = self._first - first, last + 1 - self._first - slots
-        below = max(0, category + 1 - len(self._table))
-        self._table = np.pad(self._table, ((0, below), (before, after)))
-        self._first = first
-
-    def _merge_pairs(self) -> None:
-        table, slots = self._table, self._table.shape[1]
-        odd = self._first % 2
-        table = np.pad(table, ((0, 0), (odd, (slots + odd) % 2)))
-        self._table = table[:, ::2] + table[:, 1::2]
-        self._first //= 2
-        self.slot_ns *= 2
-
-    def series(self, category: int, divisor: float = 1) -> TimeSeries:
-        """The counts of one category, divided."""
-        values = self.of(category) / divisor
-        return TimeSeries(self.start_ns, self.slot_ns, tuple(values.tolist()))
-
-    def of(self, category: int) -> Ints:
-        """The counts of one category, slot by slot."""
-        if category >= len(self._table):
-            return np.zeros(self._table.shape[1], np.int64)
-        row: Ints = self._table[category]
-        return row
 
 
 RECENT: Final = 256

@@ -14,13 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.counters import (
-    CountsOverTime,
-    Durations,
-    RecentValues,
-    TimeSeries,
-    extent,
-)
+from fte_sniff.analysis.counters import Durations, RecentValues, extent
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.relations import (
     KEYS_PER_PORT,
@@ -29,6 +23,7 @@ from fte_sniff.analysis.relations import (
     by_stream,
     stream_keys,
 )
+from fte_sniff.analysis.series import Counts, Series
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -154,8 +149,8 @@ class PortStats:
         """Time of its first row, nanoseconds since 1970 UTC; None if no row has one."""
         self.last_ns: int | None = None
         self.silences = Durations()
-        self.share_over_time = TimeSeries(0, 1, ())
-        """`share` in slots of time; set by `Statistics.ports`."""
+        self.share_over_time = Counts(0, 1, ())
+        """`share` in windows of time; set by `Statistics.ports`."""
         self._events: dict[PortEventKind, EventStats] = {}
         self._timed = self._busy_ns = self._end_ns = 0
         self._runs = 0
@@ -455,6 +450,12 @@ class Streams:
         ]
 
 
+SHORTEST_NS: Final = 1 << 24
+"""Duration of the shortest windows over time, nanoseconds: about 17 ms."""
+
+WINDOWS: Final = 512
+"""Windows over time."""
+
 _FAULTS: Final = tuple(Fault)
 
 
@@ -464,7 +465,7 @@ class FaultStats:
 
     fault: Fault
     count: int
-    over_time: TimeSeries
+    over_time: Counts
     """Rows with the fault that have a time."""
 
 
@@ -477,8 +478,9 @@ class Statistics:
         self._streams = Streams()
         self._ports: dict[str, PortStats] = {}
         self.fault_counts = FaultCounts()
-        self._faults_over_time = CountsOverTime()
-        self._busy_over_time = CountsOverTime()
+        self._faults_over_time, self._busy_over_time = (
+            Series(shortest_ns=SHORTEST_NS, windows=WINDOWS) for _ in range(2)
+        )
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows."""
@@ -515,7 +517,7 @@ class Statistics:
             self._port(name, port.baud).merge(port)
         self._streams.merge(later._streams)
         self.fault_counts.merge(later.fault_counts)
-        self._faults_over_time.merge(later._faults_over_time, range(len(_FAULTS)))
+        self._faults_over_time.merge(later._faults_over_time)
         self._busy_over_time.merge(
             later._busy_over_time, [self._number_of(name) for name in later._ports]
         )
@@ -537,8 +539,7 @@ class Statistics:
             port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.timed
             busy = lengths[known] * byte_time_ns(port.baud)
-            numbers = np.full(len(busy), self._number_of(port.port), np.int64)
-            self._busy_over_time.update(numbers, rows.t_ns[known], busy)
+            self._busy_over_time.observe(rows.t_ns[known], busy, self._number_of(port.port))
 
     def _observe_faults(self, rows: Rows) -> None:
         self.fault_counts.update(rows)
@@ -547,7 +548,7 @@ class Statistics:
             having = np.array([fault in faults for faults in rows.codebook.faults])
             if having.any():
                 t_ns = rows.t_ns[having[codes] & rows.timed]
-                self._faults_over_time.update(np.full(len(t_ns), number), t_ns)
+                self._faults_over_time.observe(t_ns, group=number)
 
     def streams(self, now_ns: int | None) -> list[StreamStats]:
         """By port, kind and motor; `now_ns` is not before the last row."""
@@ -555,14 +556,15 @@ class Statistics:
 
     def ports(self) -> list[PortStats]:
         """By port, in order of first occurrence."""
-        busy = self._busy_over_time
         for number, port in enumerate(self._ports.values()):
-            port.share_over_time = busy.series(number, busy.slot_ns)
+            busy = self._busy_over_time.counts(number)
+            shares = [busy_ns / busy.window_ns for busy_ns in busy.values]
+            port.share_over_time = busy._replace(values=shares)
         return list(self._ports.values())
 
     def faults(self) -> list[FaultStats]:
         """By fault that occurred."""
         return [
-            FaultStats(fault, count.rows, self._faults_over_time.series(_FAULTS.index(fault)))
+            FaultStats(fault, count.rows, self._faults_over_time.counts(_FAULTS.index(fault)))
             for fault, count in self.fault_counts.by_fault().items()
         ]

@@ -29,7 +29,7 @@ ALL_MOTORS: Final = 0
 
 
 @dataclass(slots=True)
-class Series:
+class Points:
     """One value over time."""
 
     _times: list[Ints] = field(default_factory=list)
@@ -97,12 +97,12 @@ class Timeline:
 
     def __init__(self, most_points: int = MOST_POINTS) -> None:
         self._most_points = most_points
-        self.traces: dict[Trace, Series] = {}
-        self.errors = {motor: Series() for motor in MOTORS}
+        self.traces: dict[Trace, Points] = {}
+        self.errors = {motor: Points() for motor in MOTORS}
         """By motor, its ERROR byte where it changes."""
-        self.online = {motor: Series() for motor in MOTORS}
+        self.online = {motor: Points() for motor in MOTORS}
         """By motor, its bit of the ONLINE byte of any feedback, 0 or 1, where it changes."""
-        self.faults: dict[Fault, Series] = {}
+        self.faults: dict[Fault, Points] = {}
         """By fault, its rows; the value is the index in `damaged`, or -1."""
         self.damaged: list[Row] = []
         """The first rows of each fault."""
@@ -164,7 +164,7 @@ class Timeline:
 
     def _merged(self, traces: Sequence[Trace]) -> tuple[Ints, Ints]:
         """Times and values of several traces, by rising time."""
-        every = Series()
+        every = Points()
         for trace in traces:
             every.append(*self.traces[trace].points())
         return every.points()
@@ -179,7 +179,7 @@ class Timeline:
                 for name in _fields(kind) if len(at) else ():
                     values = rows.values(name, at) if name else np.zeros(len(at), np.int64)
                     trace = Trace(kind, motor, name)
-                    self.traces.setdefault(trace, Series()).append(rows.t_ns[at], values)
+                    self.traces.setdefault(trace, Points()).append(rows.t_ns[at], values)
 
     def _observe_flags(self, rows: Rows) -> None:
         found = motor_rows(rows)
@@ -195,7 +195,7 @@ class Timeline:
     def _observe_faults(self, rows: Rows) -> None:
         kept: dict[int, int] = {}
         for at, fault in self._faulty(rows):
-            series = self.faults.setdefault(fault, Series())
+            series = self.faults.setdefault(fault, Points())
             values = np.full(len(at), -1, np.int64)
             room = MOST_DAMAGED - self._kept_of.get(fault, 0)
             for place, row in enumerate(at[:room].tolist()):

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.traces import Floats
+from fte_sniff.analysis.series import Floats
 from fte_sniff.protocol.rows import Ints
 
 MEDIAN_POINTS: Final = 5

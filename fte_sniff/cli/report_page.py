@@ -38,7 +38,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment
 
 from fte_sniff import __version__
-from fte_sniff.analysis.timeline import ALL_MOTORS, MOST_DAMAGED, Series, Timeline, Trace
+from fte_sniff.analysis.timeline import ALL_MOTORS, MOST_DAMAGED, Points, Timeline, Trace
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.protocol import (
@@ -409,7 +409,7 @@ def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals) -> str:
     columns: list[bytes] = []
     sizes: list[int] = []
 
-    def append(series: Series) -> None:
+    def append(series: Points) -> None:
         t_ns, values = series.points()
         sizes.append(len(t_ns))
         columns.extend((_column((t_ns - first) // unit), _column(values)))

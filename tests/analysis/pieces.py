@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,6 @@ def state_of(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [state_of(item) for item in value]
     names = getattr(type(value), "__slots__", None) or getattr(value, "__dict__", None)
-    if names is None or isinstance(value, int | float | str | FrameKind):
+    if names is None or isinstance(value, int | float | str | Enum | FrameKind):
         return value
     return {name: state_of(getattr(value, name)) for name in names}

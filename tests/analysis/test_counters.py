@@ -1,4 +1,4 @@
-"""Durations, counts over time, recent values, tallies and rates."""
+"""Durations, recent values, tallies and rates."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.counters import (
     PER_OCTAVE,
-    SLOTS,
-    CountsOverTime,
     Durations,
     Rate,
     RecentValues,
@@ -20,10 +18,6 @@ from fte_sniff.analysis.counters import (
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
 from fte_sniff.protocol.rows import Rows
-
-SLOT_TIMES = st.lists(
-    st.integers(-(2**61), 2**61) | st.integers(0, 10**10), min_size=1, max_size=30
-)
 
 
 @given(st.lists(st.integers(0, 10**15), min_size=1, max_size=200), st.integers(0, 200))
@@ -77,26 +71,6 @@ def test_the_longest_duration_has_an_end_and_no_durations_have_no_percentile() -
     found.update(np.array([90, 8]), np.array([400, 500]))
     assert (found.longest_ns, found.longest_at_ns) == (90, 200)
     assert found.between(0, 10) == 3
-
-
-@given(SLOT_TIMES, st.integers(0, 30), st.data())
-def test_counts_over_time_lose_nothing_and_stay_in_bounds(
-    times: list[int], cut: int, data: st.DataObject
-) -> None:
-    sorts = data.draw(st.lists(st.integers(0, 4), min_size=len(times), max_size=len(times)))
-    counts = CountsOverTime(shortest_ns=1000)
-    for part in (slice(cut), slice(cut, None)):
-        counts.update(np.array(sorts[part], np.int64), np.array(times[part], np.int64))
-    slots = len(counts.of(0))
-    assert 0 < slots <= SLOTS
-    for sort in range(6):
-        table = [0] * slots
-        for own, time in zip(sorts, times, strict=True):
-            if own == sort:
-                table[(time - counts.start_ns) // counts.slot_ns] += 1
-        assert counts.of(sort).tolist() == table
-    span = max(times) - min(times)
-    assert counts.slot_ns == 1000 or counts.slot_ns * SLOTS <= 4 * span + 4000
 
 
 SECOND = 1_000_000_000

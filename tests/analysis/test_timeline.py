@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.timeline import ALL_MOTORS, Series, Timeline
+from fte_sniff.analysis.timeline import ALL_MOTORS, Points, Timeline
 from fte_sniff.analysis.usual_range import limits, medians, points_of_median
 from fte_sniff.protocol import (
     KIND_BY_NAME,
@@ -27,14 +27,14 @@ VALUES = st.integers(-(2**31), 2**31 - 1)
 POINTS = st.lists(st.tuples(st.integers(0, 10**6), VALUES), min_size=1, max_size=80)
 
 
-def filled(points: list[tuple[int, int]]) -> Series:
-    series = Series()
+def filled(points: list[tuple[int, int]]) -> Points:
+    series = Points()
     for t_ns, value in points:
         series.append(np.array([t_ns]), np.array([value]))
     return series
 
 
-def pairs(series: Series) -> list[tuple[int, int]]:
+def pairs(series: Points) -> list[tuple[int, int]]:
     t_ns, values = series.points()
     return list(zip(t_ns.tolist(), values.tolist(), strict=True))
 

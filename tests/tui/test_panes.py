@@ -22,8 +22,9 @@ from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.series import EnvelopeColumns
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.traces import EnvelopeColumns, Traces
+from fte_sniff.analysis.traces import Traces
 from fte_sniff.formats.cell_text import rate_text, share_text, short_number, sparkline
 from fte_sniff.protocol import (
     KIND_BY_NAME,

@@ -12,9 +12,10 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.counters import Durations, TimeSeries
+from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts
+from fte_sniff.analysis.series import Counts
 from fte_sniff.analysis.statistics import PortStats, StreamStats
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import (
@@ -160,7 +161,7 @@ class StatisticsPage:
         else:
             yield self._muted(_("  port events: none"))
 
-    def _use_over_time(self, use: TimeSeries) -> Text:
+    def _use_over_time(self, use: Counts) -> Text:
         most = share_text(max(use.values, default=0.0))
         label = _("  use over time, at most {most}", most=most) + " "
         line = sparkline(use.values, self.width - cell_len(label), full=1)
@@ -210,7 +211,7 @@ class StatisticsPage:
         head = f"{fit(_('faults'), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
         line = Text(head, style=_BOLD)
         if over_time.values:
-            end_ns = over_time.start_ns + over_time.slot_ns * len(over_time.values)
+            end_ns = over_time.start_ns + over_time.window_ns * len(over_time.values)
             start, end = (
                 clock_text(t_ns, 0, self.zone)[:8] for t_ns in (over_time.start_ns, end_ns)
             )

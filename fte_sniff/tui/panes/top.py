@@ -23,8 +23,9 @@ from textual.strip import Strip
 
 from fte_sniff.analysis.live_models import ShownStreams
 from fte_sniff.analysis.motors import AnsweredCommands, MotorState
+from fte_sniff.analysis.series import Floats
 from fte_sniff.analysis.statistics import StreamStats
-from fte_sniff.analysis.traces import QUANTITIES, Floats, Traces
+from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.analysis.usual_range import usual_range
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text, short_number
