@@ -410,7 +410,8 @@ def _why_overlong(raw: bytes) -> TranslatableText:
     if last_of_first != TAIL:
         reasons.append(
             TranslatableText(
-                "the first ten bytes end with {found}, not {wanted}",
+                "the first {length} bytes end with {found}, not {wanted}",
+                length=FRAME_LENGTH,
                 found=f"{last_of_first:02X}",
                 wanted=_TAIL_TEXT,
             )
@@ -418,13 +419,16 @@ def _why_overlong(raw: bytes) -> TranslatableText:
     if first_of_last not in HEADER_BYTES:
         reasons.append(
             TranslatableText(
-                "the last ten begin with {found}, not {wanted}",
+                "the last {length} begin with {found}, not {wanted}",
+                length=FRAME_LENGTH,
                 found=f"{first_of_last:02X}",
                 wanted=_HEADERS_TEXT,
             )
         )
     if not reasons:
-        return TranslatableText("neither the first nor the last ten bytes fit as well")
+        return TranslatableText(
+            "neither the first nor the last {length} bytes fit as well", length=FRAME_LENGTH
+        )
     return _joined(reasons)
 
 
@@ -458,8 +462,9 @@ def _why_no_frame(raw: bytes, offset: int) -> TranslatableText:
         )
     if frame[-1] != TAIL:
         return TranslatableText(
-            "{header}: no tail {wanted} nine bytes on (found {found})",
+            "{header}: no tail {wanted} {count} bytes on (found {found})",
             header=header,
+            count=FRAME_LENGTH - 1,
             wanted=_TAIL_TEXT,
             found=f"{frame[-1]:02X}",
         )
@@ -468,8 +473,9 @@ def _why_no_frame(raw: bytes, offset: int) -> TranslatableText:
             "{header}: CMD {cmd} is unknown", header=header, cmd=f"{frame[CMD_OFFSET]:02X}"
         )
     return TranslatableText(
-        "{header}: ten bytes that look like a frame, but another reading is more probable",
+        "{header}: {length} bytes that look like a frame, but another reading is more probable",
         header=header,
+        length=FRAME_LENGTH,
     )
 
 

@@ -168,7 +168,7 @@ def test_missing_and_extra_bytes_are_located() -> None:
 
 def test_noise_says_why_its_headers_begin_no_frame() -> None:
     noise = named(damage("AA 77 01 02 03 04 05 06 07 08 09", Fault.NOISE), "noise")
-    assert "no tail EE nine bytes on (found 08)" in noise.note
+    assert "no tail EE 9 bytes on (found 08)" in noise.note
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]), st.booleans())
@@ -207,7 +207,7 @@ def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> N
             "AA 01 01 03 E8 00 00 12 34 00 00 EE",
             Fault.OVERLONG,
             "extra",
-            "the first ten bytes end with 00, not EE; the last ten begin with 01, not AA or 55",
+            "the first 10 bytes end with 00, not EE; the last 10 begin with 01, not AA or 55",
         ),
     ],
 )

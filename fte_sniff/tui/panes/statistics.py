@@ -28,7 +28,7 @@ from fte_sniff.formats.cell_text import (
     share_text,
     sparkline,
 )
-from fte_sniff.protocol import Direction, status_of
+from fte_sniff.protocol import KINDS, Direction, status_of
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
@@ -41,6 +41,8 @@ SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_00
 _NAME_WIDTH: Final = 19
 _MILLISECONDS: Final = 3
 _BOLD: Final = Style(bold=True)
+_SHOWN_AS: Final = next(kind.name for kind in KINDS if kind.subject)
+"""The kind whose colour the use of the line has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +167,7 @@ class StatisticsPage:
         most = share_text(max(use.values, default=0.0))
         label = _("  use over time, at most {most}", most=most) + " "
         line = sparkline(use.values, self.width - cell_len(label), full=1)
-        return Text.assemble(label, (line, Style(color=self.palette.kinds["speed"].color)))
+        return Text.assemble(label, (line, Style(color=self.palette.kinds[_SHOWN_AS].color)))
 
     def _silences(self, silences: Durations) -> Iterator[Text]:
         if silences.longest_ns is None or silences.longest_at_ns is None:

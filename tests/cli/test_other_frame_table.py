@@ -1,0 +1,159 @@
+"""The program with another frame table: other names, headers, and frames of twelve bytes.
+
+A copy of the program, whose `protocol/spec.py` has another table, runs from its sources. So a name,
+an offset or a length that other code states itself is found here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import ROOT
+from tests.cli.terminals import terminal
+
+CHANGES = {
+    "FRAME_LENGTH = 10": "FRAME_LENGTH = 12",
+    "TAIL = 0xEE": "TAIL = 0xED",
+    "{Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}": (
+        "{Direction.CONTROL: 0xA5, Direction.FEEDBACK: 0x5A}"
+    ),
+    "KIND_BY_NAME: Mapping": """
+_NAMES = {
+    Role.MOTOR: "axis", Role.SPEED: "spin", Role.POSITION: "ticks", Role.FORWARD: "ahead",
+    Role.LEFT: "aside", Role.ROTATION: "around", Role.ERRORS: "alarm", Role.ONLINE: "alive",
+}
+_KIND_NAMES = dict(zip(
+    [kind.name for kind in KINDS],
+    ["halt", "turn", "move", "drive", "turn_feedback", "move_feedback"],
+    strict=True,
+))
+
+
+def _other(kind: FrameKind) -> FrameKind:
+    fields = tuple(
+        replace(
+            one,
+            name=_NAMES[one.role],
+            option=_NAMES[one.role],
+            start=one.start + 2 * (one.legal_bits is not None),
+        )
+        for one in kind.fields
+    )
+    used = {at for one in fields for at in one.offsets}
+    free = [at for at in range(NUM_OFFSET + 1, FRAME_LENGTH - 1) if at not in used]
+    name, reserved = _KIND_NAMES[kind.name], range(free[0], free[-1] + 1)
+    return replace(kind, name=name, fields=fields, reserved=reserved)
+
+
+KINDS = tuple(map(_other, KINDS))
+KIND_BY_NAME: Mapping""",
+}
+"""What is changed in `spec.py`: each text, which is there once, and what replaces it."""
+
+COUNT = 600
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the other program, with a recording of its simulated line."""
+    folder = tmp_path_factory.mktemp("other")
+    ignored = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+    shutil.copytree(ROOT / "fte_sniff", folder / "fte_sniff", ignore=ignored)
+    spec = folder / "fte_sniff/protocol/spec.py"
+    source = spec.read_text()
+    for old, new in CHANGES.items():
+        assert source.count(old) == 1, f"spec.py has changed: {old}"
+        source = source.replace(old, new)
+    spec.write_text(source)
+    port = "sim://?seed=1&rate=400&drop=0.02&flip=0.02&noise=0.02"
+    run(folder, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
+    return folder
+
+
+def environment(folder: Path) -> dict[str, str]:
+    kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "COLUMNS")}
+    paths = {"PYTHONPATH": str(folder), "XDG_STATE_HOME": str(folder / "state")}
+    settings = {"FTE_SNIFF_CONFIG": str(folder / "config.toml")}
+    return kept | paths | settings | {"TERM": "xterm-256color", "LANG": "C.UTF-8"}
+
+
+def run(folder: Path, *arguments: str) -> str:
+    ended = subprocess.run(
+        [sys.executable, "-m", "fte_sniff", *arguments],
+        cwd=folder,
+        env=environment(folder),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def test_a_frame_is_encoded_and_decoded(other: Path) -> None:
+    frame = run(other, "encode", "move", "--axis", "2", "--spin", "300", "--ticks", "-5")
+    assert frame == "A5 02 02 01 2C FF FF FF FB 00 00 ED\n"
+    shown = run(other, "hex", frame.strip())
+    for text in ("move", "axis", "300 RPM", "-5 pulses", "    11    ED"):
+        assert text in shown
+
+
+def test_decoding_gives_the_other_columns_in_every_format(other: Path) -> None:
+    head, *lines = run(other, "decode", "line.mcap", "--format", "csv").splitlines()
+    assert "axis,spin,ticks,ahead,aside,around,alarm,alive" in head
+    assert len(lines) == COUNT
+    rows = [
+        json.loads(line)
+        for line in run(other, "decode", "line.mcap", "--format", "jsonl").splitlines()
+    ]
+    assert {row["length"] for row in rows if row["kind"]} == {12}
+    assert {row["kind"] for row in rows} >= {"halt", "turn", "turn_feedback", None}
+    asked = run(other, "decode", "line.mcap", "--format", "jsonl", "--filter", "spin > 0")
+    assert [json.loads(line) for line in asked.splitlines()] == [
+        row for row in rows if (row["spin"] or 0) > 0
+    ]
+    for copy in ("copy.parquet", "copy.csv", "copy.mcap", "copy.bin"):
+        run(other, "decode", "line.mcap", "-o", copy, "--force")
+    for copy in ("copy.parquet", "copy.mcap"):
+        again = run(other, "decode", copy, "--format", "csv")
+        assert again.splitlines() == [head, *lines]
+
+
+def test_statistics_and_checks_follow_the_roles(other: Path) -> None:
+    found = json.loads(run(other, "stats", "line.mcap", "--format", "json"))
+    motors = found["motors"]
+    assert all(motor["commands"] and motor["feedback"] and motor["answered"] for motor in motors)
+    streams = found["ports"][0]["streams"]
+    assert {name for one in streams for name in one["values"]} >= {"spin"}
+    rules = ["max(spin) < 5000", "online(1) >= 0.5", "unanswered() >= 0", "delay(p50) < 1000"]
+    shown = run(other, "check", "line.mcap", *(word for one in rules for word in ("--expect", one)))
+    assert shown.count("pass") == len(rules)
+
+
+def test_a_report_has_the_plots_of_the_motors(other: Path) -> None:
+    pytest.importorskip("bokeh")
+    run(other, "report", "line.mcap", "-o", "report.html", "--force")
+    page = (other / "report.html").read_text()
+    assert "Motor 1: spin [RPM]" in page
+    assert "<td>bad_tail</td>" in page or "noise" in page
+
+
+def test_every_pane_of_the_screen_shows_the_other_names(other: Path) -> None:
+    with terminal(environment(other), other, "view", "line.mcap", size=(120, 40)) as screen:
+        screen.until("turn_feedback", "spin=")
+        for key, texts in {
+            "i": ["reserve"],
+            "M": ["RPM"],
+            "S": ["use over time"],
+            "T": ["turn_feedback"],
+        }.items():
+            screen.type(key)
+            screen.until(*texts)
+        assert screen.ended_by("q") == 0
