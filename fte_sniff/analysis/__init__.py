@@ -9,12 +9,12 @@ Modules:
     filter        The filter language: SQL boolean expressions over the row columns.
     landmarks     Port events and gaps between rows; where faults and flags are.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
-    measures      Measures of rows, which rules compare with numbers.
+    measures      Measures of rows, and the table of them; rules compare them with numbers.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
     relations     Streams of frames, and what changed between them; commands and their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
-    rules         Rules of a check: a measure of the rows, compared with a number.
+    rules         Parser of rules: a measure of the rows, compared with a number.
     search        Search in a store: the next matching row, and a counter.
     series        Numbers over time in windows, by group: totals, extremes, last values.
     statistics    Statistics of ports, streams and faults.

@@ -7,21 +7,111 @@ after them: the result is that of a single pass. Times are integers in nanosecon
 from __future__ import annotations
 
 import math
+import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
-from fte_sniff.analysis.rules import Rule
 from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import COLUMN_BY_NAME, MOTORS
+from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, MOTORS, Direction
 from fte_sniff.protocol.rows import NO_TIME, Array, Bools, Ints, Rows
-from fte_sniff.protocol.spec import Role, motor_bit
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
+
+OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+
+
+class Argument(Enum):
+    """What a measure takes first."""
+
+    FILTER = "a filter"
+    OPTIONAL_FILTER = "a filter, or nothing"
+    PERCENTILE = "p50, p95, p99 or max"
+    MOTOR = "a motor"
+    FIELD = "a field"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureKind:
+    """A measure of the language."""
+
+    make: Callable[[Rule], Measure]
+    takes: Argument
+    """The first argument; PERCENTILE and FIELD may be followed by a filter."""
+    example: str
+    needs: str
+    """What it needs to have a value."""
+    unit: str = ""
+    """Of its value; empty for a field's own unit, and for shares."""
+    is_timed: bool = False
+    """Whether that includes rows with times."""
+    covered_by_any_row: bool = False
+    """Whether a rule fails, and is not uncovered, if there are rows and no value."""
+    is_share: bool = False
+    """Whether the value is 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One comparison of a measure with a number; made by `parse_rule`."""
+
+    name: str
+    """What the user calls it; text from outside."""
+    expect: str
+    """As written: `count(malformed) == 0`."""
+    measure: str
+    """A key of `MEASURES`."""
+    argument: str
+    """A percentile, a field, or a motor's number; empty if the measure takes none."""
+    filter_text: str | None
+    """The filter that selects rows, or commands; None for all."""
+    operator: str
+    """A key of `OPERATORS`."""
+    number: float
+    may_be_uncovered: bool = False
+    """Whether the check may succeed without a value of the measure."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured value and the number; empty without one."""
+        column = COLUMN_BY_NAME.get(self.argument)
+        return (column and column.unit) or self.kind.unit
+
+    @property
+    def kind(self) -> MeasureKind:
+        """The measure."""
+        return MEASURES[self.measure]
+
+    def holds(self, value: float) -> bool:
+        """Whether a measured value is as expected."""
+        return OPERATORS[self.operator](value, self.number)
+
+    @property
+    def least_too_large(self) -> tuple[float, bool]:
+        """The number above which values are too large, and whether it is itself too large."""
+        upper = self.operator in ("<", "<=", "==")
+        return (self.number if upper else math.inf), self.operator == "<"
+
+    @property
+    def greatest_too_small(self) -> tuple[float, bool]:
+        """The number below which values are too small, and whether it is itself too small."""
+        lower = self.operator in (">", ">=", "==")
+        return (self.number if lower else -math.inf), self.operator == ">"
+
 
 MOST_KEPT: Final = 1000
 """Most rows that a measure keeps to find the first one beyond its limit."""
@@ -207,9 +297,10 @@ class _FieldValues(Measure):
     def __init__(self, rule: Rule) -> None:
         super().__init__(rule)
         self._which, self._field = rule.measure, rule.argument
-        self._count = self._sum = 0
-        self._least: int | None = None
-        self._greatest: int | None = None
+        self._count = 0
+        self._sum: float = 0
+        self._least: float | None = None
+        self._greatest: float | None = None
 
     def _least_violating(self) -> int:
         return 1
@@ -221,14 +312,14 @@ class _FieldValues(Measure):
             return
         own = values[found]
         self._count += len(own)
-        self._sum += int(own.sum())
-        self._extend(int(own.min()), int(own.max()))
+        self._sum += own.sum().item()
+        self._extend(own.min().item(), own.max().item())
         if self._which == "max":
             self._first.update(rows, found[self._exceeds(own)])
         elif self._which == "min":
             self._first.update(rows, found[self._falls_below(own)])
 
-    def _extend(self, least: int, greatest: int) -> None:
+    def _extend(self, least: float, greatest: float) -> None:
         self._least = least if self._least is None else min(least, self._least)
         self._greatest = greatest if self._greatest is None else max(greatest, self._greatest)
 
@@ -246,13 +337,15 @@ class _FieldValues(Measure):
         return self._least if self._which == "min" else self._greatest
 
 
-def _numbers(rows: Rows, name: str) -> tuple[Ints, Bools]:
+def _numbers(rows: Rows, name: str) -> tuple[Array, Bools]:
     """A column of numbers, and a mask of the rows that have it."""
     of_rows = COLUMN_BY_NAME[name].of_rows
     if of_rows is None:
         raise ValueError(f"{name} is not a column of numbers")
     values, known, _ = of_rows(rows)
-    return values.astype(np.int64), np.ones(len(rows), np.bool_) if known is None else known
+    if values.dtype.kind in "iu":
+        values = values.astype(np.int64)  # sums do not fit the bits of a field
+    return values, np.ones(len(rows), np.bool_) if known is None else known
 
 
 @dataclass(slots=True)
@@ -545,21 +638,55 @@ class _OnlineShare(Measure):
         return self._on_ns / self._known_ns if self._known_ns else self._frames_on / self._frames
 
 
-_CLASSES: Final[Mapping[str, type[Measure]]] = {
-    "count": _MatchCount,
-    "share": _MatchShare,
-    "rate": _MatchRate,
-    "max_gap": _MaxGap,
-    "delay": _AnswerDelay,
-    "unanswered": _CommandAnswers,
-    "online": _OnlineShare,
-    "min": _FieldValues,
-    "max": _FieldValues,
-    "mean": _FieldValues,
-    "duration": _Duration,
+_MOTOR, _SPEED = NAME_OF_ROLE[Role.MOTOR], NAME_OF_ROLE[Role.SPEED]
+_FEEDBACK: Final = next(kind.name for kind in KINDS if kind.direction is Direction.FEEDBACK)
+_HAS_FIELD: Final = "a matching row with the field"
+
+MEASURES: Final[Mapping[str, MeasureKind]] = {
+    "count": MeasureKind(_MatchCount, Argument.FILTER, "count(malformed) == 0", "a row", "rows"),
+    "share": MeasureKind(
+        _MatchShare, Argument.FILTER, "share(malformed) <= 0.001", "a row", is_share=True
+    ),
+    "rate": MeasureKind(
+        _MatchRate,
+        Argument.FILTER,
+        f"rate(kind = '{_FEEDBACK}') >= 30",
+        "two different times",
+        "1/s",
+        is_timed=True,
+        covered_by_any_row=True,
+    ),
+    "max_gap": MeasureKind(
+        _MaxGap,
+        Argument.FILTER,
+        f"max_gap({_MOTOR} = 1) < 0.5",
+        "two matching rows with times",
+        "s",
+        is_timed=True,
+    ),
+    "delay": MeasureKind(
+        _AnswerDelay,
+        Argument.PERCENTILE,
+        "delay(p95) < 20",
+        "an answered command with times",
+        "ms",
+        is_timed=True,
+    ),
+    "unanswered": MeasureKind(
+        _CommandAnswers, Argument.OPTIONAL_FILTER, "unanswered() == 0", "a row", "commands"
+    ),
+    "online": MeasureKind(
+        _OnlineShare, Argument.MOTOR, "online(1) >= 0.99", "feedback of the motor", is_share=True
+    ),
+    "min": MeasureKind(
+        _FieldValues, Argument.FIELD, f"min({_SPEED}, {_MOTOR} = 1) >= -300", _HAS_FIELD
+    ),
+    "max": MeasureKind(_FieldValues, Argument.FIELD, f"max({_SPEED}) <= 300", _HAS_FIELD),
+    "mean": MeasureKind(
+        _FieldValues, Argument.FIELD, f"mean({_SPEED}, {_MOTOR} = 1) > 0", _HAS_FIELD
+    ),
+    "duration": MeasureKind(
+        _Duration, Argument.NOTHING, "duration() >= 60", "two rows with times", "s", is_timed=True
+    ),
 }
-
-
-def measure_of(rule: Rule) -> Measure:
-    """A new measure for a rule."""
-    return _CLASSES[rule.measure](rule)
+"""The measures of the language: a new one is one entry, and a class that can `merge`."""

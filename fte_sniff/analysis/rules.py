@@ -1,4 +1,4 @@
-"""Rules of a check: a measure of the rows, compared with a number.
+"""Parser of the rules of a check: a measure of the rows, compared with a number.
 
 rule      measure ( == | != | < | <= | > | >= ) number
 measure   count(FILTER) | share(FILTER) | rate(FILTER) | max_gap(FILTER)
@@ -9,93 +9,25 @@ measure   count(FILTER) | share(FILTER) | rate(FILTER) | max_gap(FILTER)
 from __future__ import annotations
 
 import math
-import operator
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
-from enum import Enum
 from typing import Any, Final
 
 from fte_sniff.analysis.filter.parser import Token, TokenType, parse, tokens
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
+from fte_sniff.analysis.measures import MEASURES, OPERATORS, Argument, Rule
 from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, ColumnType
-
-
-class Argument(Enum):
-    """What a measure takes first."""
-
-    FILTER = "a filter"
-    OPTIONAL_FILTER = "a filter, or nothing"
-    PERCENTILE = "p50, p95, p99 or max"
-    MOTOR = "a motor"
-    FIELD = "a field"
-    NOTHING = "nothing"
-
-
-@dataclass(frozen=True, slots=True)
-class MeasureKind:
-    """A measure of the language."""
-
-    takes: Argument
-    """The first argument; PERCENTILE and FIELD may be followed by a filter."""
-    unit: str
-    """Of its value; empty for a field's own unit, and for shares."""
-    example: str
-    needs: str
-    """What it needs to have a value."""
-    is_timed: bool = False
-    """Whether that includes rows with times."""
-    covered_by_any_row: bool = False
-    """Whether a rule fails, and is not uncovered, if there are rows and no value."""
-
-
-MEASURES: Final = {
-    "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0", "a row"),
-    "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001", "a row"),
-    "rate": MeasureKind(
-        Argument.FILTER,
-        "1/s",
-        "rate(kind = 'speed_feedback') >= 30",
-        "two different times",
-        is_timed=True,
-        covered_by_any_row=True,
-    ),
-    "max_gap": MeasureKind(
-        Argument.FILTER, "s", "max_gap(motor = 1) < 0.5", "two matching rows with times", True
-    ),
-    "delay": MeasureKind(
-        Argument.PERCENTILE, "ms", "delay(p95) < 20", "an answered command with times", True
-    ),
-    "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0", "a row"),
-    "online": MeasureKind(Argument.MOTOR, "", "online(1) >= 0.99", "feedback of the motor"),
-    "min": MeasureKind(
-        Argument.FIELD, "", "min(rpm, motor = 1) >= -300", "a matching row with the field"
-    ),
-    "max": MeasureKind(Argument.FIELD, "", "max(rpm) <= 300", "a matching row with the field"),
-    "mean": MeasureKind(
-        Argument.FIELD, "", "mean(rpm, motor = 1) > 0", "a matching row with the field"
-    ),
-    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60", "two rows with times", True),
-}
 
 PERCENTILES: Final = ("p50", "p95", "p99", "max")
 
 FIELDS: Final = tuple(column.name for column in COLUMNS if column.type is ColumnType.INT)
 """The fields that `min`, `max` and `mean` take."""
-
-OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<=": operator.le,
-    ">=": operator.ge,
-    "<": operator.lt,
-    ">": operator.gt,
-}
 
 _UNIT_AT_END: Final = re.compile(
     r"""[=<>](?P<number>(?>\s*[+-]?\s*)
@@ -109,76 +41,33 @@ _TIME_UNITS: Final = {"s": SECOND_NS, "ms": SECOND_NS // 1000}
 """The units of measures that are times, in nanoseconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One comparison of a measure with a number; made by `Rule.parse`."""
+def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
+    """Parse a rule, by default named like its text.
 
-    name: str
-    """What the user calls it; text from outside."""
-    expect: str
-    """As written: `count(malformed) == 0`."""
-    measure: str
-    """A key of `MEASURES`."""
-    argument: str
-    """A percentile, a field, or a motor's number; empty if the measure takes none."""
-    filter_text: str | None
-    """The filter that selects rows, or commands; None for all."""
-    operator: str
-    """A key of `OPERATORS`."""
-    number: float
-    may_be_uncovered: bool = False
-    """Whether the check may succeed without a value of the measure."""
+    Raises InputTextError with the mistake, its position, and what was probably meant.
+    """
+    unit = _UNIT_AT_END.search(expect)
+    rule = _Parser(expect if unit is None else expect[: unit.start("unit")]).parse()
+    if unit is not None:
+        raise _unit_error(rule, expect, unit)
+    return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
 
-    @classmethod
-    def parse(cls, expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
-        """Parse a rule, by default named like its text.
 
-        Raises InputTextError with the mistake, its position, and what was probably meant.
-        """
-        unit = _UNIT_AT_END.search(expect)
-        rule = _Parser(expect if unit is None else expect[: unit.start("unit")]).parse()
-        if unit is not None:
-            raise rule._unit_error(expect, unit)
-        return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the measured value and the number; empty without one."""
-        column = COLUMN_BY_NAME.get(self.argument)
-        return (column and column.unit) or MEASURES[self.measure].unit
-
-    def _unit_error(self, expect: str, found: re.Match[str]) -> InputTextError:
-        at, unit = found.start("unit"), found["unit"]
-        is_share = self.measure in ("share", "online")
-        of_measure = "0 to 1" if is_share else f"in {self.unit}" if self.unit else "without a unit"
-        fix = f"the number in {self.unit}" if self.unit else "the number alone"
-        length_ns = (
-            duration_ns(found["number"].strip() + unit) if self.unit in _TIME_UNITS else None
-        )
-        if length_ns is not None:
-            fix = f"{self.operator} {Decimal(length_ns) / _TIME_UNITS[self.unit]:.12g}"
-        elif unit.lower() == ("%" if is_share else self.unit.lower().removeprefix("1")):
-            fix = f"{self.operator} {self.number / (100 if is_share else 1):.12g}"
-        return InputTextError(
-            f'a rule has no unit at character {at + 1} of "{excerpt(expect, at)}";'
-            f" {self.measure} is {of_measure}: write {fix}"
-        )
-
-    def holds(self, value: float) -> bool:
-        """Whether a measured value is as expected."""
-        return OPERATORS[self.operator](value, self.number)
-
-    @property
-    def least_too_large(self) -> tuple[float, bool]:
-        """The number above which values are too large, and whether it is itself too large."""
-        upper = self.operator in ("<", "<=", "==")
-        return (self.number if upper else math.inf), self.operator == "<"
-
-    @property
-    def greatest_too_small(self) -> tuple[float, bool]:
-        """The number below which values are too small, and whether it is itself too small."""
-        lower = self.operator in (">", ">=", "==")
-        return (self.number if lower else -math.inf), self.operator == ">"
+def _unit_error(rule: Rule, expect: str, found: re.Match[str]) -> InputTextError:
+    at, unit = found.start("unit"), found["unit"]
+    of_measure = (
+        "0 to 1" if rule.kind.is_share else f"in {rule.unit}" if rule.unit else "without a unit"
+    )
+    fix = f"the number in {rule.unit}" if rule.unit else "the number alone"
+    length_ns = duration_ns(found["number"].strip() + unit) if rule.unit in _TIME_UNITS else None
+    if length_ns is not None:
+        fix = f"{rule.operator} {Decimal(length_ns) / _TIME_UNITS[rule.unit]:.12g}"
+    elif unit.lower() == ("%" if rule.kind.is_share else rule.unit.lower().removeprefix("1")):
+        fix = f"{rule.operator} {rule.number / (100 if rule.kind.is_share else 1):.12g}"
+    return InputTextError(
+        f'a rule has no unit at character {at + 1} of "{excerpt(expect, at)}";'
+        f" {rule.measure} is {of_measure}: write {fix}"
+    )
 
 
 class _Parser:
@@ -354,8 +243,8 @@ def _check_keys(table: Mapping[str, Any], where: str) -> None:
 
 
 def rule_at(where: str, expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
-    """`Rule.parse` with errors that begin with the rule's place."""
+    """`parse_rule` with errors that begin with the rule's place."""
     try:
-        return Rule.parse(expect, name, may_be_uncovered=may_be_uncovered)
+        return parse_rule(expect, name, may_be_uncovered=may_be_uncovered)
     except InputTextError as error:
         raise InputTextError(f"{where}: {error}") from error

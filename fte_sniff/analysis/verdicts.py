@@ -12,8 +12,7 @@ import numpy as np
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.measures import RowPosition, measure_of
-from fte_sniff.analysis.rules import MEASURES, Rule
+from fte_sniff.analysis.measures import RowPosition, Rule
 from fte_sniff.analysis.tally import RowCount, RowModel
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.protocol.rows import Bools, Rows
@@ -57,7 +56,7 @@ class RuleCheck(RowModel):
         self.total = RowCount()
         self.unseen = 0
         """Rows that a view was too slow to receive: what they would change is not known."""
-        self._measures = [measure_of(rule) for rule in rules]
+        self._measures = [rule.kind.make(rule) for rule in rules]
         self._filters: dict[str, RowFilter] = {}
         self._names: frozenset[str] = frozenset()
 
@@ -119,13 +118,12 @@ class RuleCheck(RowModel):
     def _without_value(self, rule: Rule) -> RuleResult:
         """Rows in no time have no rate: the rule fails with every comparison."""
         covered = self.total.rows and not self.unseen
-        fails = covered and MEASURES[rule.measure].covered_by_any_row
+        fails = covered and rule.kind.covered_by_any_row
         return RuleResult.FAIL if fails else RuleResult.NOT_COVERED
 
     def _needs(self, rule: Rule) -> str:
         if not self.total.rows:
             return "a row"
-        kind = MEASURES[rule.measure]
-        if kind.is_timed and self.total.first_ns is None:
-            return f"{kind.needs}; no row has a time, try --start"
-        return kind.needs
+        if rule.kind.is_timed and self.total.first_ns is None:
+            return f"{rule.kind.needs}; no row has a time, try --start"
+        return rule.kind.needs

@@ -19,8 +19,7 @@ from fte_sniff.protocol.look import LOOKS
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fte_sniff.analysis.measures import RowPosition
-    from fte_sniff.analysis.rules import Rule
+    from fte_sniff.analysis.measures import RowPosition, Rule
     from fte_sniff.analysis.verdicts import RuleCheck, Verdict
     from fte_sniff.session.input_reading import InputReading
 

@@ -372,11 +372,11 @@ def check(
     Warns:
         RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
-    from fte_sniff.analysis.rules import Rule
+    from fte_sniff.analysis.rules import parse_rule
     from fte_sniff.analysis.verdicts import RuleCheck
 
     listed = [rules] if isinstance(rules, str) else rules
-    make = partial(RuleCheck, [Rule.parse(text) for text in listed])
+    make = partial(RuleCheck, [parse_rule(text) for text in listed])
     return _measured(paths, make, executor)[0].verdicts()
 
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.measures import RowPosition
-from fte_sniff.analysis.rules import OPERATORS, Rule
+from fte_sniff.analysis.measures import OPERATORS, RowPosition
+from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
 from fte_sniff.protocol.rows import NO_TIME, Rows
@@ -47,7 +47,7 @@ EXPECTED = [
 
 
 def checked(*parts: Sequence[Step], rules: Sequence[str] = EXPECTED) -> RuleCheck:
-    check = RuleCheck([Rule.parse(text) for text in rules])
+    check = RuleCheck([parse_rule(text) for text in rules])
     for part in parts:
         observe(check, part)
     return check
@@ -249,7 +249,7 @@ def test_a_rate_of_matching_rows_fails_without_two_different_times(
         for number, t_ns in enumerate(times)
     ]
     for sign, number in itertools.product(OPERATORS, (0, 4, 9)):
-        rule = Rule.parse(f"rate(motor = 1) {sign} {number}", may_be_uncovered=True)
+        rule = parse_rule(f"rate(motor = 1) {sign} {number}", may_be_uncovered=True)
         parts = [RuleCheck([rule]) for _ in rows]
         for part, row in zip(parts, rows, strict=True):
             part.observe(Rows.from_rows([row]))
@@ -282,7 +282,7 @@ def test_without_rows_nothing_is_covered(text: str) -> None:
 
 
 def test_a_rule_may_be_uncovered() -> None:
-    check = RuleCheck([Rule.parse("delay(p95) < 20", may_be_uncovered=True)])
+    check = RuleCheck([parse_rule("delay(p95) < 20", may_be_uncovered=True)])
     check.observe(Rows.from_rows(THREE))
     (found,) = check.verdicts()
     assert (found.result, found.refuses) == (RuleResult.NOT_COVERED, False)
@@ -296,7 +296,7 @@ def test_a_row_without_a_time_is_named_by_its_offset() -> None:
 @pytest.mark.parametrize("text", ["count(ok) == 0", "max_gap(ok) < 1e-9", "unanswered() == 0"])
 def test_the_first_row_keeps_its_file_when_files_merge(text: str) -> None:
     commands = [frame("speed", at * MS, motor=1, rpm=5) for at in range(4)]
-    early, late = (RuleCheck([Rule.parse(text)]) for _ in "12")
+    early, late = (RuleCheck([parse_rule(text)]) for _ in "12")
     early.begin("early")
     early.observe(Rows.from_rows(commands[:1]))  # its verdict comes with the next row
     late.begin("late")

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import pickle
 from contextlib import suppress
+from typing import Self, cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.rules import MEASURES, OPERATORS, Rule, rules_of_toml
+from fte_sniff.analysis.measures import (
+    MEASURES,
+    OPERATORS,
+    Argument,
+    Measure,
+    MeasureKind,
+    Rule,
+)
+from fte_sniff.analysis.rules import parse_rule, rules_of_toml
+from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.verdicts import RuleCheck, RuleResult
+from fte_sniff.cli.check_report import measured_text
 from fte_sniff.errors import InputTextError
+from fte_sniff.protocol import COLUMNS, KINDS, Column, ColumnType, Damage, Frame, encode
+from fte_sniff.protocol.rows import Bools, Rows
 
 
 @pytest.mark.parametrize(
@@ -39,7 +54,7 @@ from fte_sniff.errors import InputTextError
 def test_a_rule(
     text: str, measure: str, argument: str, filter_text: str | None, sign: str, number: float
 ) -> None:
-    rule = Rule.parse(text)
+    rule = parse_rule(text)
     assert (rule.name, rule.expect, rule.may_be_uncovered) == (text, text, False)
     assert (rule.measure, rule.argument, rule.filter_text) == (measure, argument, filter_text)
     assert (rule.operator, rule.number) == (sign, number)
@@ -47,13 +62,64 @@ def test_a_rule(
 
 @pytest.mark.parametrize("name", MEASURES)
 def test_the_example_of_every_measure_is_a_rule(name: str) -> None:
-    assert Rule.parse(MEASURES[name].example).measure == name
+    assert parse_rule(MEASURES[name].example).measure == name
+
+
+class Ports(Measure):
+    """The number of different ports."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._ports: set[str] = set()
+
+    def observe(self, rows: Rows, matches: Bools) -> None:
+        self._ports.update(rows.ports())
+
+    def merge(self, later: Self) -> None:
+        super().merge(later)
+        self._ports |= later._ports
+
+    def value(self, total: RowCount) -> float | None:
+        return len(self._ports) if total.rows else None
+
+
+def test_a_new_measure_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = MeasureKind(Ports, Argument.NOTHING, "ports() <= 2", "a row", "ports")
+    monkeypatch.setitem(cast(dict[str, MeasureKind], MEASURES), "ports", kind)
+    with pytest.raises(InputTextError, match=r"did you mean ports\?"):
+        parse_rule("prts() == 1")
+    with pytest.raises(InputTextError, match="write ports"):
+        parse_rule("ports")
+    rule = parse_rule("ports() <= 2")
+    first, later = RuleCheck([rule]), RuleCheck([rule])
+    (verdict,) = first.verdicts()
+    assert (verdict.result, verdict.needs) == (RuleResult.NOT_COVERED, "a row")
+    for check, ports in ((first, "ab"), (later, "bc")):
+        check.observe(Rows.from_rows([Damage(port, 0, b"\0", None, ()) for port in ports]))
+    first.merge(pickle.loads(pickle.dumps(later)))
+    (verdict,) = first.verdicts()
+    assert (verdict.value, verdict.rule.unit, verdict.result) == (3, "ports", RuleResult.FAIL)
+    assert measured_text(verdict) == "3 ports"
+
+
+@pytest.mark.parametrize("column", COLUMNS, ids=[column.name for column in COLUMNS])
+def test_every_column_is_measured_or_refused(column: Column) -> None:
+    text = f"max({column.name}) >= 0"
+    if column.type is not ColumnType.INT:
+        with pytest.raises(InputTextError, match=f"{column.name} is a .*, not a number"):
+            parse_rule(text)
+        return
+    check = RuleCheck([parse_rule(text)])
+    raws = [encode(kind, {field.name: 3 for field in kind.fields}) for kind in KINDS]
+    check.observe(Rows.from_rows([Frame("a", 3, raw, None) for raw in raws]))
+    (verdict,) = check.verdicts()
+    assert verdict.result is RuleResult.PASS
 
 
 @pytest.mark.parametrize("sign", OPERATORS)
 @pytest.mark.parametrize("value", [-1, 0, 1])
 def test_signs_compare_as_in_python(sign: str, value: int) -> None:
-    assert Rule.parse(f"duration() {sign} 0").holds(value) is eval(f"{value} {sign} 0")
+    assert parse_rule(f"duration() {sign} 0").holds(value) is eval(f"{value} {sign} 0")
 
 
 @pytest.mark.parametrize(
@@ -144,14 +210,14 @@ def test_signs_compare_as_in_python(sign: str, value: int) -> None:
 )
 def test_a_mistake_is_named_with_its_place_and_the_fix(text: str, message: str) -> None:
     with pytest.raises(InputTextError) as found:
-        Rule.parse(text)
+        parse_rule(text)
     assert message in str(found.value)
 
 
 @given(st.text() | st.text(alphabet="count(rpm,)=<>0p95'- ", max_size=30))
 def test_any_text_is_a_rule_or_a_mistake(text: str) -> None:
     with suppress(InputTextError):
-        Rule.parse(text)
+        parse_rule(text)
 
 
 GOOD = '[[rule]]\nname = "no damage"\nexpect = "count(malformed) == 0"\n'

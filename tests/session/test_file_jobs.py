@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import fte_sniff
 from benchmarks.recorded_rows import write_recording
-from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.analysis.verdicts import RuleCheck
@@ -104,7 +104,7 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
         for path, part in zip(split, parts, strict=True)
         for row in part
     }
-    rules = [Rule.parse(text) for text in EXPECTED]
+    rules = [parse_rule(text) for text in EXPECTED]
     with ThreadPoolExecutor(2) as executor:
         for model in (None, rules):
             expected = numbers(measured(whole, model))
@@ -140,7 +140,7 @@ def test_commands_while_a_port_is_lost_are_not_unanswered(tmp_path: Path, cuts: 
     ends = [0, *cuts, len(steps)]
     parts = [steps[start:end] for start, end in pairwise(ends)]
     paths = write_parts(tmp_path / "parts", parts)
-    rules = [Rule.parse(text) for text in ("unanswered() == 1", "delay(max) == 10")]
+    rules = [parse_rule(text) for text in ("unanswered() == 1", "delay(max) == 10")]
     with ThreadPoolExecutor(2) as executor:
         for one in (None, executor):
             motor = measured(paths, None, one).answers.stats()[0]
@@ -161,7 +161,7 @@ def test_memory_does_not_grow_with_the_number_of_files(
     tmp_path: Path, rules: list[str] | None
 ) -> None:
     (path,) = write_parts(tmp_path / "parts", [[reset_at(number) for number in range(9)]])
-    model = rules and [Rule.parse(text) for text in rules]
+    model = rules and [parse_rule(text) for text in rules]
     measured([path], model)  # loads what is loaded once
     held, peaks = [], []
     with ThreadPoolExecutor(2) as executor:

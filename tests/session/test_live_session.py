@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import FeedUpdate, LiveFeed
-from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
@@ -381,7 +381,7 @@ def test_the_verdicts_of_a_capture_are_those_of_its_recording(
 ) -> None:
     recording = tmp_path_factory.mktemp("live") / "a.mcap"
     ports = tuple(f"sim://?seed={seed}&rate=400&frames=150{damage}" for seed in seeds)
-    rules = [Rule.parse(text) for text in JUDGED]
+    rules = [parse_rule(text) for text in JUDGED]
     judged, read = RuleCheck(rules), RuleCheck(rules)
 
     def observe(update: FeedUpdate) -> None:

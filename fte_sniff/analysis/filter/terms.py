@@ -15,6 +15,7 @@ from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
+    KINDS,
     Column,
     Row,
     Value,
@@ -22,7 +23,7 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.protocol.columns import RANKED
-from fte_sniff.protocol.spec import NAME_OF_ROLE
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
     import polars as pl
@@ -241,8 +242,8 @@ def _abbreviates(text: str, name: str) -> bool:
 
 def how_to_compare(term: Term) -> str:
     """Advice how to compare a term of that type."""
-    name = term.label if term.column else "motor"
-    word = term.column.words[0] if term.column and term.column.words else "speed"
+    name = term.label if term.column else NAME_OF_ROLE[Role.MOTOR]
+    word = term.column.words[0] if term.column and term.column.words else KINDS[0].name
     return {
         TermType.NUMBER: TranslatableText("compare it, as in {name} = 1", name=name),
         TermType.TIME: TranslatableText("compare it, as in time > '2026-01-31T12:00:00Z'"),
