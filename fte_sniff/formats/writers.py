@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
-from fte_sniff.protocol.columns import TIME_FORMAT
 
 if TYPE_CHECKING:
     import polars as pl
@@ -112,10 +111,10 @@ class JsonlWriter(_LineWriter):
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a DataFrame with the columns of the row contract."""
-        import polars as pl
+        from fte_sniff.formats.text_frame import time_texts
 
         lines = BytesIO()
-        frame.with_columns(pl.col("time").dt.strftime(TIME_FORMAT)).write_ndjson(lines)
+        frame.with_columns(time_texts(frame["time"]).alias("time")).write_ndjson(lines)
         # Only a port's name can have other characters than ASCII.
         is_ascii = all(port.isascii() for port in frame.get_column("port").unique())
         buffer = getattr(self._stream, "buffer", None) if is_ascii else None
@@ -164,17 +163,16 @@ class CsvWriter(_LineWriter):
         """Write the rows of a DataFrame with the columns of the row contract."""
         import polars as pl
 
+        from fte_sniff.formats.text_frame import faults_texts, time_texts
+
         self._write_header()
         ports = frame.get_column("port")
         names = {port: printable(port) or None for port in ports.unique()}
         if any(port != name for port, name in names.items()):
             ports = ports.replace_strict(names, return_dtype=pl.String())
-        # polars writes an empty text as two quotes.
-        faults = pl.col("faults").cast(pl.List(pl.String())).list.join(",")
-        texts = frame.with_columns(ports, faults.replace("", None))
-        self._stream.write(
-            texts.write_csv(include_header=False, datetime_format=TIME_FORMAT, line_terminator="\n")
-        )
+        times, faults = time_texts(frame["time"]), faults_texts(frame["faults"])
+        texts = frame.with_columns(ports, time=times, faults=faults)
+        self._stream.write(texts.write_csv(include_header=False, line_terminator="\n"))
 
     def close(self) -> None:
         """Write the header if there were no rows."""
@@ -203,7 +201,6 @@ class HexWriter(_LineWriter):
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the bytes of the rows of a DataFrame."""
-        from fte_sniff.formats.text_frame import spaced_bytes
+        from fte_sniff.formats.text_frame import joined_lines, spaced_bytes
 
-        lines = spaced_bytes(frame.get_column("raw"))
-        self._stream.write("\n".join([*lines, ""]))
+        self._stream.write(joined_lines(spaced_bytes(frame["raw"])))

@@ -232,9 +232,6 @@ def spaced_hex(raw: bytes) -> str:
     return raw.hex(" ").upper()
 
 
-TIME_FORMAT = "%Y-%m-%dT%H:%M:%S%.9fZ"
-"""The format of `iso_time` for polars."""
-
 FEEDBACK = "fb"
 """Abbreviation of "feedback" where a kind's name does not fit."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.parquet import write_parquet
-from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.batch_reader import TimeRange
@@ -152,10 +152,10 @@ UNTIMED = st.lists(
 )
 
 
-def written(rows: Rows, form: OutputFormat, so_far: int) -> str:
+def written(write: Callable[[RowWriter], None], form: OutputFormat) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=True)
-    write_rows(writer, rows, so_far)
+    write(writer)
     writer.close()
     return stream.getvalue()
 
@@ -165,7 +165,8 @@ def written(rows: Rows, form: OutputFormat, so_far: int) -> str:
 def test_columns_are_written_byte_for_byte_as_rows(form: OutputFormat, rows: list[Row]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(save, "_FEWEST", 0)
-        assert written(Rows.from_rows(rows), form, 10**9) == written(Rows.from_rows(rows), form, 0)
+        by_columns = written(lambda writer: write_rows(writer, Rows.from_rows(rows), 10**9), form)
+    assert by_columns == written(lambda writer: writer.write(rows), form)
 
 
 @given(
