@@ -19,7 +19,7 @@ Modules:
     series        Numbers over time in windows, by group: totals, extremes, last values.
     statistics    Statistics of ports, streams and faults.
     summary       Statistics of all rows of one or more inputs.
-    tally         Counts of rows by status, kind, fault and port; RowModel.
+    tally         Counts of rows by port and faults; RowModel.
     time_text     Times and durations that a user types.
     timeline      Commands, feedback, flags and faults over time, for reports.
     traces        Targets and feedback of the motors over time, for plots.

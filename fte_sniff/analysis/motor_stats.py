@@ -29,11 +29,11 @@ class FlagStats:
     times_lost: int = 0
     """Number of times that the bit changed from 1 to 0."""
 
-    def include(self, other: FlagStats) -> None:
+    def merge(self, other: FlagStats) -> None:
         """Add the frames of other statistics of the same motor."""
         for bit, count in other.error_bits.items():
-            self.error_bits.setdefault(bit, RowCount()).include(count)
-        self.offline.include(other.offline)
+            self.error_bits.setdefault(bit, RowCount()).merge(count)
+        self.offline.merge(other.offline)
         self.times_lost += other.times_lost
 
 
@@ -50,7 +50,7 @@ class FlagCounts:
         """Add the flags of the rows that follow."""
         lost = (self._online or 0) & ~(later._first_online or 0)
         for number, motor in self._motors.items():
-            motor.include(later._motors[number])
+            motor.merge(later._motors[number])
             if later._first_online is not None:
                 motor.times_lost += lost >> motor_bit(number) & 1
         if self._first_online is None:

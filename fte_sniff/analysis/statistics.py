@@ -7,14 +7,14 @@ fault    count, and count over time
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.counters import Durations, RecentValues, extent
+from fte_sniff.analysis.counters import Durations, RecentValues
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.relations import (
     KEYS_PER_PORT,
@@ -24,7 +24,7 @@ from fte_sniff.analysis.relations import (
     stream_keys,
 )
 from fte_sniff.analysis.series import Counts, Series
-from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     HEADERS,
@@ -35,9 +35,7 @@ from fte_sniff.protocol import (
     Gap,
     PortEvent,
     PortEventKind,
-    Status,
     byte_time_ns,
-    status_of,
 )
 from fte_sniff.protocol.rows import NO_TIME, Codes, FieldLayout, Ints, Rows, read_field
 
@@ -66,54 +64,6 @@ class LineSetup:
 DEFAULT_SETUP: Final = LineSetup()
 
 
-class FaultCounts:
-    """Counts of rows by port and combination of faults."""
-
-    def __init__(self) -> None:
-        self._counts: dict[tuple[str, tuple[Fault, ...]], RowCount] = {}
-
-    def update(self, rows: Rows) -> None:
-        """Count the next rows."""
-        codebook = rows.codebook
-        sets = len(codebook.faults)
-        keys = rows.port.astype(np.int64) * sets + rows.faults
-        lengths = rows.length.astype(np.int64)
-        for key in np.flatnonzero(np.bincount(keys)).tolist():
-            own = keys == key
-            port, faults = divmod(key, sets)
-            name = codebook.ports[port], codebook.faults[faults]
-            count = self._counts.setdefault(name, RowCount())
-            times = extent(rows.t_ns[own & rows.timed])
-            count.count(int(own.sum()), int(lengths[own].sum()), times)
-
-    def merge(self, other: FaultCounts) -> None:
-        """Add the rows of other counts."""
-        for name, count in other._counts.items():
-            self._counts.setdefault(name, RowCount()).include(count)
-
-    def by_fault(self, port: str | None = None) -> dict[Fault, RowCount]:
-        """By fault that occurred; a row counts once for each of its faults."""
-        found = {fault: RowCount() for fault in Fault}
-        for faults, count in self._on(port):
-            for fault in set(faults):
-                found[fault].include(count)
-        return {fault: count for fault, count in found.items() if count.rows}
-
-    def by_status(self, port: str | None = None) -> dict[Status, RowCount]:
-        """By status, all of them."""
-        found = {status: RowCount() for status in Status}
-        for faults, count in self._on(port):
-            found[status_of(faults)].include(count)
-        return found
-
-    def _on(self, port: str | None) -> Iterable[tuple[tuple[Fault, ...], RowCount]]:
-        return [
-            (faults, count)
-            for (name, faults), count in self._counts.items()
-            if port is None or name == port
-        ]
-
-
 @dataclass(slots=True)
 class EventStats:
     """The events of one kind on a port, such as line errors."""
@@ -126,7 +76,7 @@ class EventStats:
     total: int = 0
     """Sum of what the events count: line errors, bytes of an overrun."""
 
-    def include(self, later: EventStats) -> None:
+    def merge(self, later: EventStats) -> None:
         """Add later events of the same kind."""
         self.count += later.count
         self.total += later.total
@@ -223,7 +173,7 @@ class PortStats:
         for direction, count in later.frames.items():
             self.frames[direction] += count
         for kind, events in later._events.items():
-            self._events.setdefault(kind, EventStats(kind, events.first_ns)).include(events)
+            self._events.setdefault(kind, EventStats(kind, events.first_ns)).merge(events)
         if not later._opens:
             self.interrupt()
         if later.first_ns is not None:
@@ -245,10 +195,8 @@ class PortStats:
 
     def on_event(self, event: PortEvent) -> None:
         """Count an event."""
-        stats = self._events.setdefault(event.kind, EventStats(event.kind, event.t_ns))
-        stats.count += 1
-        stats.total += event.count
-        stats.last_ns = event.t_ns
+        one = EventStats(event.kind, event.t_ns, event.t_ns, 1, event.count)
+        self._events.setdefault(event.kind, EventStats(event.kind, event.t_ns)).merge(one)
 
 
 _QUANTITIES: Final[list[dict[str, FieldLayout]]] = [
@@ -477,7 +425,7 @@ class Statistics:
         self._baud = setup.baud
         self._streams = Streams()
         self._ports: dict[str, PortStats] = {}
-        self.fault_counts = FaultCounts()
+        self.tally = Tally()
         self._faults_over_time, self._busy_over_time = (
             Series(shortest_ns=SHORTEST_NS, windows=WINDOWS) for _ in range(2)
         )
@@ -516,7 +464,7 @@ class Statistics:
         for name, port in later._ports.items():
             self._port(name, port.baud).merge(port)
         self._streams.merge(later._streams)
-        self.fault_counts.merge(later.fault_counts)
+        self.tally.merge(later.tally)
         self._faults_over_time.merge(later._faults_over_time)
         self._busy_over_time.merge(
             later._busy_over_time, [self._number_of(name) for name in later._ports]
@@ -542,7 +490,7 @@ class Statistics:
             self._busy_over_time.observe(rows.t_ns[known], busy, self._number_of(port.port))
 
     def _observe_faults(self, rows: Rows) -> None:
-        self.fault_counts.update(rows)
+        self.tally.observe(rows)
         codes = rows.faults
         for number, fault in enumerate(_FAULTS):
             having = np.array([fault in faults for faults in rows.codebook.faults])
@@ -566,5 +514,5 @@ class Statistics:
         """By fault that occurred."""
         return [
             FaultStats(fault, count.rows, self._faults_over_time.counts(_FAULTS.index(fault)))
-            for fault, count in self.fault_counts.by_fault().items()
+            for fault, count in self.tally.by_fault().items()
         ]

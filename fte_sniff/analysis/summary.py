@@ -58,7 +58,7 @@ class StatisticsSummary(RowModel):
         self.flags.merge(later.flags)
 
     def _observe(self, rows: Rows) -> None:
-        self.sources[-1].count.count_batch(rows)
+        self.sources[-1].count.observe(rows)
         self.statistics.observe(rows)
         found = motor_rows(rows)
         self.answers.observe(rows, found)
@@ -69,7 +69,7 @@ class StatisticsSummary(RowModel):
         """All rows."""
         total = RowCount()
         for source in self.sources:
-            total.include(source.count)
+            total.merge(source.count)
         return total
 
     @property

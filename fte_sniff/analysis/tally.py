@@ -1,4 +1,4 @@
-"""Counts of rows by status, kind, fault and port; the base of models that can merge.
+"""Counts of rows by port and fault; the base of models that can merge.
 
 Not part of `counters`, so that commands count the rows of a short log without loading numpy.
 """
@@ -6,13 +6,12 @@ Not part of `counters`, so that commands count the rows of a short log without l
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 from fte_sniff.protocol import Fault, Gap, PortEvent, Rows, Status, status_of
-from fte_sniff.protocol.spec import KIND_BY_HEADER_AND_CMD
+from fte_sniff.protocol.rows import NO_TIME
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import BaudChange, StreamChange
@@ -38,12 +37,12 @@ class RowCount:
             self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
             self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
 
-    def count_batch(self, rows: Rows) -> None:
-        """Add the rows of a batch."""
+    def observe(self, rows: Rows) -> None:
+        """Add rows."""
         extent = rows.extent
         self.count(len(rows), rows.size, None if extent is None else extent[:2])
 
-    def include(self, other: RowCount) -> None:
+    def merge(self, other: RowCount) -> None:
         """Add the rows of another count."""
         self.count(other.rows, other.bytes, other.times)
 
@@ -101,48 +100,91 @@ class RowModel(ABC):
 
 @dataclass(slots=True)
 class Tally(RowCount):
-    """Counts of rows by status, kind, fault and port."""
+    """Counts of rows by port and faults; its own count is that of all rows."""
 
     frames: int = 0
     """Rows whose framing holds, malformed or not."""
-    by_status: Counter[Status] = field(default_factory=Counter)
-    by_kind: Counter[str] = field(default_factory=Counter)
-    """Frames by kind, without those of an unknown CMD."""
-    by_fault: Counter[Fault] = field(default_factory=Counter)
-    """Rows by fault; a row counts once for each of its faults."""
-    by_port: Counter[str] = field(default_factory=Counter)
+    _counts: dict[tuple[str, tuple[Fault, ...]], RowCount] = field(default_factory=dict)
+    """By port, in order of first occurrence, and combination of faults."""
 
-    def update(self, rows: Rows) -> None:
-        """Count rows."""
-        self.count_batch(rows)
-        codebook = rows.codebook
+    def observe(self, rows: Rows) -> None:
+        """Add rows."""
+        ports, faults = rows.counts("port"), rows.counts("faults")
         self.frames += rows.counts("framed").get(True, 0)
-        for port, count in rows.counts("port").items():
-            self.by_port[codebook.ports[port]] += count
-        for code, count in rows.counts("faults").items():
-            self._count_faults(codebook.faults[code], count)
-        for head, count in rows.head_counts().items():
-            if kind := KIND_BY_HEADER_AND_CMD.get(head):
-                self.by_kind[kind.name] += count
+        RowCount.observe(self, rows)
+        if len(ports) == len(faults) == 1:
+            self._count_of(rows, *ports, *faults).observe(rows)
+        elif rows.prefers_numpy():
+            self._observe_columns(rows)
+        else:
+            names = ("port", "faults", "length", "t_ns")
+            columns = (rows.buffers[name].tolist() for name in names)
+            for port, fault, length, t_ns in zip(*columns, strict=True):
+                times = None if t_ns == NO_TIME else (t_ns, t_ns)
+                self._count_of(rows, port, fault).count(1, length, times)
 
-    def merge(self, other: Tally) -> None:
+    def _observe_columns(self, rows: Rows) -> None:
+        import numpy as np
+
+        sets = len(rows.codebook.faults)
+        keys = rows.port.astype(np.int64) * sets + rows.faults
+        counts = np.bincount(keys)
+        most = int(counts.argmax())
+        others = np.flatnonzero(keys != most)
+        for key in np.flatnonzero(counts).tolist():
+            own = keys == most if key == most else others[keys[others] == key]
+            t_ns = rows.t_ns[own]
+            t_ns = t_ns[t_ns != NO_TIME]
+            times = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
+            size = int(rows.length[own].sum())
+            self._count_of(rows, *divmod(key, sets)).count(int(counts[key]), size, times)
+
+    def _count_of(self, rows: Rows, port: int, faults: int) -> RowCount:
+        name = rows.codebook.ports[port], rows.codebook.faults[faults]
+        return self._counts.setdefault(name, RowCount())
+
+    def merge(self, other: RowCount) -> None:
         """Add the rows of another tally."""
-        self.include(other)
-        self.frames += other.frames
-        self.by_status += other.by_status
-        self.by_kind += other.by_kind
-        self.by_fault += other.by_fault
-        self.by_port += other.by_port
+        RowCount.merge(self, other)
+        if isinstance(other, Tally):
+            self.frames += other.frames
+            for name, count in other._counts.items():
+                self._counts.setdefault(name, RowCount()).merge(count)
 
-    def _count_faults(self, faults: tuple[Fault, ...], count: int) -> None:
-        self.by_status[status_of(faults)] += count
-        for fault in dict.fromkeys(faults):
-            self.by_fault[fault] += count
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """The ports of the rows."""
+        return tuple(dict.fromkeys(port for port, _ in self._counts))
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults of the rows, in order of first occurrence."""
+        return tuple(dict.fromkeys(fault for _, faults in self._counts for fault in faults))
+
+    def by_fault(self, port: str | None = None) -> dict[Fault, RowCount]:
+        """By fault that occurred; a row counts once for each of its faults."""
+        found = {fault: RowCount() for fault in Fault}
+        for faults, count in self._on(port):
+            for fault in set(faults):
+                found[fault].merge(count)
+        return {fault: count for fault, count in found.items() if count.rows}
+
+    def by_status(self, port: str | None = None) -> dict[Status, RowCount]:
+        """By status, all of them."""
+        found = {status: RowCount() for status in Status}
+        for faults, count in self._on(port):
+            found[status_of(faults)].merge(count)
+        return found
+
+    def _on(self, port: str | None) -> Iterator[tuple[tuple[Fault, ...], RowCount]]:
+        for (name, faults), count in self._counts.items():
+            if port is None or name == port:
+                yield faults, count
 
     @property
     def malformed(self) -> int:
         """Malformed rows."""
-        return self.by_status[Status.MALFORMED]
+        return self.by_status()[Status.MALFORMED].rows
 
     @property
     def malformed_share(self) -> float:

@@ -78,7 +78,7 @@ class RuleCheck(RowModel):
                 measure.interrupt(change.port_lost)
 
     def _observe(self, rows: Rows) -> None:
-        self.total.count_batch(rows)
+        self.total.observe(rows)
         masks = self._masks(rows)
         for rule, measure in zip(self.rules, self._measures, strict=True):
             measure.observe(rows, masks[rule.filter_text])
@@ -97,7 +97,7 @@ class RuleCheck(RowModel):
     def merge(self, later: Self) -> None:
         """Add the rows that follow, as if they had been observed here."""
         self.unseen += later.unseen
-        self.total.include(later.total)
+        self.total.merge(later.total)
         for measure, other in zip(self._measures, later._measures, strict=True):
             measure.merge(other)
 

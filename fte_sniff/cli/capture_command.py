@@ -332,7 +332,7 @@ class Report(Observer):
             self._print_event(event)
         if update.state.running:
             self._print_problem(self._failure_of(session), update.state.recording)
-        self._tally.update(update.rows)
+        self._tally.observe(update.rows)
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary."""
@@ -425,7 +425,7 @@ class RestOfScreen(Observer):
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Count the rows."""
         if self._tally is not None:
-            self._tally.update(update.rows)
+            self._tally.observe(update.rows)
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary, if there was a screen."""

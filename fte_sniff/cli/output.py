@@ -129,13 +129,12 @@ def exit_if_unreadable(reading: InputReading) -> None:
 
 
 def _share(tally: Tally, status: Status) -> str:
-    count = tally.by_status[status]
+    count = tally.by_status()[status].rows
     if not count:
         return ""
+    counts = tally.by_fault()
     faults = ", ".join(
-        f"{fault} {found:,}"
-        for fault, found in tally.by_fault.items()
-        if found and status_of((fault,)) is status
+        f"{fault} {counts[fault].rows:,}" for fault in tally.faults if status_of((fault,)) is status
     )
     return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
 

@@ -109,7 +109,7 @@ def report_lines(
         yield Text()
         yield from _files(summary).lines(width)
     streams, ports = summary.statistics.streams(None), summary.statistics.ports()
-    counts = summary.statistics.fault_counts
+    counts = summary.statistics.tally
     for port in ports:
         yield Text()
         yield from _port(port, when)
@@ -161,7 +161,7 @@ def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
     elif total.rows:
         yield _line("time", "these rows have no times: no rates, no silences")
     if total.rows:
-        yield _line("status", _statuses(summary.statistics.fault_counts.by_status(), total.rows))
+        yield _line("status", _statuses(summary.statistics.tally.by_status(), total.rows))
 
 
 def _files(summary: StatisticsSummary) -> TextTable:

@@ -415,7 +415,8 @@ class Rows(Sequence["Row"]):
         raw = self._raw
         return raw if isinstance(raw, memoryview) else raw.reshape(-1).data
 
-    def _prefers_numpy(self) -> bool:
+    def prefers_numpy(self) -> bool:
+        """Whether arrays are the faster way: rows are many, or numpy is loaded."""
         return len(self) > FEW or (len(self) > _FEWEST and "numpy" in sys.modules)
 
     @property
@@ -434,7 +435,7 @@ class Rows(Sequence["Row"]):
     @property
     def extent(self) -> tuple[int, int, int] | None:
         """The earliest and the latest time, and the number of rows with one; None without any."""
-        if self._prefers_numpy():
+        if self.prefers_numpy():
             t_ns = self.t_ns
             if int(t_ns.min()) == NO_TIME:
                 t_ns = t_ns[self.timed]
@@ -445,13 +446,13 @@ class Rows(Sequence["Row"]):
     @property
     def size(self) -> int:
         """The number of bytes of all rows."""
-        if self._prefers_numpy():
+        if self.prefers_numpy():
             return int(self.length.sum())
         return sum(self.buffers["length"].tolist())
 
     def counts(self, name: str) -> dict[int, int]:
         """By value, the number of rows that have it in a column of codes or flags."""
-        if not self._prefers_numpy():
+        if not self.prefers_numpy():
             return Counter(self.buffers[name].tolist())
         import numpy as np
 
@@ -460,7 +461,7 @@ class Rows(Sequence["Row"]):
 
     def head_counts(self) -> dict[tuple[int, int], int]:
         """By header and CMD, the number of frames that have them."""
-        if not self._prefers_numpy():
+        if not self.prefers_numpy():
             raw = bytes(self.raw_bytes)
             heads = zip(raw[::FRAME_LENGTH], raw[CMD_OFFSET::FRAME_LENGTH], strict=True)
             return Counter(compress(heads, self.buffers["framed"].tolist()))
@@ -556,7 +557,7 @@ class Rows(Sequence["Row"]):
         """The bytes of all rows, concatenated."""
         if self.counts("length") == {FRAME_LENGTH: len(self)}:
             return bytes(self.raw_bytes)
-        if not self._prefers_numpy():
+        if not self.prefers_numpy():
             return b"".join([row.raw for row in self])
         import numpy as np
 
@@ -581,7 +582,7 @@ class Rows(Sequence["Row"]):
 
 
 def _looked_up(codes: list[int], rows: Rows, name: str) -> Buffer:
-    if not rows._prefers_numpy():
+    if not rows.prefers_numpy():
         return array("H", [codes[code] for code in rows.buffers[name].tolist()])
     import numpy as np
 

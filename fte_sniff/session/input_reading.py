@@ -211,7 +211,7 @@ class InputReading:
             if batch.gaps:
                 detector.expect(batch.gaps)
                 self._report(batch.gaps)
-            self.tally.update(batch.rows)
+            self.tally.observe(batch.rows)
             self.progress.advance(one.position - read, len(batch.rows))
             read = one.position
             found = batch if self.row_filter is None else batch.select(self.row_filter)

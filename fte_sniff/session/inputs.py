@@ -219,7 +219,7 @@ class Input(ABC):
         for rows in batches:
             if len(rows) and rows.times is None:
                 raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
-            tally.update(rows)
+            tally.observe(rows)
             inside = span.select(rows)
             found += len(inside)
             yield inside
@@ -386,7 +386,7 @@ class LogInput(Input):
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
             for rows in rows_of_log(self._log.again()):
-                tally.update(rows)
+                tally.observe(rows)
         return tally.times
 
     @property

@@ -192,7 +192,7 @@ class Playback:
         self.tally = Tally()
         self._rate = Rate()
         for rows in store.batches(store.first, index):
-            self.tally.update(rows)
+            self.tally.observe(rows)
         self.t_ns = self._time_from(index)
         """The time that is played, nanoseconds since 1970 UTC."""
         store.limit = index
@@ -228,7 +228,7 @@ class Playback:
         count = sum(map(len, shown))
         self._store.limit = start + count
         for rows in shown:
-            self.tally.update(rows)
+            self.tally.observe(rows)
         self._rate.update(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
         return Rows.concat(shown)
 

@@ -50,7 +50,7 @@ def statistics_json(summary: StatisticsSummary, reading: InputReading) -> Json:
         ],
         **_extent(total),
         "duration_s": _seconds(total.duration_ns),
-        "status": _statuses(summary.statistics.fault_counts.by_status()),
+        "status": _statuses(summary.statistics.tally.by_status()),
         "files": [{"name": source.name, **_extent(source.count)} for source in summary.sources],
         "ports": [_port(port, summary) for port in summary.statistics.ports()],
         "motors": [
@@ -75,7 +75,7 @@ def _statuses(counts: Mapping[Status, RowCount]) -> Json:
 
 
 def _port(port: PortStats, summary: StatisticsSummary) -> Json:
-    faults = summary.statistics.fault_counts.by_fault(port.port)
+    faults = summary.statistics.tally.by_fault(port.port)
     return {
         "port": port.port,
         "baud": port.baud,
@@ -84,7 +84,7 @@ def _port(port: PortStats, summary: StatisticsSummary) -> Json:
         **_times(port),
         "rows_per_s": port.per_s,
         "line_use": line_use(port),
-        "status": _statuses(summary.statistics.fault_counts.by_status(port.port)),
+        "status": _statuses(summary.statistics.tally.by_status(port.port)),
         "frames": {str(direction): port.frames[direction] for direction in Direction},
         "faults": [_fault(fault, count, port) for fault, count in faults.items()],
         "silences": {"count": port.silences.count, **_durations(port.silences)},

@@ -97,7 +97,7 @@ class ViewModel:
         stream_changes = shifted(update.changes, first)
         if update.rows:
             self.store.append(update.rows)
-            self.tally.update(update.rows)
+            self.tally.observe(update.rows)
         rings = self.state.live and self._rings(update.rows, now_ns)
         for event in update.events:
             self._events[event.kind] += 1
@@ -175,7 +175,7 @@ class ViewModel:
     @property
     def ports(self) -> tuple[str, ...]:
         """Ports of the rows, in order of appearance."""
-        return tuple(self.tally.by_port)
+        return self.tally.ports
 
     @property
     def start_ns(self) -> int | None:

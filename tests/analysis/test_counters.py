@@ -15,7 +15,7 @@ from fte_sniff.analysis.counters import (
     Rate,
     RecentValues,
 )
-from fte_sniff.analysis.tally import Tally
+from fte_sniff.analysis.tally import RowCount, Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
 from fte_sniff.protocol.rows import Rows
 
@@ -109,12 +109,14 @@ def test_a_rate_is_none_before_two_values_and_0_after_the_last(
 
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+MANY = st.tuples(ROWS, st.sampled_from([1, 8])).map(lambda drawn: drawn[0] * drawn[1])
+"""Few rows, or so many that they are counted as arrays."""
 
 
-@given(ROWS)
+@given(MANY)
 def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
     tally = Tally()
-    tally.update(Rows.from_rows(rows))
+    tally.observe(Rows.from_rows(rows))
     times = [row.t_ns for row in rows if row.t_ns is not None]
     frames = [row for row in rows if isinstance(row, Frame)]
     assert tally.rows == len(rows)
@@ -122,24 +124,30 @@ def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
     assert tally.bytes == sum(len(row.raw) for row in rows)
     assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
     for status in Status:
-        assert tally.by_status[status] == sum(row.status is status for row in rows)
+        assert tally.by_status()[status].rows == sum(row.status is status for row in rows)
     for fault in Fault:
-        assert tally.by_fault[fault] == sum(fault in row.faults for row in rows)
-    for port in {row.port for row in rows}:
-        assert tally.by_port[port] == sum(row.port == port for row in rows)
-    assert sum(tally.by_kind.values()) == sum(frame.kind is not None for frame in frames)
+        own = [row for row in rows if fault in row.faults]
+        assert (tally.by_fault().get(fault) or RowCount()).rows == len(own)
+    assert tally.ports == tuple(dict.fromkeys(row.port for row in rows))
+    for port in tally.ports:
+        here = [row for row in rows if row.port == port]
+        bytes_ = dict.fromkeys(Status, 0)
+        for row in here:
+            bytes_[row.status] += len(row.raw)
+        found = tally.by_status(port)
+        assert {status: count.bytes for status, count in found.items()} == bytes_
     assert tally.first_ns == min(times, default=None)
     assert tally.last_ns == max(times, default=None)
     assert tally.duration_ns == (max(times) - min(times) if times else None)
 
 
-@given(ROWS, st.data())
+@given(MANY, st.data())
 def test_batches_of_any_size_give_the_same_tally(rows: list[Row], data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(rows)))
     once, parts = Tally(), Tally()
-    once.update(Rows.from_rows(rows))
-    parts.update(Rows.from_rows(rows[:cut]))
-    parts.update(Rows.from_rows(rows[cut:]))
+    once.observe(Rows.from_rows(rows))
+    parts.observe(Rows.from_rows(rows[:cut]))
+    parts.observe(Rows.from_rows(rows[cut:]))
     assert parts == once
 
 
@@ -148,7 +156,7 @@ def test_the_malformed_share_is_of_all_rows() -> None:
     assert tally.malformed_share == 0
     noise = Damage("port", 0, b"\0", None, (Fault.NOISE,))
     suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
-    tally.update(Rows.from_rows([noise, suspect, suspect, suspect]))
+    tally.observe(Rows.from_rows([noise, suspect, suspect, suspect]))
     assert tally.malformed_share == 0.25
 
 

@@ -186,13 +186,13 @@ def test_totals_status_and_faults_equal_a_count_by_hand(one: list[Row], other: l
     total = summary.total
     assert total.rows == len(rows)
     assert (total.first_ns, total.last_ns) == (min(times, default=None), max(times, default=None))
-    for status, count in summary.statistics.fault_counts.by_status().items():
+    for status, count in summary.statistics.tally.by_status().items():
         having: list[Row] = [row for row in rows if row.status is status]
         assert (count.rows, count.bytes) == (len(having), sum(len(row.raw) for row in having))
     for port in {row.port for row in rows}:
         for fault in Fault:
             having = [row for row in rows if fault in row.faults and row.port == port]
-            found = summary.statistics.fault_counts.by_fault(port).get(fault)
+            found = summary.statistics.tally.by_fault(port).get(fault)
             assert (found.rows if found else 0) == len(having)
             assert (found.bytes if found else 0) == sum(len(row.raw) for row in having)
             times = [row.t_ns for row in having if row.t_ns is not None]
@@ -387,7 +387,7 @@ def test_a_summary_without_rows() -> None:
     assert summary.total.duration_ns is None
     assert summary.statistics.ports() == []
     assert summary.statistics.streams(None) == []
-    counts = summary.statistics.fault_counts.by_status()
+    counts = summary.statistics.tally.by_status()
     assert {status: count.rows for status, count in counts.items()} == dict.fromkeys(Status, 0)
 
 

@@ -108,16 +108,19 @@ def test_rows_are_counted(few: int, monkeypatch: pytest.MonkeyPatch, rows: list[
     monkeypatch.setattr(rows_module, "FEW", few)
     monkeypatch.setattr(rows_module, "_FEWEST", few)
     found, frames = Tally(), [row for row in rows if isinstance(row, Frame)]
-    found.update(Rows.from_rows(rows).select(slice(None)))
+    found.observe(Rows.from_rows(rows).select(slice(None)))
     assert type(found.bytes) is int  # which JSON can hold
     times = [row.t_ns for row in rows if row.t_ns is not None]
     assert (found.rows, found.frames) == (len(rows), len(frames))
     assert found.bytes == sum(len(row.raw) for row in rows)
     assert found.times == ((min(times), max(times)) if times else None)
-    assert found.by_port == Counter(row.port for row in rows)
-    assert found.by_status == Counter(row.status for row in rows)
-    assert found.by_fault == Counter(fault for row in rows for fault in set(row.faults))
-    assert found.by_kind == Counter(kind.name for row in frames if (kind := row.kind))
+    assert set(found.ports) == {row.port for row in rows}
+    for port in (None, *found.ports):
+        own = [row for row in rows if port in (None, row.port)]
+        counts = {status: count.rows for status, count in found.by_status(port).items()}
+        assert Counter(counts) == Counter(row.status for row in own)
+        counts = {fault: count.rows for fault, count in found.by_fault(port).items()}
+        assert counts == Counter(fault for row in own for fault in set(row.faults))
     assert Rows.from_rows(rows).tobytes() == b"".join(row.raw for row in rows)
 
 
