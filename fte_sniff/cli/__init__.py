@@ -9,6 +9,7 @@ Modules:
     check_report       Verdicts as a table, JSON or JUnit XML.
     completion         `fte-sniff completion`: scripts for shells; ports, files, filters.
     decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
+    decoder            `fte-sniff decoder`: decoders for sigrok, Wireshark and JSON tools.
     doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
     encode             `fte-sniff encode`: bytes of a frame from its values.
     extras             Packages of the extras: the command that installs one.

@@ -1,4 +1,4 @@
-"""`fte-sniff decode`: recordings, raw bytes and hex text to tables, CSV, JSONL, Parquet, MCAP."""
+"""`fte-sniff decode`: recordings, raw bytes and logs to text, Parquet, MCAP and pcapng."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes,
 from fte_sniff.cli.progress import ProgressLine, progress_line
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError, unwritable
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.session.following import Following
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -98,7 +98,7 @@ def _write(
         FileError: the file exists (and `force` is not set), or cannot be written.
         BrokenPipeError: standard output lost its reader.
     """
-    is_text = form not in (OutputFormat.RAW, OutputFormat.MCAP, OutputFormat.PARQUET)
+    is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
     if path is None or str(path) == "-":
         stdout = None if is_text else _binary_stdout(form, path)
         sink = open_sink(form, stdout, reading.source)

@@ -34,7 +34,7 @@ PROGRAM = "fte-sniff"
 
 COMMANDS = (
     *("live", "view", "decode", "stats", "check", "report", "hex", "encode"),
-    *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
+    *("bridge", "simulate", "repair", "decoder", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""
 

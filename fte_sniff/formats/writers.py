@@ -26,6 +26,7 @@ class OutputFormat(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     MCAP = "mcap"
+    PCAPNG = "pcapng"
     HEX = "hex"
     RAW = "raw"
 
@@ -39,6 +40,7 @@ FORMAT_BY_SUFFIX: Final = MappingProxyType(
         ".jsonl": OutputFormat.JSONL,
         ".parquet": OutputFormat.PARQUET,
         ".mcap": OutputFormat.MCAP,
+        ".pcapng": OutputFormat.PCAPNG,
         ".txt": OutputFormat.TABLE,
         ".hex": OutputFormat.HEX,
         ".raw": OutputFormat.RAW,

@@ -70,7 +70,7 @@ class Sink(Protocol):
 def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource) -> Sink:
     """Create the file, or replace it; None is standard output, for text formats.
 
-    Raw bytes and recordings can go to an open descriptor, which is not closed.
+    Raw bytes, recordings and pcapng can go to an open descriptor, which is not closed.
 
     Gaps and selections of the source are read on closing. Raises OSError if the file cannot be
     created.
@@ -80,6 +80,8 @@ def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource)
             return ParquetSink(path)
         case OutputFormat.MCAP if path is not None:
             return _RecordingSink(path, source)
+        case OutputFormat.PCAPNG if path is not None:
+            return PcapngSink(path, source)
         case OutputFormat.RAW if path is not None:
             return RawSink(path)
         case _:
@@ -147,6 +149,27 @@ class RawSink:
         """See `Sink`."""
         self.ports.update(rows.ports())
         self._stream.write(rows.tobytes())
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._stream.close()
+
+    abandon = close
+
+
+class PcapngSink:
+    """Writes pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
+
+    def __init__(self, path: Path | int, source: ExportSource) -> None:
+        from fte_sniff.formats.pcapng import PcapngWriter
+
+        self._stream = open(path, "wb", closefd=not isinstance(path, int))  # noqa: SIM115
+        self._writer = PcapngWriter(self._stream, source.bauds)
+
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """See `Sink`."""
+        self._writer.write(rows)
+        self._stream.flush()
 
     def close(self) -> None:
         """See `Sink`."""

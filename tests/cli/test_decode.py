@@ -28,7 +28,7 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.errors import FileError
 from fte_sniff.formats.input_kind import InputKind
-from fte_sniff.formats.writers import OutputFormat
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
@@ -474,7 +474,7 @@ def test_an_end_that_says_nothing_is_refused_before_anything_is_read(
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert f"{name}: the extension selects the format" in done.stderr
-    assert ".csv .jsonl .parquet .mcap .txt .hex .raw .bin" in done.stderr
+    assert " ".join(FORMAT_BY_SUFFIX) in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

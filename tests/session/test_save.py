@@ -89,6 +89,9 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
         case ".hex":
             again = rows_of_log(LogReader(str(path)), lambda _: None)
             assert b"".join(row.raw for some in again for row in some) == whole
+        case ".pcapng":
+            data = path.read_bytes()
+            assert all(row.raw in data for row in taken)
         case _:
             assert b"".join(chunk.data for chunk in raw_chunks(path)) == whole
 

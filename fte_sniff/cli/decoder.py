@@ -1,0 +1,39 @@
+"""`fte-sniff decoder`: decoders for sigrok, Wireshark and JSON tools, from the frame table."""
+
+from __future__ import annotations
+
+import click
+
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, unwritable
+
+
+@click.command(name="decoder", short_help="Print a decoder for sigrok, Wireshark or JSON tools.")
+@click.argument("tool", type=click.Choice(("sigrok", "wireshark", "json-schema")))
+@click.option("--install", is_flag=True, help="Write it to the folder in which the tool looks.")
+def command(tool: str, install: bool) -> None:
+    """Print a decoder of the protocol for another tool.
+
+    sigrok decodes captures of a logic analyser in PulseView and sigrok-cli. wireshark dissects what
+    `decode -o NAME.pcapng` writes, in Wireshark and tshark. json-schema describes the JSON lines.
+
+    \b
+    fte-sniff decoder sigrok --install
+    fte-sniff decoder wireshark --install
+    fte-sniff decoder json-schema
+    """
+    from fte_sniff.formats.decoders.tools import TOOLS
+    from fte_sniff.session.save import replace_text
+
+    found = TOOLS[tool]
+    if not install:
+        click.echo(found.text(), nl=False)
+        return
+    if found.path is None:
+        raise UsageError(f"{tool} has no folder to install it to; write it to a file: {found.use}")
+    path = found.path()
+    try:
+        replace_text(path, found.text(), mode=0o644)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    print_err(f"{path} is written; {found.use}")

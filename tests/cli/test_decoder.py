@@ -1,0 +1,135 @@
+"""`decoder`: decoders for other tools are printed, and installed where the tool looks."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from fte_sniff.formats.decoders.tools import TOOLS
+
+INSTALLED = {
+    "sigrok": ".local/share/libsigrokdecode/decoders/fte/__init__.py",
+    "wireshark": ".local/lib/wireshark/plugins/fte.lua",
+}
+
+
+@pytest.fixture
+def home(tmp_path: Path, environment: dict[str, str]) -> Path:
+    """The home folder of the program."""
+    environment.pop("XDG_DATA_HOME", None)
+    environment["HOME"] = str(tmp_path / "home")
+    return tmp_path / "home"
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_decoder_is_printed_whole(run, tool: str) -> None:
+    done = run("decoder", tool)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == TOOLS[tool].text()
+    assert "@TABLES@" not in done.stdout
+
+
+@pytest.mark.parametrize("tool", INSTALLED)
+def test_decoder_is_installed_and_replaced(run, home: Path, tool: str) -> None:
+    path = home / INSTALLED[tool]
+    for _ in range(2):
+        done = run("decoder", tool, "--install")
+        assert (done.returncode, done.stdout) == (0, "")
+        assert done.stderr.startswith(f"{path} is written; ")
+        assert path.read_text("utf-8") == TOOLS[tool].text()
+        assert path.stat().st_mode & 0o444 == 0o444
+        path.write_text("old")
+
+
+@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+def test_tshark_finds_the_installed_dissector(run, home: Path, samples: Path) -> None:
+    assert run("decoder", "wireshark", "--install").returncode == 0
+    done = run("decode", samples / "damaged.mcap", "-o", home / "x.pcapng")
+    assert done.returncode == 0
+    words = [
+        "tshark",
+        "-r",
+        home / "x.pcapng",
+        "-Y",
+        "fte.motor == 1",
+        "-T",
+        "fields",
+        "-e",
+        "fte.raw",
+    ]
+    shown = subprocess.run(
+        words,
+        env={**os.environ, "HOME": str(home)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = run("decode", samples / "damaged.mcap", "--format", "jsonl", "--filter", "motor = 1")
+    expected = [json.loads(line)["raw"].lower() for line in rows.stdout.splitlines()]
+    assert shown.stdout.splitlines() == expected
+
+
+@pytest.mark.skipif(shutil.which("sigrok-cli") is None, reason="sigrok-cli is not installed")
+def test_sigrok_finds_the_installed_decoder(run, home: Path) -> None:
+    assert run("decoder", "sigrok", "--install").returncode == 0
+    environment = {**os.environ, "HOME": str(home)}
+    environment.pop("XDG_DATA_HOME", None)
+    shown = subprocess.run(
+        ["sigrok-cli", "-P", "fte", "--show"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "Name: FTE\n" in shown.stdout
+
+
+def test_json_schema_has_no_folder(run) -> None:
+    done = run("decoder", "json-schema", "--install")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "fte-sniff decoder json-schema > fte-sniff.schema.json" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("tool", INSTALLED)
+def test_folder_that_cannot_be_made_is_one_line(run, home: Path, tool: str) -> None:
+    home.mkdir()
+    (home / ".local").write_text("a file")
+    done = run("decoder", tool, "--install")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert INSTALLED[tool] in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("tool", INSTALLED)
+def test_folder_without_permission_is_one_line(run, home: Path, tool: str) -> None:
+    folder = (home / INSTALLED[tool]).parent
+    folder.mkdir(parents=True)
+    folder.chmod(0o500)
+    if os.access(folder, os.W_OK):
+        pytest.skip("this user may write everywhere")
+    done = run("decoder", tool, "--install")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert INSTALLED[tool] in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_unknown_tool_lists_the_tools(run) -> None:
+    done = run("decoder", "saleae")
+    assert done.returncode == 2
+    assert all(tool in done.stderr for tool in TOOLS)
+
+
+@pytest.mark.parametrize("name", ["clean", "damaged", "midstream", "idle"])
+def test_every_json_line_of_a_sample_is_valid_by_the_schema(run, samples: Path, name: str) -> None:
+    validator = Draft202012Validator(json.loads(run("decoder", "json-schema").stdout))
+    lines = run("decode", samples / f"{name}.mcap", "--format", "jsonl").stdout.splitlines()
+    assert lines
+    for line in lines:
+        validator.validate(json.loads(line))

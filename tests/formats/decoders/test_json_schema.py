@@ -1,0 +1,76 @@
+"""The JSON Schema accepts every JSON line that the program writes, and no others."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from jsonschema import Draft202012Validator
+
+from fte_sniff.formats.decoders.json_schema import schema
+from fte_sniff.formats.writers import JsonlWriter
+from fte_sniff.protocol import COLUMNS, DEFAULT_BAUD, KINDS, Chunk, Framer, Row, encode
+from tests.protocol.streams import raw_bytes
+from tests.recording.conftest import some_rows
+
+VALIDATOR = Draft202012Validator(json.loads(schema()))
+
+
+def lines(rows: list[Row]) -> list[dict[str, Any]]:
+    stream = io.StringIO()
+    JsonlWriter(stream).write(rows)
+    return [json.loads(line) for line in stream.getvalue().splitlines()]
+
+
+def test_schema_is_valid_and_lists_the_columns_in_order() -> None:
+    Draft202012Validator.check_schema(json.loads(schema()))
+    assert [*json.loads(schema())["properties"]] == [column.name for column in COLUMNS]
+
+
+@given(raw_bytes)
+def test_every_row_of_any_stream_is_valid(data: bytes) -> None:
+    framer = Framer("p", DEFAULT_BAUD)
+    rows = [*framer.feed(Chunk("p", None, data)), *framer.flush()]
+    for line in lines(rows):
+        VALIDATOR.validate(line)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"motor": None},
+        {"motor": 256},
+        {"rpm": 40_000},
+        {"rpm": 1.5},
+        {"pulses": 1},
+        {"direction": "feedback"},
+        {"cmd": 2},
+        {"kind": None},
+        {"kind": "spead"},
+        {"status": "suspect"},
+        {"faults": ["bad_motor"]},
+        {"faults": ["wrong"]},
+        {"raw": "aa"},
+        {"raw": "A"},
+        {"time": 1},
+        {"more": 1},
+    ],
+)
+def test_row_that_the_program_never_writes_is_invalid(changed: dict[str, Any]) -> None:
+    (line,) = lines([row for row in some_rows(6) if row.raw[:2] == b"\xaa\x01"][:1])
+    assert VALIDATOR.is_valid(line)
+    assert not VALIDATOR.is_valid(line | changed)
+    assert not VALIDATOR.is_valid({name: line[name] for name in [*line][1:]})
+
+
+def test_every_kind_of_frame_is_valid_at_the_ends_of_its_ranges() -> None:
+    for kind in KINDS:
+        for end in ("low", "high"):
+            raw = encode(kind, {field.name: getattr(field, end) for field in kind.fields})
+            framer = Framer("p", DEFAULT_BAUD)
+            rows = [*framer.feed(Chunk("p", None, raw * 3)), *framer.flush()]
+            assert {line["kind"] for line in lines(rows)} == {kind.name}
+            assert all(map(VALIDATOR.is_valid, lines(rows)))
