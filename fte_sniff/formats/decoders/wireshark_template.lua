@@ -135,7 +135,7 @@ local function add_damage(tvb, tree, found)
     return "damage " .. tostring(tvb:bytes()) .. " [" .. names .. "]"
 end
 
--- Frames, and damage where ten bytes are not framed; a part of a frame waits for the next segment.
+-- Frames, and damage where no frame is; the first bytes of a frame wait for the next segment.
 function fte.dissector(tvb, pinfo, tree)
     pinfo.cols.protocol = "FTE"
     local at, texts = 0, {}
