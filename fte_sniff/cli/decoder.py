@@ -6,10 +6,11 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.formats.decoders.tools import TOOLS
 
 
 @click.command(name="decoder", short_help="Print a decoder for sigrok, Wireshark or JSON tools.")
-@click.argument("tool", type=click.Choice(("sigrok", "wireshark", "json-schema")))
+@click.argument("tool", type=click.Choice(tuple(TOOLS)))
 @click.option("--install", is_flag=True, help="Write it to the folder in which the tool looks.")
 def command(tool: str, install: bool) -> None:
     """Print a decoder of the protocol for another tool.
@@ -22,7 +23,6 @@ def command(tool: str, install: bool) -> None:
     fte-sniff decoder wireshark --install
     fte-sniff decoder json-schema
     """
-    from fte_sniff.formats.decoders.tools import TOOLS
     from fte_sniff.session.save import replace_text
 
     found = TOOLS[tool]

@@ -23,6 +23,7 @@ _LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w
 _OPENERS: Final = ("AND", "OR", "NOT", "WHERE", "(", "&&", "||", "!")
 _KEYWORDS: Final = OPERATOR_WORDS | {"NULL", "TRUE", "FALSE", "FROM", "WHERE"}
 _KNOWN: Final = frozenset([*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
+_CALLS: Final = tuple(f"{name}(" for name in FUNCTIONS)
 _COMPARED_BY: Final = frozenset([*COMPARISONS, *PATTERN_WORDS])
 _MILLISECONDS: Final = len("12:00:00.000")
 
@@ -101,9 +102,9 @@ def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
         return _quoted_values(compared, t_ns) or same_type
     last = before[-1] if before else None
     if last is None or last.operator in _OPENERS:
-        return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD]
+        return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD, *_CALLS]
     if last.type is TokenType.SYMBOL and last.text != ")":
-        return list(COLUMN_BY_NAME)
+        return [*COLUMN_BY_NAME, *_CALLS]
     column = _column(last)
     is_value = len(before) > 1 and before[-2].text in COMPARISONS
     return ("AND", "OR") if column is None or is_value else _operators(column)

@@ -291,6 +291,7 @@ EXAMPLES: Final = (
     ("time > '12:00:05'", "a time of day, UTC, on any day"),
     ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
     ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
+    *((function.example, "a function") for function in FUNCTIONS.values()),
 )
 """Working filters, each with its meaning."""
 

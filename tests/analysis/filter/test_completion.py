@@ -56,6 +56,8 @@ def test_a_time_is_completed_from_the_suggested_one(
         ("motor = 1 o", 10, ("OR",)),
         ("motor = 1 ", 10, ("AND", "OR")),
         ("rpm > vx", 6, ("vx_cm_s",)),
+        ("NOT ab", 4, ("abs(",)),
+        ("rpm = 1 - ab", 10, ("abs(",)),
         ("motor betw", 6, ("BETWEEN",)),
         ("port li", 5, ("LIKE",)),
         ("status = ", 9, tuple(f"'{word}'" for word in Status)),

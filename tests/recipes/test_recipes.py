@@ -1,0 +1,570 @@
+"""Each row of CONTRIBUTING's "Where do I put ..." is enough: what it adds appears everywhere.
+
+A recipe may edit only the files that its row names (`recipe.py`).
+"""
+
+from __future__ import annotations
+
+import json
+
+from tests.recipes.recipe import Copy, Recipe
+
+FRAMES = bytes.fromhex("AA010103E800000000EE AA020203E800002710EE 55010103E80000000FEE")
+SPEED = bytes.fromhex("AA010103E800000000EE")
+
+
+def write(copy: Copy, name: str, data: bytes | str) -> str:
+    """A file in the folder of the commands."""
+    path = copy.folder / name
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return name
+
+
+def rows_of(copy: Copy, *words: str) -> list[dict[str, object]]:
+    """The rows that `decode` writes as JSON lines."""
+    output = copy.run("decode", *words, "--format", "jsonl")
+    return [json.loads(line) for line in output.splitlines()]
+
+
+def test_kind_of_frame(recipe: Recipe) -> None:
+    recipe.before(
+        "fte_sniff/protocol/spec.py",
+        ')\n"""Every kind of frame',
+        """    FrameKind(
+        "lamp",
+        Direction.CONTROL,
+        (0x04,),
+        (_MOTOR, _int16("glow", 3, "lm", "brightness of a lamp", "glow", None)),
+        range(5, 9),
+        "light a lamp",
+    ),
+""",
+    )
+    lamp = "AA 04 02 00 28 00 00 00 00 EE"
+    with recipe.program() as copy:
+        assert copy.run("encode", "lamp", "--motor", "2", "--glow", "40") == f"{lamp}\n"
+        assert "lamp" in copy.run("hex", lamp)
+        raw = write(copy, "a.raw", bytes.fromhex(lamp) * 300 + FRAMES)
+        expected = {"kind": "lamp", "motor": 2, "glow": 40, "status": "ok"}
+        for words in ((raw,), (raw, "--limit", "1"), (raw, "--filter", "kind = 'lamp'")):
+            rows = rows_of(copy, *words)
+            assert expected.items() <= rows[0].items()
+        copy.run("decode", raw, "--start", "2026-01-31T12:00:00Z", "-o", "a.mcap")
+        recorded = rows_of(copy, "a.mcap", "--filter", "glow > 39")
+        assert len(recorded) == 300
+        assert expected.items() <= recorded[-1].items()
+        assert len(rows_of(copy, "samples/clean.mcap")) > 100
+        assert "glow=40" in copy.run("decode", raw, "--limit", "1")
+        assert "lamp 2 " in copy.run("stats", "a.mcap")
+        assert "40 .. 40" in copy.run("stats", "a.mcap")
+        copy.run("check", "a.mcap", "--expect", "max(glow) == 40")
+        copy.run("report", "a.mcap", "-o", "a.html")
+        assert "lamp" in (copy.folder / "a.html").read_text()
+        copy.run("live", "sim://?seed=1", "--plain", "--count", "20", "-o", "b.mcap")
+        assert "light a lamp" in copy.screen(raw, "home", "i", "M", "S")
+        assert "glow" in copy.page_part("kinds") + copy.page_part("headers")
+        assert "brightness of a lamp" in copy.page_part("fields")
+        assert "light a lamp" in copy.unfinished_texts()
+
+
+def test_form_of_writing_bytes_in_logs(recipe: Recipe) -> None:
+    logs = "fte_sniff/formats/logs"
+    recipe.before(
+        f"{logs}/forms.py",
+        '    ("base64", ',
+        '    ("tilde before each byte", "~@@", " ?", "a tool of this test"),\n',
+    )
+    recipe.before(
+        f"{logs}/times.py",
+        '    ("since", 0, _NUMBER),',
+        '    ("since", 10**6, r"tick " + _NUMBER),\n',
+    )
+    recipe.replace(f"{logs}/evidence.py", r"(?:tx\d?|txd|", r"(?:north|tx\d?|txd|")
+    with recipe.program() as copy:
+        for between in ("", " "):
+            line = between.join(f"~{byte:02x}" for byte in SPEED)
+            log = "".join(
+                f"tick {100 * number} {'RX' if number % 3 else 'north'} {line}\n"
+                for number in range(30)
+            )
+            rows = rows_of(copy, write(copy, "a.log", log), "--start", "2026-01-31T12:00:00Z")
+            assert {row["raw"] for row in rows} == {SPEED.hex().upper()}
+            assert [str(row["time"])[17:21] for row in rows[:3]] == ["00.0", "00.1", "00.2"]
+            assert [row["port"] for row in rows[:3]] == ["a.log:tx", "a.log:rx", "a.log:rx"]
+
+
+def test_column(recipe: Recipe) -> None:
+    recipe.after(
+        "fte_sniff/protocol/columns.py",
+        "COLUMNS: tuple[Column, ...] = (",
+        """    Column(
+        "bits",
+        ColumnType.INT,
+        "bits of the row",
+        lambda row: 8 * len(row.raw),
+        lambda rows: ColumnData(8 * rows.length),
+        unit="bit",
+        rank=11,
+    ),
+""",
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES * 200)
+        few = copy.run("decode", raw, "--format", "csv", "--limit", "2").splitlines()
+        many = copy.run("decode", raw, "--format", "csv").splitlines()
+        assert [line.partition(",")[0] for line in few] == ["bits", "80", "80"]
+        assert [line.partition(",")[0] for line in many] == ["bits", *["80"] * 600]
+        for words in (("--limit", "2"), (), ("--filter", "bits = 80")):
+            assert {row["bits"] for row in rows_of(copy, raw, *words)} == {80}
+        copy.run("decode", raw, "-o", "a.parquet")
+        assert rows_of(copy, "a.parquet")[0]["raw"] == SPEED.hex().upper()
+        assert copy.complete("fte-sniff decode --filter bi")[0] == "bits"
+        copy.run("check", raw, "--expect", "max(bits) == 80")
+        assert "80 bit" in copy.run("check", raw, "--expect", "max(bits) == 8", code=1)
+        copy.run("report", raw, "-o", "a.html")
+        assert "bits" in copy.screen(raw).splitlines()[1].split()
+        assert "bits of the row" in copy.screen(raw, "C")
+        assert "| `bits` | int | bits of the row |" in copy.page_part("rows")
+        assert "bits of the row" in copy.unfinished_texts()
+
+
+def test_output_format(recipe: Recipe) -> None:
+    writers = "fte_sniff/formats/writers.py"
+    recipe.after(writers, '    TABLE = "table"', '    TABS = "tabs"\n')
+    recipe.after(
+        writers, '        ".csv": OutputFormat.CSV,', '        ".tabs": OutputFormat.TABS,\n'
+    )
+    recipe.replace(
+        writers,
+        "TEXT_FORMATS = (OutputFormat.TABLE,",
+        "TEXT_FORMATS = (OutputFormat.TABLE, OutputFormat.TABS,",
+    )
+    recipe.after(
+        writers,
+        "    if form is OutputFormat.JSONL:\n        return JsonlWriter(stream)",
+        "    if form is OutputFormat.TABS:\n        return TabsWriter(stream)\n",
+    )
+    recipe.append(
+        writers,
+        '''
+
+class TabsWriter(_LineWriter):
+    """Writes the values of a row with tabs between two."""
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Write the rows."""
+        self._stream.writelines("\\t".join(map(str, _values(row))) + "\\n" for row in rows)
+''',
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES * 200)
+        output = copy.run("decode", raw, "--format", "tabs")
+        assert len(output.splitlines()) == 600
+        assert output.split("\t")[-1].strip() == FRAMES[20:].hex().upper()
+        copy.run("decode", raw, "-o", "a.tabs")
+        assert (copy.folder / "a.tabs").read_text() == output
+        assert "\t" in copy.run("hex", SPEED.hex(), "--format", "tabs")
+        assert copy.complete("fte-sniff decode --format ta") == ["table", "tabs"]
+        assert all("tabs" in copy.run(name, "--help") for name in ("decode", "hex"))
+        keys = ("w", *"b.tabs", "enter")
+        assert "b.tabs" in copy.screen(raw, *keys)
+
+
+def test_url_scheme_of_ports(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/capture/url_handlers/protocol_echo.py",
+        '''"""`echo://BYTES`: a port on which these bytes come."""
+
+from urllib.parse import urlsplit
+
+from serial.urlhandler import protocol_loop
+
+
+class Serial(protocol_loop.Serial):
+    """A port that receives the bytes of its name."""
+
+    def from_url(self, url: str) -> None:
+        """Take the bytes."""
+        self._bytes = bytes.fromhex(urlsplit(url).netloc)
+
+    def open(self) -> None:
+        """Receive the bytes."""
+        super().open()
+        self.write(self._bytes)
+''',
+    )
+    with recipe.program() as copy:
+        port = f"echo://{SPEED.hex()}"
+        assert "rpm=1000" in copy.run("live", port, "--plain", "--count", "1", "-o", "a.mcap")
+        assert [row["port"] for row in rows_of(copy, "a.mcap")] == [port]
+
+
+def test_decoder_for_another_tool(recipe: Recipe) -> None:
+    recipe.after(
+        "fte_sniff/formats/decoders/tools.py",
+        "    {",
+        """        "names": Tool(lambda: str(KINDS), None, "read it"),\n""",
+    )
+    recipe.before(
+        "fte_sniff/formats/decoders/tools.py",
+        "\n\n@dataclass",
+        "from fte_sniff.protocol import KINDS\n",
+    )
+    with recipe.program() as copy:
+        assert "'mecanum'" in copy.run("decoder", "names")
+        assert copy.complete("fte-sniff decoder na") == ["names"]
+        assert "names" in copy.run("decoder", "--help") + copy.page_part("commands")
+
+
+def test_command(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/cli/greet.py",
+        '''"""`fte-sniff greet`."""
+
+import click
+
+
+@click.command(name="greet", short_help="Greet the user.")
+def command() -> None:
+    """Greet the user of the program."""
+    click.echo("hello")
+''',
+    )
+    recipe.replace("fte_sniff/cli/main.py", '("live", "view", ', '("live", "greet", "view", ')
+    recipe.before(
+        "fte_sniff/cli/__init__.py", "    hex   ", "    greet              Greet the user.\n"
+    )
+    recipe.replace("pyproject.toml", '"live | bridge | view', '"live | greet | bridge | view')
+    with recipe.program() as copy:
+        assert copy.run("greet") == "hello\n"
+        assert "Greet the user." in copy.run("--help")
+        assert "Greet the user of the program." in copy.run("greet", "--help")
+        assert copy.complete("fte-sniff gr") == ["greet"]
+        assert "## greet" in copy.page_part("commands")
+
+
+def test_key_of_the_screen(recipe: Recipe) -> None:
+    recipe.after(
+        "fte_sniff/tui/commands.py",
+        "MOVING: tuple[Command, ...] = (",
+        """    _key(
+        "D", "view.greet", "greet the user", short="Greet", rank=1, words="hello"
+    ),
+""",
+    )
+    recipe.before(
+        "fte_sniff/tui/controllers/view.py",
+        "    def action_times(self)",
+        """    def action_greet(self) -> None:
+        self._notice.inform("welcome")
+
+""",
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES)
+        assert "D Greet" in copy.screen(raw)
+        assert "welcome" in copy.screen(raw, "D")
+        assert "greet the user" in copy.screen(raw, "question_mark")
+        assert "greet the user" in copy.screen(raw, "ctrl+p", *"hello")
+        assert "| `D` | greet the user |" in copy.page_part("keys")
+        assert "greet the user" in copy.unfinished_texts()
+
+
+def test_pane_of_the_screen(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/tui/panes/greeting.py",
+        '''"""A pane that greets."""
+
+from rich.text import Text
+
+from fte_sniff.tui.panes.pane import Pane, PaneContext
+
+
+class GreetingPane(Pane):
+    """Greets the user."""
+
+    NAME = "greeting"
+
+    def draw(self, context: PaneContext) -> None:
+        """Greet."""
+        self.set_title("greeting")
+        self.set_page(Text(f"welcome to row {context.row_number}"))
+''',
+    )
+    switcher = "fte_sniff/tui/panes/switcher.py"
+    recipe.before(
+        switcher,
+        "from fte_sniff.tui.panes.motors ",
+        "from fte_sniff.tui.panes.greeting import GreetingPane\n",
+    )
+    recipe.replace(switcher, "= (DetailPane, ", "= (GreetingPane, DetailPane, ")
+    recipe.after(
+        "fte_sniff/tui/commands.py",
+        "UNDERSTANDING: tuple[Command, ...] = (",
+        """    _rows("D", "view.pane('greeting')", "a greeting"),\n""",
+    )
+    recipe.append("fte_sniff/tui/panes/__init__.py", "")
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES)
+        assert "welcome to row 1" in copy.screen(raw, "home", "D")
+        assert "a greeting" in copy.screen(raw, "question_mark")
+
+
+def test_model_or_number_that_the_screen_shows(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/analysis/longest.py",
+        '''"""The longest row."""
+
+from fte_sniff.protocol import Rows
+
+
+class LongestRow:
+    """Bytes of the longest row."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def observe(self, rows: Rows) -> None:
+        """Add rows."""
+        self.bytes = max(self.bytes, int(rows.length.max()))
+''',
+    )
+    models = "fte_sniff/analysis/live_models.py"
+    recipe.before(
+        models,
+        "from fte_sniff.analysis.motor_stats import FlagCounts",
+        "from fte_sniff.analysis.longest import LongestRow\n",
+    )
+    recipe.before(models, "        self.missed = 0\n", "        self.longest = LongestRow()\n")
+    recipe.after(
+        models,
+        "                self.statistics.observe(rows)",
+        "                self.longest.observe(rows)\n",
+    )
+    recipe.before(
+        "fte_sniff/tui/panes/statistics.py",
+        "        ports, streams = ",
+        "        yield Text(f'longest row: {models.longest.bytes} bytes')\n",
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES)
+        assert "longest row: 10 bytes" in copy.screen(raw, "S")
+
+
+def test_measure_of_check(recipe: Recipe) -> None:
+    measures = "fte_sniff/analysis/measures.py"
+    table = "MEASURES: Final[Mapping[str, MeasureKind]] = {"
+    recipe.after(
+        measures,
+        table,
+        """    "volume": MeasureKind(
+        _Volume, Argument.FILTER, "volume(malformed) == 0", "a row", "bytes"
+    ),
+""",
+    )
+    recipe.before(
+        measures,
+        table,
+        '''class _Volume(Measure):
+    """`volume(FILTER)`."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._bytes = 0
+
+    def observe(self, rows: Rows, matches: Bools) -> None:
+        self._bytes += int(rows.length[matches].sum())
+
+    def merge(self, later: Self) -> None:
+        super().merge(later)
+        self._bytes += later._bytes
+
+    def value(self, total: RowCount) -> float | None:
+        """The bytes of matching rows."""
+        return self._bytes
+
+
+''',
+    )
+    recipe.after(
+        "docs/check.md",
+        "| measure | value | needs |\n|---|---|---|",
+        "| `volume(FILTER)` | bytes of matching rows | any row |\n",
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES)
+        copy.run("check", raw, "--expect", "volume(kind = 'speed') == 10")
+        rule = ("--expect", "volume(kind = 'speed') == 10")
+        failed = copy.run("check", raw, raw, "--jobs", "2", *rule, code=1)
+        assert "20 bytes" in failed
+        found = json.loads(copy.run("check", raw, "--format", "json", *rule))
+        assert found["rules"][0]["measured"] == 10
+        rules = write(copy, "a.toml", '[[rule]]\nname = "a"\nexpect = "volume(malformed) == 0"\n')
+        copy.run("check", raw, "--rules", rules)
+
+
+def test_number_of_stats(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/analysis/longest.py",
+        '''"""The longest row."""
+
+from typing import Self
+
+from fte_sniff.protocol import Rows
+
+
+class LongestRow:
+    """Bytes of the longest row."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def observe(self, rows: Rows) -> None:
+        """Add rows."""
+        self.bytes = max(self.bytes, int(rows.length.max()))
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self.bytes = max(self.bytes, later.bytes)
+''',
+    )
+    summary = "fte_sniff/analysis/summary.py"
+    recipe.before(
+        summary,
+        "from fte_sniff.analysis.motor_stats import",
+        "from fte_sniff.analysis.longest import LongestRow\n",
+    )
+    recipe.before(
+        summary, "        self.flags = FlagCounts()\n", "        self.longest = LongestRow()\n"
+    )
+    recipe.after(
+        summary,
+        "        self.flags.merge(later.flags)",
+        "        self.longest.merge(later.longest)\n",
+    )
+    recipe.after(
+        summary,
+        "        self.flags.observe(rows, found)",
+        "        self.longest.observe(rows)\n",
+    )
+    recipe.after(
+        "fte_sniff/session/stats_json.py",
+        '        "version": VERSION,',
+        '        "longest_row_bytes": summary.longest.bytes,\n',
+    )
+    recipe.before(
+        "fte_sniff/cli/stats_report.py",
+        "    for selection in reading.source.selections:\n",
+        '    yield _line("longest", f"{summary.longest.bytes} bytes")\n',
+    )
+    recipe.append("docs/stats.md", "\n`longest_row_bytes` is the length of the longest row.\n")
+    with recipe.program() as copy:
+        short, long = write(copy, "a.raw", FRAMES), write(copy, "b.raw", FRAMES + bytes(30))
+        assert "longest    10 bytes\n" in copy.run("stats", short)
+        for jobs in ("1", "2"):
+            words = ("stats", long, short, "--format", "json", "--jobs", jobs)
+            assert json.loads(copy.run(*words))["longest_row_bytes"] == 30
+
+
+def test_page_of_documentation(recipe: Recipe) -> None:
+    recipe.append("docs/greeting.md", "# A greeting\n\nWelcome.\n")
+    check = (
+        "import os, runpy; runpy.run_path(os.path.abspath('docs/links.py'), run_name='__main__')"
+    )
+    with recipe.program() as copy:
+        assert "docs/index.md has no link to it" in copy.python(check, code=1)
+        recipe.append("docs/index.md", "\n- [A greeting](greeting.md): welcome\n")
+        assert not copy.python(check)
+
+
+def test_check_of_doctor(recipe: Recipe) -> None:
+    doctor = "fte_sniff/session/doctor.py"
+    recipe.after(
+        doctor,
+        '    """Check folder, terminal, installation, clock, and programs that interfere."""',
+        "    yield greeting_finding()\n",
+    )
+    recipe.append(
+        doctor,
+        '''
+
+def greeting_finding() -> Finding:
+    """That nobody was greeted."""
+    return bad("user", "nobody was greeted", "say hello")
+''',
+    )
+    with recipe.program() as copy:
+        output = copy.run("doctor", code=1)
+        assert "nobody was greeted" in output
+        assert "say hello" in output
+        assert "nobody was greeted" in copy.run("doctor", "sim://", "--seconds", "0.1", code=1)
+        found = map(json.loads, copy.run("doctor", "--format", "jsonl", code=1).splitlines())
+        assert "nobody was greeted" in [one["what"] for one in found]
+
+
+def test_filter_function(recipe: Recipe) -> None:
+    recipe.after(
+        "fte_sniff/analysis/filter/terms.py",
+        "FUNCTIONS: Final = {",
+        """    "twice": Function(
+        (TermType.NUMBER,), TermType.NUMBER, lambda number: 2 * number, "twice(rpm) > 500"
+    ),
+""",
+    )
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES)
+        assert len(rows_of(copy, raw, "--filter", "twice(rpm) = 2000")) == 3
+        copy.run("check", raw, "--expect", "count(twice(rpm) = 2000) == 3")
+        assert copy.complete("fte-sniff decode --filter tw") == ["twice("]
+        assert "twice(rpm) > 500" in copy.run("decode", "--filter", "help")
+        assert "twice(rpm) > 500" in copy.screen(raw, "question_mark", "end")
+
+
+def test_look_of_a_status(recipe: Recipe) -> None:
+    look = "fte_sniff/protocol/look.py"
+    for old, new in (('"!"', '"§"'), ('"▐"', '"▓"'), ('"#d03b3b"', '"#123456"')):
+        recipe.replace(look, old, new)
+    with recipe.program() as copy:
+        few = write(copy, "a.raw", FRAMES + b"\0\0\0" + FRAMES)
+        many = write(copy, "b.raw", FRAMES * 99 + b"\0\0\0" + FRAMES)
+        texts = [copy.run("decode", few), copy.run("decode", many), copy.run("stats", many)]
+        texts.append(copy.screen(many, "e", "i", "S"))
+        assert all("§" in text and "!" not in text for text in texts)
+        assert "▓" in texts[-1]
+        copy.run("report", "samples/damaged.mcap", "-o", "a.html")
+        page = (copy.folder / "a.html").read_text()
+        assert "#123456" in page
+        assert "#d03b3b" not in page
+
+
+def test_default_of_a_recording(recipe: Recipe) -> None:
+    recipe.replace(
+        "fte_sniff/recording/retention.py", "DEFAULT_FLUSH_S = 1.0", "DEFAULT_FLUSH_S = 7.5"
+    )
+    with recipe.program() as copy:
+        assert all("7.5" in copy.run(name, "--help") for name in ("live", "bridge"))
+        assert "7.5" in copy.page_part("commands")
+
+
+def test_compression_of_chunks(recipe: Recipe) -> None:
+    writer = "fte_sniff/recording/mcap/writer.py"
+    recipe.replace(writer, 'compression="zstd"', 'compression=""')
+    recipe.replace(writer, "zstandard.ZstdCompressor(level=_LEVEL).compress(records)", "records")
+    with recipe.program() as copy:
+        raw = write(copy, "a.raw", FRAMES * 200)
+        copy.run("decode", raw, "--start", "2026-01-31T12:00:00Z", "-o", "a.mcap")
+        copy.run("live", "sim://?seed=1", "--plain", "--count", "20", "-o", "b.mcap")
+        assert SPEED in (copy.folder / "a.mcap").read_bytes()
+        assert len(rows_of(copy, "a.mcap")) == 600
+        assert len(rows_of(copy, "b.mcap")) >= 20
+
+
+def test_translation(recipe: Recipe) -> None:
+    original = 'msgid "one row up; leaves the end"\nmsgstr "'
+    catalogue = "fte_sniff/tui/locale/zh/LC_MESSAGES/fte-sniff"
+    recipe.replace(f"{catalogue}.po", original, f"{original}你好")
+    recipe.make(f"{catalogue}.mo")
+    with recipe.program() as copy:
+        assert "not current" in copy.unfinished_texts()
+        copy.python("import runpy; runpy.run_path('docs/catalogues.py', run_name='__main__')")
+        assert "你好" in copy.page_part("keys zh")
