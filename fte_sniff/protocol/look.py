@@ -35,8 +35,6 @@ class Look:
 
     mark: str
     """Sign in front of a row; colour must never be the only difference."""
-    bar_mark: str = ""
-    """Sign in the overview of all rows; empty for none."""
     color: str = "green"
     """Colour on a terminal whose ground is unknown, by its ANSI name."""
     bold: bool = False
@@ -56,7 +54,6 @@ LOOKS: Mapping[Status, Look] = MappingProxyType(
         Status.OK: Look(" "),
         Status.SUSPECT: Look(
             "?",
-            "░",
             "yellow",
             plot="#d9822b",
             inks={
@@ -69,7 +66,6 @@ LOOKS: Mapping[Status, Look] = MappingProxyType(
         ),
         Status.MALFORMED: Look(
             "!",
-            "▐",
             "red",
             bold=True,
             plot="#d03b3b",

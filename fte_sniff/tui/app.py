@@ -118,6 +118,7 @@ class SniffApp(App[None]):
         self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()
         self._title_line, self._status_line = TitleLine(), StatusLine()
+        self._key_line = KeyLine()
         self._hit_status = HitStatus(store, self._table)
 
     def _compose_controllers(self) -> None:
@@ -159,7 +160,7 @@ class SniffApp(App[None]):
         yield self.export.field
         yield self.export.picture_field
         yield self._status_line
-        yield KeyLine()
+        yield self._key_line
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key may act now."""
@@ -199,23 +200,29 @@ class SniffApp(App[None]):
                 self.playback.stop()
 
     def action_leave(self) -> None:
-        """Close the open pane, else quit; while it is recorded, only when pressed again."""
-        if self._panes.close():
-            return
+        """Close the open pane, else quit."""
+        if not self._panes.close():
+            self._quit()
+
+    def _quit(self) -> None:
+        """Quit; while the capture is recorded, only at the second request."""
         state = self._model.state
         is_recording = state.recording is not None and state.running
         if is_recording and not self._notice.asks:
-            self._notice.ask(_("press q again to stop recording and quit"))
+            self._notice.ask(_("press q or ^c again to stop recording and quit"))
         else:
             self.exit()
 
     def action_interrupt(self) -> None:
-        """Copy the selected text of a field; without one, quit."""
+        """Copy the selected text of a field; without one, leave fields and pages, and quit."""
         field = self.focused
         if isinstance(field, Input) and field.selected_text:
             self.copy_to_clipboard(field.selected_text)
-        else:
-            self.exit()
+            return
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+        self._focus.leave()  # the question is behind them
+        self._quit()
 
     def action_theme(self) -> None:
         """Switch to the next theme."""
@@ -228,7 +235,7 @@ class SniffApp(App[None]):
         words = list(LANGUAGES)
         self.language = words[(words.index(self.language) + 1) % len(words)]
         switch_language(self.language)
-        self.query_one(KeyLine).refresh()
+        self._key_line.refresh()
         for field in self.query(PromptField):
             field.translate()
         self._panes.forget_texts()
@@ -436,7 +443,9 @@ class SniffApp(App[None]):
         unseen = viewport.waiting if viewport.paused else viewport.below
         speed = None if play is None else play.speed
         self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
-        self._status_line.numbers = model.status_counters(viewport, self._hit_status.text)
+        self._key_line.of_file = not model.state.live
+        top_time = self._panes.top_time(live=model.state.live and model.state.running)
+        self._status_line.numbers = model.status_counters(viewport, self._hit_status.text, top_time)
         self.filters.field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
 

@@ -40,6 +40,8 @@ class Command(Binding):
     """Its importance in the key line, 1 is the most important; 0 before all, for one view."""
     words: str = ""
     """Further words by which the palette finds it."""
+    of_file: str = ""
+    """Its text in the key line of a file; empty for the same as live."""
 
 
 def action_of(run: str) -> str:
@@ -81,6 +83,7 @@ def _key(
     display: str | None = None,
     rank: int = 0,
     words: str = "",
+    of_file: str = "",
 ) -> Command:
     """A command; `short` is its text in the key line, where it is not empty."""
     return Command(
@@ -95,6 +98,7 @@ def _key(
         where=where,
         rank=rank,
         words=words,
+        of_file=of_file,
     )
 
 
@@ -112,8 +116,9 @@ MOVING: tuple[Command, ...] = (
         "table.follow",
         "the last row, and follow what comes, also after enter",
         short="Follow",
+        of_file="End",
         display="G",
-        rank=8,
+        rank=7,
         words="bottom end tail newest last live",
     ),
     _rows("left,h", "table.aside(-1)", "columns to the left"),
@@ -143,8 +148,6 @@ FINDING: tuple[Command, ...] = (
         "a",
         "rows.raised(1)",
         "the next row whose ERROR or ONLINE is not all in order",
-        short="Flags",
-        rank=14,
         words="next alarm flag",
     ),
     _rows(
@@ -216,8 +219,9 @@ HANDLING: tuple[Command, ...] = (
         "playback.pause",
         "freeze the view, never the capture; play a file from here",
         short="Pause",
+        of_file="Play",
         display="space",
-        rank=7,
+        rank=6,
         words="stop freeze hold play playback",
     ),
     _key(
@@ -246,8 +250,6 @@ HANDLING: tuple[Command, ...] = (
         "w",
         "export.save",
         "save the selected rows, or all that are shown, to a file",
-        short="Save",
-        rank=13,
         words="export write csv jsonl parquet mcap hex raw txt",
     ),
     _key(
@@ -295,7 +297,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.pane('detail')",
         "what each byte means (also enter)",
         short="Detail",
-        rank=9,
+        rank=8,
         words="explain decode inspect row",
     ),
     _rows(
@@ -320,8 +322,6 @@ UNDERSTANDING: tuple[Command, ...] = (
         "b",
         "view.pane('bytes')",
         "the bytes around the row",
-        short="Bytes",
-        rank=12,
         words="hex dump",
     ),
     _key(
@@ -329,7 +329,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.pane('motors')",
         "target and feedback of each motor",
         short="Motors",
-        rank=10,
+        rank=9,
         words="plot curve chart graph rpm speed",
     ),
     _key(
@@ -337,7 +337,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.top",
         "one line for each kind and motor, in place of the table",
         short="Top",
-        rank=6,
+        rank=10,
         words="htop sorted summary overview streams live",
     ),
     _key(
@@ -451,10 +451,17 @@ SECTIONS: tuple[tuple[str, tuple[Command, ...]], ...] = (
 
 def rank_of(binding: Binding) -> int:
     """Its place in the key line; keys that are not of the table, such as a field's, come first."""
-    return _RANKS.get(binding.action, 0)
+    command = _BY_ACTION.get(binding.action)
+    return 0 if command is None else command.rank
 
 
-_RANKS = {command.action: command.rank for command in COMMANDS.values()}
+def short_text(binding: Binding, *, of_file: bool) -> str:
+    """What a key does, in the key line of a capture or of a file."""
+    command = _BY_ACTION.get(binding.action)
+    return _((of_file and command and command.of_file) or binding.description)
+
+
+_BY_ACTION = {command.action: command for command in COMMANDS.values()}
 
 
 def _of_list(key: str, short: str, display: str) -> Binding:
@@ -466,6 +473,15 @@ _BACK = _of_list("escape", later("Back"), "esc")
 _MOVES = (_of_list("up", later("Up"), "up"), _of_list("down", later("Down"), "down"))
 
 PICKING = (_of_list("enter", later("Pick"), "enter"), _BACK, *_MOVES)
+
+READING = (
+    _BACK,
+    _of_list("slash", later("Find"), "/"),
+    _of_list("space", later("Page"), "space"),
+    *_MOVES,
+    _of_list("g", later("Start"), "g"),
+    _of_list("G", later("End"), "G"),
+)
 
 CHOOSING = (
     _of_list("enter", later("Apply"), "enter"),

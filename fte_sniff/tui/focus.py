@@ -95,7 +95,12 @@ class Focus:
         """Leave the open field where the rows, the top view or a part of them was clicked."""
         views = (self._table, self._top)
         clicked = [] if widget is None else widget.ancestors_with_self
-        if self._field is not None and any(view in clicked for view in views):
+        if any(view in clicked for view in views):
+            self.leave()
+
+    def leave(self) -> None:
+        """Leave the open field, if there is one."""
+        if self._field is not None:
             self._field.close()
 
     def allows(self, where: Where) -> bool:

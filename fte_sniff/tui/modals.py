@@ -5,15 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, combinations, pairwise, zip_longest
 from pathlib import Path
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 from rich.cells import cell_len
 from rich.table import Column, Table
 from rich.text import Text
 from textual import events, on
 from textual.app import App, ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
 from textual.strip import Strip
@@ -32,7 +33,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.columns import short_names_of
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.tui.commands import CHOOSING, PICKING, SECTIONS, bindings, key_names
+from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, bindings, key_names
 from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
@@ -55,6 +56,7 @@ from fte_sniff.tui.table.painter import (
     BAR_MARKED,
     BAR_RAISED,
     EVENT_SIGN,
+    SHADES,
     Sign,
 )
 from fte_sniff.tui.table.theme import REVERSED, Palette
@@ -80,8 +82,8 @@ class LineList(OptionList, can_focus=False):
         return strip.apply_style(REVERSED) if under_cursor else strip
 
 
-class ListScreen(ModalScreen[ScreenResultType]):
-    """A list in a box, as tall as its lines where they fit.
+class KeyScreen(ModalScreen[ScreenResultType]):
+    """A page over the screen that handles each key before the next one acts.
 
     Keys that are typed ahead of its end go back to the app.
     """
@@ -89,6 +91,29 @@ class ListScreen(ModalScreen[ScreenResultType]):
     def __init__(self) -> None:
         super().__init__()
         self._done = False
+
+    def on_key(self, event: events.Key) -> None:
+        """Handle a key, or send it back."""
+        event.prevent_default().stop()
+        if self._done:
+            self.app.post_message(events.Key(event.key, event.character))
+        else:
+            self._press(event)
+
+    @abstractmethod
+    def _press(self, event: events.Key) -> None:
+        """Handle a key."""
+
+    def _finish(self, result: ScreenResultType | None) -> None:
+        self._done = True
+        self.dismiss(result)
+
+
+class ListScreen(KeyScreen[ScreenResultType]):
+    """A list in a box, as tall as its lines where they fit."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self._list = LineList(compact=True)
 
     def compose(self) -> ComposeResult:
@@ -98,7 +123,7 @@ class ListScreen(ModalScreen[ScreenResultType]):
         yield KeyLine()
 
     @abstractmethod
-    def _press(self, event: events.Key) -> None:
+    def _choose(self, event: events.Key) -> None:
         """Handle a key that does not move the cursor."""
 
     @abstractmethod
@@ -117,27 +142,19 @@ class ListScreen(ModalScreen[ScreenResultType]):
         self._list.set_options(list_line(text, right) for text, right in lines)
         self._list.highlighted = cursor
 
-    def on_key(self, event: events.Key) -> None:
-        """Handle a key before the next one acts."""
-        event.prevent_default().stop()
+    def _press(self, event: events.Key) -> None:
         page, all_lines = max(1, self._list.size.height - 1), self._list.option_count
         steps = {"up": -1, "down": 1, "pageup": -page, "pagedown": page}
         steps |= {"ctrl+p": -1, "ctrl+n": 1, "home": -all_lines, "end": all_lines}
-        if self._done:
-            self.app.post_message(events.Key(event.key, event.character))
-        elif event.key in steps:
+        if event.key in steps:
             self._list.highlighted = self._cursor + steps[event.key]
         else:
-            self._press(event)
+            self._choose(event)
 
     @on(OptionList.OptionSelected)
     def _on_clicked(self, event: OptionList.OptionSelected) -> None:
         if not self._done:
             self._click(event.option_index)
-
-    def _finish(self, result: ScreenResultType | None) -> None:
-        self._done = True
-        self.dismiss(result)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +207,7 @@ class Picker(ListScreen[str | None]):
         hint = f"{typed}_" if typed else _("type to find, enter picks, esc goes back")
         self._show(self._heading, hint, lines or [(_("no match"), "")], cursor)
 
-    def _press(self, event: events.Key) -> None:
+    def _choose(self, event: events.Key) -> None:
         match event.key:
             case "escape":
                 self._finish(None)
@@ -272,7 +289,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
         lines = [(column.text(self._delta), f"{column.width:>3}") for column in self._columns]
         self._show(_("columns"), _(KEYS), lines, cursor)
 
-    def _press(self, event: events.Key) -> None:
+    def _choose(self, event: events.Key) -> None:
         cursor = self._cursor
         column, last = self._columns[cursor], len(self._columns) - 1
         match event.key:
@@ -317,6 +334,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
 
 
 EVENT_MEANING = later("a port event, or rows that are missing: not a row")
+FAULTY_CELL = later("rows with a fault, few to many; the colour is that of the worst")
 RAISED = later("ERROR is not 00, or ONLINE is not 0F")
 
 Pair: TypeAlias = tuple[str | Text, str]
@@ -358,8 +376,11 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
     signs.append((EVENT_SIGN, _(EVENT_MEANING)))
     yield _("Signs of rows"), signs
-    in_bar = [(look.bar_mark, status.value) for status, look in LOOKS.items() if look.bar_mark]
-    in_bar += [(BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
+    in_bar = [
+        (SHADES, _(FAULTY_CELL)),
+        (BAR_RAISED, _(RAISED)),
+        (BAR_MARKED, _(Sign.MARKED.meaning)),
+    ]
     in_bar.append((BAR_EVENT, _(EVENT_MEANING)))
     yield _("Signs in the scroll bar"), in_bar
     yield _("Fields and their bytes"), list(field_pairs(palette))
@@ -377,16 +398,48 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     yield _("Filters"), [(example, _(meaning)) for example, meaning in EXAMPLES]
 
 
-def help_text(width: int, palette: Palette) -> Text:
-    """The page in `width` cells."""
-    lines = []
+LEAST_COLUMN: Final = 48
+"""Cells of a column of the help, where there is more than one."""
+
+COLUMN_GAP: Final = 3
+
+
+def help_text(width: int, palette: Palette, find: str = "") -> Text:
+    """The page in `width` cells, in as many columns as fit; only what has each word of `find`."""
+    columns = max(1, (width + COLUMN_GAP) // (LEAST_COLUMN + COLUMN_GAP))
+    each = (width + COLUMN_GAP) // columns - COLUMN_GAP
+    words, sections = find.lower().split(), list[list[Text]]()
     for heading, pairs in help_pairs(palette):
-        lines.append(Text(heading, style="bold"))
-        left_width = min(max(cell_len(str(left)) for left, _right in pairs), width // 2)
-        for pair in pairs:
-            lines += _pair_lines(pair, left_width, width)
-        lines.append(Text())
+        found = [
+            pair
+            for pair in pairs
+            if all(word in f"{heading} {pair[0]} {pair[1]}".lower() for word in words)
+        ]
+        if found:
+            left_width = min(max(cell_len(str(left)) for left, _right in found), each // 2)
+            lines = [line for pair in found for line in _pair_lines(pair, left_width, each)]
+            sections.append([Text(heading, style="bold"), *lines, Text()])
+    if not sections:
+        return Text(_("no match"))
+    lines = []
+    for cells in zip_longest(*_columns(sections, columns), fillvalue=Text()):
+        line = Text()
+        for number, cell in enumerate(cells):
+            line.pad_right(number * (each + COLUMN_GAP) - line.cell_len)
+            line.append_text(cell)
+        lines.append(line)
     return Text("\n", no_wrap=True).join(lines)
+
+
+def _columns(sections: Sequence[list[Text]], count: int) -> list[list[Text]]:
+    """The sections in at most `count` columns, so that the longest column is short."""
+    inner = range(1, len(sections))
+    cuts = combinations(inner, min(count - 1, len(inner)))
+    divided = (
+        [[*chain(*sections[start:end])] for start, end in pairwise((0, *cut, len(sections)))]
+        for cut in cuts
+    )
+    return min(divided, key=lambda columns: max(map(len, columns)))
 
 
 def _pair_lines(pair: Pair, left_width: int, width: int) -> Iterator[Text]:
@@ -405,29 +458,30 @@ def _pair_lines(pair: Pair, left_width: int, width: int) -> Iterator[Text]:
     yield from (Text(indent + line) for line in lines)
 
 
-class HelpPage(ModalScreen[None]):
-    """The help page over the screen.
+_SCROLLS: Final = {
+    **dict.fromkeys(("down", "j"), "down"),
+    **dict.fromkeys(("up", "k"), "up"),
+    **dict.fromkeys(("pagedown", "ctrl+d", "space"), "page_down"),
+    **dict.fromkeys(("pageup", "ctrl+u"), "page_up"),
+    **dict.fromkeys(("home", "g"), "home"),
+    **dict.fromkeys(("end", "G"), "end"),
+}
+"""By key, how it scrolls the help."""
+
+
+class HelpPage(KeyScreen[None]):
+    """The help page over the screen; `/` finds what has some words.
 
     Textual's HelpPanel lists the keys of the focused widget; this page explains the signs and the
     colours of bytes too, in the language of the screen.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(keys, action, short, priority=True, show=bool(short), key_display=display)
-        for keys, action, short, display in (
-            ("escape,question_mark,q,enter", "dismiss", later("Back"), "esc"),
-            ("down,j", "scroll('down')", later("Down"), "down"),
-            ("up,k", "scroll('up')", later("Up"), "up"),
-            ("pagedown,ctrl+d,space", "scroll('page_down')", later("Page"), "space"),
-            ("pageup,ctrl+u", "scroll('page_up')", "", None),
-            ("home,g", "scroll('home')", later("Start"), "g"),
-            ("end,G", "scroll('end')", later("End"), "G"),
-        )
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = bindings(READING)
 
     def __init__(self, palette: Palette) -> None:
         super().__init__()
         self._palette = palette
+        self._typed, self._typing = "", False
         self._text = Static()
         # An attribute, since a query finds nothing once the page is dismissed.
         self._page = VerticalScroll(self._text, id="help", can_focus=False)
@@ -444,19 +498,46 @@ class HelpPage(ModalScreen[None]):
 
     def on_resize(self) -> None:
         """Wrap the page to the new width."""
+        self._draw()
+
+    def _draw(self) -> None:
         width = self._page.scrollable_content_region.width
-        self._text.update(help_text(width, self._palette))
+        self._text.update(help_text(width, self._palette, self._typed))
         self.call_after_refresh(self._show_rest)
 
     def _show_rest(self) -> None:
         page = self._page
         below = round(page.max_scroll_y - page.scroll_y)
         more = _("{count} more lines: down, pgdn, end   esc: back", count=below)
-        page.border_subtitle = more if below > 0 else _("esc: back")
+        rest = more if below > 0 else _("esc: back")
+        found = f"/{self._typed}_   " if self._typing else ""
+        page.border_subtitle = Text(found + rest)
 
-    def action_scroll(self, to: str) -> None:
-        """Scroll the page, once it is laid out."""
-        self.call_after_refresh(getattr(self._page, f"scroll_{to}"), animate=False)
+    def _press(self, event: events.Key) -> None:
+        typed = event.character if event.is_printable and event.character else ""
+        match event.key:
+            case _ if self._typing and typed:
+                self._find(self._typed + typed)
+            case "backspace" if self._typing:
+                self._find(self._typed[:-1])
+            case "slash":
+                self._typing = True
+                self._find("")
+            case "escape" | "enter" if self._typing:
+                self._typing = False
+                self._find(self._typed if event.key == "enter" else "")
+            case "escape" if self._typed:
+                self._find("")
+            case "escape" | "question_mark" | "q" | "enter":
+                self._finish(None)
+            case key if key in _SCROLLS:
+                scroll = getattr(self._page, f"scroll_{_SCROLLS[key]}")
+                self.call_after_refresh(scroll, animate=False)
+
+    def _find(self, typed: str) -> None:
+        self._typed = typed
+        self._page.scroll_home(animate=False)
+        self._draw()
 
 
 class PickerApp(App[str | None]):

@@ -28,7 +28,7 @@ SHARES: Final = range(10, 86)
 class PaneLayout:
     """Where the open pane is, and its share of the screen."""
 
-    beside: bool = False
+    beside: bool = True
     """Whether it is beside the table, on a wide terminal, and not below it."""
     height: int | None = None
     """A number of `SHARES` where it is below; None where the pane decides."""

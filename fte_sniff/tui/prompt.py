@@ -74,9 +74,6 @@ Check: TypeAlias = Callable[[str], object]
 OnSubmit: TypeAlias = Callable[[str], None]
 """Receives a valid line, before the next key acts."""
 
-PATIENCE_S: Final = 0.7
-"""Pause in typing after which a mistake is shown, seconds."""
-
 LOW = 16
 """Lines of the terminal below which the verdict has only one line."""
 
@@ -101,7 +98,7 @@ class PromptLine(Input):
     ]
 
     def __init__(self, field: PromptField) -> None:
-        super().__init__(compact=True)
+        super().__init__(compact=True, select_on_focus=False)
         self.can_focus = False
         self.history = History()
         self._field = field
@@ -164,7 +161,7 @@ class Prompt:
 
 
 class PromptField(Vertical):
-    """A labelled input that is checked while the user types."""
+    """A labelled input that is checked while the user types; Enter shows a mistake."""
 
     def __init__(self, focus: Focus, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
@@ -172,7 +169,6 @@ class PromptField(Vertical):
         self._prompt, self._check, self._on_submit = prompt, check, on_submit
         self._focus = focus
         self.line = PromptLine(self)
-        self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
         self.current = ""
@@ -200,14 +196,13 @@ class PromptField(Vertical):
         return self._focus.has_open(self)
 
     def open(self, line: str | None = None) -> None:
-        """Show the field with a line, or that in effect, and focus its input."""
+        """Show the field with a line, or that in effect; its input has the focus."""
         self.line.placeholder = self.example
         self.display = True
         self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
         self.line.value = self.current if line is None else line
-        if line:
-            self.line.cursor_position = len(line)
+        self.line.cursor_position = len(self.line.value)
         self._judge(self.line.value)
         self._focus.open(self)
 
@@ -215,7 +210,6 @@ class PromptField(Vertical):
         """Return the focus, and show the line in effect; without one, hide the field."""
         self._focus.close(self)
         self.set_class(False, "-asking")
-        self._stop_patience()
         self.line.value = self.current
         self.display = bool(self.current)
 
@@ -232,10 +226,10 @@ class PromptField(Vertical):
             self.open()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the line; a mistake is shown once the user pauses."""
+        """Check the line; it may not be finished, so a mistake is not shown yet."""
         event.stop()
         if self.is_open:
-            self._judge(event.value, wait=True)
+            self._judge(event.value, finished=False)
 
     @property
     def example(self) -> str:
@@ -272,32 +266,20 @@ class PromptField(Vertical):
         """Leave the candidates; False where the cursor is not in them."""
         return False
 
-    def _judge(self, line: str, *, wait: bool = False) -> bool:
-        """Check a line and show the verdict, a mistake after a pause if wanted.
-
-        An empty line is valid.
-        """
-        self._stop_patience()
+    def _judge(self, line: str, *, finished: bool = True) -> bool:
+        """Check a line and show the verdict; an empty line is valid."""
         try:
             self._on_valid(self._check(line) if line.strip() else None)
         except FteSniffError as error:
             self._on_valid(None)
             text = error_text(error).removeprefix(f"{self._prompt.label}: ")
-            if wait:
-                self._show_verdict("…", self.hint, bad=False)
-                self._patience = self.set_timer(
-                    PATIENCE_S, lambda: self._show_verdict("✗", text, bad=True)
-                )
-            else:
+            if finished:
                 self._show_verdict("✗", text, bad=True)
+            else:
+                self._show_verdict("…", self.hint, bad=False)
             return False
         self._show_verdict("✓" if line.strip() else " ", self.hint, bad=False)
         return True
-
-    def _stop_patience(self) -> None:
-        if self._patience is not None:
-            self._patience.stop()
-            self._patience = None
 
     def _on_valid(self, parsed: Any) -> None:
         """Handle what the check of a valid line returned; None for an invalid or empty one."""

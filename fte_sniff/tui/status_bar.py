@@ -26,7 +26,7 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import ELLIPSIS, fit, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.retention import size_text
-from fte_sniff.tui.commands import key_names, rank_of
+from fte_sniff.tui.commands import key_names, rank_of, short_text
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.text import event_text
 
@@ -240,6 +240,10 @@ class StatusCounters:
     hits: str = ""
     is_mean: bool = False
     """Whether the rate is that of all rows, not the current one."""
+    filtered: bool = False
+    """Whether a filter hides rows; the counts are of all rows."""
+    time: str = ""
+    """The time that the top view shows, in place of the number of the row."""
 
 
 def status_text(numbers: StatusCounters, width: int) -> str:
@@ -251,9 +255,10 @@ def status_text(numbers: StatusCounters, width: int) -> str:
         parts.append(_("{count:,} line errors", count=numbers.line_errors))
     if numbers.not_shown:
         parts.append(_("{count:,} too fast to show", count=numbers.not_shown))
-    row = _("row {number:,}", number=numbers.row_number)
-    parts.append(row if numbers.row_number else _("no row shown"))
-    if not numbers.following:
+    row = _("shown row {number:,}") if numbers.filtered else _("row {number:,}")
+    row = row.format(number=numbers.row_number) if numbers.row_number else _("no row shown")
+    parts.append(numbers.time or row)
+    if not numbers.following and not numbers.time:
         parts.append(_("{count:,} below", count=numbers.below))
     line = parts[0]
     for part in parts[1:]:
@@ -272,8 +277,9 @@ def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
     if abbreviated:
         malformed = _("{count:>5,} bad {share:>5}")
     share = _share_text(numbers.malformed_share, 1 if abbreviated else 2)
+    rows = _("all {count:,} rows") if numbers.filtered else _("{count:>9,} rows")
     parts = [
-        _("{count:>9,} rows", count=numbers.rows),
+        rows.format(count=numbers.rows),
         malformed.format(count=numbers.malformed, share=share),
     ]
     rate = numbers.frames_per_s
@@ -308,22 +314,18 @@ class StatusLine(Widget):
         return Text(line, no_wrap=True, overflow="crop")
 
 
-GAP = 1
+GAP = 2
 
 
-def fitting_keys(keys: Iterable[Binding], width: int) -> list[Binding]:
+def fitting_keys(keys: Iterable[Binding], width: int, *, of_file: bool = False) -> list[Binding]:
     """The most important keys that fit into `width` cells."""
     found, left = [], width + GAP
     for key in sorted(keys, key=rank_of):
-        cells = GAP + cell_len(_key_text(key))
+        cells = GAP + cell_len(f"{key_names(key)} {short_text(key, of_file=of_file)}")
         if cells <= left:
             found.append(key)
             left -= cells
     return found
-
-
-def _key_text(key: Binding) -> str:
-    return f"{key_names(key)} {_(key.description)}"
 
 
 class KeyLine(Widget):
@@ -334,6 +336,7 @@ class KeyLine(Widget):
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"key-line--key"}
+    of_file: reactive[bool] = reactive(False)
 
     def on_mount(self) -> None:
         """Follow the bindings that are active."""
@@ -342,13 +345,13 @@ class KeyLine(Widget):
     def _fitting(self) -> Sequence[Binding]:
         active = self.screen.active_bindings.values()
         by_action = {one.binding.action: one.binding for one in active if one.binding.show}
-        return fitting_keys(by_action.values(), self.size.width)
+        return fitting_keys(by_action.values(), self.size.width, of_file=self.of_file)
 
     def render(self) -> Text:
         """The line."""
         style = self.get_component_rich_style("key-line--key", partial=True)
         keys = [
-            Text.assemble((key_names(key), style), " ", _(key.description))
+            Text.assemble((key_names(key), style), " ", short_text(key, of_file=self.of_file))
             for key in self._fitting()
         ]
         line = Text(" " * GAP).join(keys)
@@ -360,7 +363,8 @@ class KeyLine(Widget):
         event.stop()
         end = 0
         for key in self._fitting():
-            start, end = end, end + cell_len(_key_text(key))
+            text = short_text(key, of_file=self.of_file)
+            start, end = end, end + cell_len(f"{key_names(key)} {text}")
             if start <= event.x < end:
                 self.app.simulate_key(key.key)
                 return

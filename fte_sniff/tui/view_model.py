@@ -182,8 +182,11 @@ class ViewModel:
         """Earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
         return self.tally.first_ns
 
-    def status_counters(self, viewport: Viewport, hits: str = "") -> StatusCounters:
-        """Counters for the status line; `hits` is the text about the current search."""
+    def status_counters(self, viewport: Viewport, hits: str = "", time: str = "") -> StatusCounters:
+        """Counters for the status line.
+
+        `hits` is the text about the current search, `time` that about the time of the top view.
+        """
         play = self.playback
         tally = self.tally if play is None else play.tally
         return StatusCounters(
@@ -198,6 +201,8 @@ class ViewModel:
             line_errors=self._line_errors,
             hits=hits,
             is_mean=play is None and not (self.state.running and self.state.live),
+            filtered=self.store.view.filter is not None,
+            time=time,
         )
 
     @property

@@ -448,7 +448,7 @@ def test_a_capture_is_told_apart_and_its_notes_are_kept(environment, tmp_path: P
         screen.until("● REC 0:0", "rows match the alert")
         screen.type("m")
         screen.type("q")
-        screen.until("press q again to stop recording")
+        screen.until("press q or ^c again to stop recording")
         screen.type("q")
         assert screen.ended() == 0
     assert b"\a" in screen.drawn

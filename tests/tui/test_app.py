@@ -8,6 +8,7 @@ import random
 import re
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from datetime import UTC
@@ -209,6 +210,18 @@ def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
     play(feed, scenario)
 
 
+@pytest.mark.parametrize("opener", [(), ("question_mark",), ("ctrl+p",), ("f", "m")])
+def test_ctrl_c_asks_as_q_does_wherever_it_is_pressed(feed: Any, opener: Sequence[str]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, *opener, "ctrl+c")
+        assert "press q or ^c again to stop recording" in page(app)
+        assert not app._exit
+        await press(app, pilot, "ctrl+c")
+        assert app._exit
+
+    play(feed, scenario, rows=40)
+
+
 @pytest.mark.parametrize("ends", [False, True])
 def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, ends: bool) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -217,12 +230,12 @@ def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, ends: bo
         assert not app._exit
         for key in ("q", "k", "q"):
             await press(app, pilot, key)
-            assert ("press q again to stop recording" in page(app)) == (key == "q")
+            assert ("press q or ^c again to stop" in page(app)) == (key == "q")
             assert not app._exit
         if ends:
             feed.end("unplugged")
             await settle(app, pilot)
-        assert ("press q again" in page(app)) != ends
+        assert ("press q or ^c again" in page(app)) != ends
         await press(app, pilot, "q")
         assert app._exit
 
@@ -240,7 +253,7 @@ def test_q_quits_at_once_where_nothing_is_recorded(feed: Any, changes: Any) -> N
     play(feed, scenario)
 
 
-@pytest.mark.parametrize("key", ["Q", "ctrl+q", "ctrl+c"])
+@pytest.mark.parametrize("key", ["Q", "ctrl+q"])
 def test_quits(feed: Any, key: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, key)
@@ -483,6 +496,7 @@ def test_no_colour_is_sent_where_none_is_wanted(tmp_path: Path, asked: dict[str,
     with idle(tmp_path, **asked) as here:
         here.until("Quit")
         here.type("fmotr")
+        here.type("\r")
         here.until("✗")
         here.type("\x15\r?")
         here.until("Keys and signs")

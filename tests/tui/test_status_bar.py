@@ -109,24 +109,35 @@ def test_keys_stand_whole_and_help_always() -> None:
     for width in range(6, 140):
         found = fitting_keys(SHOWN, width)
         assert found[0].action == action_of("view.help")
-        assert sum(len(f"{key.key_display} {key.description} ") for key in found) - 1 <= width
+        texts = [f"{key.key_display} {key.description}" for key in found]
+        assert len("  ".join(texts)) <= width
 
 
-@pytest.mark.parametrize("size", [(20, 10), (200, 60)])
+@pytest.mark.parametrize("size", [(24, 10), (200, 60)])
 def test_the_line_of_keys_ends_with_a_whole_one(feed: Any, size: tuple[int, int]) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         last = lines(app)[-1]
-        assert last.startswith("? Help q Quit")
+        assert last.startswith("? Help  q Quit")
         assert last.split()[-1] in {key.description for key in SHOWN}
         await press(app, pilot, "f")
-        assert lines(app)[-1].startswith("enter Apply esc Back")
+        assert lines(app)[-1].startswith("enter Apply  esc Back")
 
     play(feed, scenario, size)
 
 
+def test_the_key_line_of_a_file_has_the_keys_of_a_file(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "space Pause  G Follow" in lines(app)[-1])
+        feed.state = replace(feed.state, live=False)
+        await settle(app, pilot)
+        assert "space Play  G End" in lines(app)[-1]
+
+    play(feed, scenario)
+
+
 def test_a_key_that_is_clicked_is_pressed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await pilot.click(KeyLine, offset=(15, 0))
+        await pilot.click(KeyLine, offset=(17, 0))
         await pilot.pause()
         assert app.filters.field.is_open
 
@@ -272,6 +283,32 @@ def test_the_help_has_every_key_and_every_fault(width: int) -> None:
             assert f"{key.key_display} {' '.join(key.tooltip.split())}" in flat
     for fault in FAULT_MEANINGS:
         assert fault in flat
+
+
+def test_a_wide_help_has_two_columns_and_finds_words(feed: Any) -> None:
+    for width in (105, 200):
+        text = help_text(width, DARK)
+        assert all(line.cell_len <= width for line in text.split())
+        assert len(text.split()) < 0.8 * len(help_text(80, DARK).split())
+        assert all(fault in text.plain for fault in FAULT_MEANINGS)
+    assert len(help_text(80, DARK, "gap lost").split()) < 10
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "question_mark")
+        await until(app, pilot, lambda: "Find" in page(app) and "Move" in page(app))
+        assert any("Move" in line and "Fields and" in line for line in lines(app))
+        await press(app, pilot, "slash", *"qzj")
+        assert "no match" in page(app)
+        assert "/qzj_" in page(app)
+        await press(app, pilot, "backspace", "backspace", "backspace", *"previous filter", "enter")
+        assert "return to the previous filter" in page(app)
+        assert "Faults" not in page(app)
+        await press(app, pilot, "escape")
+        assert "Move" in page(app)
+        await press(app, pilot, "escape")
+        assert "Move" not in page(app)
+
+    play(feed, scenario, (120, 32))
 
 
 class Telling:

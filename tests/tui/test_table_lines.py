@@ -23,7 +23,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import SECTIONS, action_of
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.table.columns import RAISED_MARK, ColumnChoice, Delta, TableView, layout_for
-from fte_sniff.tui.table.painter import EVENT_SIGN, RowCell, Sign
+from fte_sniff.tui.table.painter import EVENT_SIGN, SHADES, RowCell, Sign
 from tests.tui.conftest import NOON_NS, Rows, lines, page, play, press, settle, table
 
 MS = 1_000_000
@@ -125,7 +125,7 @@ def test_the_bar_shows_where_faults_and_marks_are(
         bar = table(app)._overview
         table(app).marks[0] = ""
         signs = bar.signs(20, table(app).palette)
-        assert {cell: sign.text for cell, sign in signs.items()} == {0: "◄", 9: "▐"}
+        assert {cell: sign.text for cell, sign in signs.items()} == {0: "◄", 9: "█"}
         await app.run_action("overview(9)", app)
         assert table(app).last_index == 500
 
@@ -147,7 +147,7 @@ def test_only_damaged_rows_have_the_sign_of_damage_in_their_line(
         assert {line[0] for line in shown} == {" ", "!"}
         assert not any("!" in line[1:] for line in shown)
         ends = {line.rstrip("\n")[-1] for line in lines(app)[2:-2]}
-        assert "▐" in ends
+        assert ends & set(SHADES)
         assert not ends & row_signs
 
     play(feed, scenario, size=(width, 60))

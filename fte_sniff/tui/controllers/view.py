@@ -72,10 +72,8 @@ class ViewController:
         self._table.app.push_screen(chooser, choose)
 
     def action_pane(self, name: str) -> None:
-        """Show or close a pane; one that explains a row stops following the end."""
+        """Show or close a pane."""
         self._panes.toggle(name)
-        if self._panes.explains_row:
-            self._table.stop_following()
 
     def action_top(self) -> None:
         """Show one line for each kind and motor in place of the table, or the table again."""

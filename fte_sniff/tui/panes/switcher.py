@@ -46,6 +46,8 @@ class PaneSwitcher:
         self.top = TopView()
         self._panes = {pane.NAME: pane() for pane in PANES}
         self._open: Pane | None = None
+        self._held: int | None = None
+        """Index of the row at which a pane stopped following the end."""
         self._step_pending = self._postponed = self._rows_come = False
         self._drawn_at_ns: dict[Pane | TopView, int] = {}
         self._drawn: dict[Pane | TopView, tuple[object, ...]] = {}
@@ -57,14 +59,20 @@ class PaneSwitcher:
         return iter(self._panes.values())
 
     def toggle(self, name: str) -> None:
-        """Show the pane of that name in place of any other, or close it where it is shown."""
+        """Show the pane of that name in place of any other, or close it where it is shown.
+
+        A pane that explains a row stops following the end.
+        """
         pane, before = self._panes[name], self._open
-        self.close()
+        self._hide()
         if before is not pane:
             self._open = pane
             pane.display = True
-            if pane.EXPLAINS_ROW:
-                pane.scroll_home(animate=False)
+        if self.explains_row:
+            pane.scroll_home(animate=False)
+            self._hold_row()
+        else:
+            self._release_row()
         # The pane has no size before the next layout.
         self._table.call_after_refresh(self.redraw)
 
@@ -72,9 +80,26 @@ class PaneSwitcher:
         """Show no pane; returns whether one was open."""
         if self._open is None:
             return False
-        self._open.display = False
-        self._open = None
+        self._hide()
+        self._release_row()
         return True
+
+    def _hide(self) -> None:
+        if self._open is not None:
+            self._open.display = False
+            self._open = None
+
+    def _hold_row(self) -> None:
+        viewport = self._table.viewport
+        if viewport.following and not viewport.paused:
+            self._held = self._table.last_index
+        self._table.stop_following()
+
+    def _release_row(self) -> None:
+        """Follow the end again, if a pane stopped that and the cursor has not moved since."""
+        if self._held == self._table.last_index:
+            self._table.action_follow()
+        self._held = None
 
     def forget_texts(self) -> None:
         """Draw all texts again, as the language has changed."""
@@ -187,6 +212,12 @@ class PaneSwitcher:
             self._update_models()
         for view in self._views:
             self._redraw_changed(view)
+
+    def top_time(self, *, live: bool) -> str:
+        """The time that the top view shows; empty while it is closed."""
+        if not self.top.display:
+            return ""
+        return self.top.time_text(live=live and not self._table.viewport.paused)
 
     def top_condition(self) -> str | None:
         """Filter for the rows of the line under the cursor of the top view; None without lines."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, tzinfo
 from time import monotonic
 from typing import Any, ClassVar, Final
 
@@ -28,7 +29,14 @@ from fte_sniff.analysis.statistics import StreamStats
 from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.analysis.usual_range import usual_range
 from fte_sniff.errors import printable
-from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text, short_number
+from fte_sniff.formats.cell_text import (
+    UNKNOWN,
+    clock_text,
+    fit,
+    fit_right,
+    rate_text,
+    short_number,
+)
 from fte_sniff.protocol import KINDS, Direction
 from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.tui.commands import TOP, action_of, bindings
@@ -66,11 +74,13 @@ class TopLine:
     """What a line shows."""
 
     stats: StreamStats
+    motor: int | None
+    """The motor that the kind names, or whose answers to a command to all are shown."""
     state: MotorState | None
-    """The motor's, if the kind names one."""
+    """The motor's, if there is one."""
     now_ns: int | None
-    answers: Sequence[AnsweredCommands] = ()
-    """Of the commands of this kind, by motor; empty for feedback."""
+    answers: AnsweredCommands | None = None
+    """Of the commands of this kind; None for feedback."""
     curve: Floats = field(default_factory=lambda: np.empty(0), compare=False)
     ages: tuple[int, ...] = ()
     """For each byte the drawings since it changed, at most `OLD`."""
@@ -78,7 +88,7 @@ class TopLine:
     @property
     def key(self) -> tuple[str, str, int]:
         """Identity of the line."""
-        return self.stats.port, self.stats.kind.name, self.stats.motor or 0
+        return self.stats.port, self.stats.kind.name, self.motor or 0
 
     @property
     def raw(self) -> bytes:
@@ -154,14 +164,13 @@ class TopLine:
 
     @property
     def delay_ns(self) -> int | None:
-        """The median of the latest answer times; of the slowest motor for a command to all."""
-        delays = (answers.delay_p50_ns for answers in self.answers)
-        return max((delay for delay in delays if delay is not None), default=None)
+        """The median of the latest answer times."""
+        return None if self.answers is None else self.answers.delay_p50_ns
 
     @property
     def unanswered(self) -> int | None:
-        """Commands without an answer; of the worst motor for a command to all."""
-        return max((answers.unanswered for answers in self.answers), default=None)
+        """Commands without an answer."""
+        return None if self.answers is None else self.answers.unanswered
 
     @property
     def flags(self) -> tuple[int, bool] | None:
@@ -288,8 +297,8 @@ _BYTES: Final = TopColumn(
 _MOTOR: Final = TopColumn(
     later("motor"),
     5,
-    lambda line, _width: f"{line.stats.motor or ''}",
-    lambda line: line.stats.motor,
+    lambda line, _width: f"{line.motor or ''}",
+    lambda line: line.motor,
 )
 _PORT: Final = TopColumn(
     "port",
@@ -359,6 +368,8 @@ class TopView(ScrollView):
         self._cursor: tuple[str, str, int] | None = None
         self._palette: Palette | None = None
         self._pending = 0
+        self._newest_ns: int | None = None
+        self._zone: tzinfo = UTC
         self._base = self._cursor_style = Style.null()
 
     @property
@@ -375,11 +386,24 @@ class TopView(ScrollView):
         curve = next((cells for column, cells in self._columns if column is _CURVE), 0)
         states = {one.motor: one for one in context.models.motors.states(context.newest_ns)}
         before = {line.key: line for line in self._lines}
-        lines = [self._line(one, before, states, context, curve) for one in streams]
+        lines = [
+            self._line(one, motor, before, states, context, curve)
+            for one in streams
+            for motor in _motors_of(one, states)
+        ]
+        self._newest_ns, self._zone = context.newest_ns, context.zone
         self._lines = self._sorted(lines)
         self._palette = context.palette
         self.virtual_size = Size(width, len(lines) + 1)
         self.refresh()
+
+    def time_text(self, *, live: bool) -> str:
+        """The time whose numbers are shown; empty without times."""
+        if self._newest_ns is None:
+            return ""
+        if live:
+            return _("now")
+        return _("as of {time}", time=clock_text(self._newest_ns, 3, self._zone))
 
     def _streams(self, context: PaneContext) -> list[StreamStats]:
         if context.store.view.filter is None:
@@ -394,19 +418,17 @@ class TopView(ScrollView):
     def _line(
         self,
         stats: StreamStats,
+        motor: int | None,
         before: Mapping[tuple[str, str, int], TopLine],
         states: dict[int, MotorState],
         context: PaneContext,
         curve: int,
     ) -> TopLine:
-        state = states.get(stats.motor or 0)
-        answers = list[AnsweredCommands]()
-        if stats.kind.direction is Direction.CONTROL:
-            asked = [state] if state is not None else states.values()
-            found = (one.answers.get(stats.kind.cmds[0]) for one in asked)
-            answers = [one for one in found if one is not None]
+        state, answers = states.get(motor or 0), None
+        if stats.kind.direction is Direction.CONTROL and state is not None:
+            answers = state.answers.get(stats.kind.cmds[0])
         values = _values(stats, context.models.traces, context.newest_ns, curve)
-        line = TopLine(stats, state, context.newest_ns, answers, values)
+        line = TopLine(stats, motor, state, context.newest_ns, answers, values)
         return replace(line, ages=_ages(line, before.get(line.key)))
 
     def _sorted(self, lines: list[TopLine]) -> list[TopLine]:
@@ -562,7 +584,15 @@ class TopView(ScrollView):
 
 
 def _natural(line: TopLine) -> tuple[str, int, int]:
-    return line.stats.port, KINDS.index(line.stats.kind), line.stats.motor or 0
+    return line.stats.port, KINDS.index(line.stats.kind), line.motor or 0
+
+
+def _motors_of(stats: StreamStats, states: Mapping[int, MotorState]) -> Sequence[int | None]:
+    """The motors of a stream's lines: those that answer a command to all, with a line for each."""
+    if stats.kind.names_motor or stats.kind.direction is not Direction.CONTROL:
+        return (stats.motor,)
+    cmd = stats.kind.cmds[0]
+    return [motor for motor, state in states.items() if cmd in state.answers] or (None,)
 
 
 def _ages(line: TopLine, before: TopLine | None) -> tuple[int, ...]:

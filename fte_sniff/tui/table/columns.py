@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import cache
@@ -125,7 +125,17 @@ def _with_delta(columns: Iterable[Column]) -> tuple[str, ...]:
 ORDER = _with_delta(RANKED)
 """Columns of the row contract, and `DELTA` behind the time, the most useful first."""
 
-SHOWN = _with_delta(column for column in RANKED if column.shown)
+
+def _shown() -> Iterator[str]:
+    """The columns that are shown, with `VALUES` in place of the values' own."""
+    for name in _with_delta(column for column in RANKED if column.shown):
+        if name == VALUE_NAMES[0]:
+            yield VALUES
+        elif name not in VALUE_NAMES:
+            yield name
+
+
+SHOWN = tuple(_shown())
 """Columns of a table for which the user has not chosen any."""
 
 
@@ -348,12 +358,7 @@ def layout_for(width: int, view: TableView) -> TableLayout:
     hidden = {"port"} if len(view.ports) < 2 else set()
     hidden |= {DELTA} if width < WITH_DELTA else set()
     names = tuple(name for name in SHOWN if name not in hidden)
-    each = TableLayout(tuple(column_of(name, view) for name in names))
-    if each.end_of("faults") <= width:
-        return each
-    first_value = names.index(VALUE_NAMES[0])
-    names = tuple(name for name in names if name not in VALUE_NAMES)
-    return _sized((*names[:first_value], VALUES, *names[first_value:]), "raw", width, view)
+    return _sized(names, "raw", width, view)
 
 
 def _chosen(choice: ColumnChoice, width: int, view: TableView) -> TableLayout:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import accumulate, chain, groupby, pairwise, takewhile
+from math import log
 from typing import Final, TypeAlias
 
 from rich.cells import cell_len
@@ -52,9 +53,6 @@ from fte_sniff.tui.text import bytes_text, faulty_text, is_raised, value_parts
 
 FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS))
 """Columns that a row without values uses to show its faults."""
-
-LEAST_VALUES = 10
-"""Cells that the values keep beside the faults of their row."""
 
 _BYTE_CELLS = 3
 
@@ -252,19 +250,18 @@ class Painter:
         return palette.aged(style, min(cell.ages[at] for at in own.offsets))
 
     def _short_values(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
-        """The values; then the faults, where their column is not in the window."""
+        """The values, after the faults where their column is not in the window."""
         row, left = cell.row, column.width
-        faults = ",".join(row.faults) if self._faults_cut else ""
         runs = list[_Run]()
-        width = max(left - len(faults) - 1, LEAST_VALUES) if faults else left
-        for text, field in value_parts(row, width):
+        if self._faults_cut and row.faults:
+            faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
+            runs.append((faults, self.palette.statuses[row.status]))
+            left -= len(faults)
+        for text, field in value_parts(row, left):
             text = text[:left]
-            runs += [(text, self._value_style(field, cell)), _SPACE]
-            left -= len(text) + 1
-        if left < 0 and runs:
-            runs.pop()
-            left = 0
-        return [*runs, (fit(faults, left), self.palette.statuses[row.status])]
+            runs += [(text, self._value_style(field, cell)), (_SPACE[0][: left - len(text)], _NULL)]
+            left = max(0, left - len(text) - 1)
+        return [*runs, (" " * left, _NULL)]
 
     def _damage(self, row: Row, spanned: Sequence[int]) -> Sequence[_Run]:
         """The faults, then the bytes where they have no column of their own."""
@@ -357,8 +354,14 @@ def _style_at(runs: Sequence[_Run], at: int) -> Style:
     return _NULL
 
 
-DENSE: Final = 0.1
-"""Share of the rows of a cell from which on its colour fills the cell."""
+SHADES: Final = "░▒▓█"
+"""Signs of faults in a cell of the bar, from few to as many as in the fullest cell."""
+
+SPARSE: Final = 0.0003
+"""Share of the rows with a fault up to which a cell has the lightest shade."""
+
+DENSE: Final = 0.01
+"""Share from which on the fullest cell has the darkest shade."""
 
 BAR_RAISED: Final = "▲"
 BAR_MARKED: Final = "◄"
@@ -390,17 +393,14 @@ class OverviewBar:
     def signs(self, height: int, palette: Palette) -> Mapping[int, BarSign]:
         """The signs by cell, for a bar of `height` cells."""
         self._height, self._rows = height, self._store.view.count
-        found = {}
-        for at, cell in enumerate(self._overview.cells(height)):
+        found, cells = {}, self._overview.cells(height)
+        fullest = max((cell.share for cell in cells), default=0.0)
+        for at, cell in enumerate(cells):
             if cell.worst is RowNote.RAISED:
-                sign, color = BAR_RAISED, palette.raised.color
+                found[at] = BarSign(BAR_RAISED, Style(color=palette.raised.color))
             elif cell.worst:
-                status = _STATUSES[cell.worst]
-                sign, color = LOOKS[status].bar_mark, palette.statuses[status].color
-            else:
-                continue
-            style = Style(color=color, bgcolor=color if cell.share >= DENSE else None)
-            found[at] = BarSign(sign, style)
+                color = palette.statuses[_STATUSES[cell.worst]].color
+                found[at] = BarSign(shade(cell.share, fullest), Style(color=color))
         for landmark in self._landmarks.between(self._store.first, self._store.next + 1):
             if not landmark.is_routine:
                 found[self._cell_of(landmark.index)] = BarSign(BAR_EVENT, palette.events)
@@ -428,6 +428,12 @@ class OverviewBar:
         if positions:
             return positions[0]
         return self._overview.worst_between(start, end)
+
+
+def shade(share: float, fullest: float) -> str:
+    """The sign of a share of rows with a fault, on a logarithmic scale up to the fullest cell."""
+    level = log(max(share, SPARSE) / SPARSE) / log(max(fullest, DENSE) / SPARSE)
+    return SHADES[min(int(level * len(SHADES)), len(SHADES) - 1)]
 
 
 class OverviewRender(ScrollBarRender):
