@@ -222,6 +222,22 @@ def test_ctrl_c_asks_as_q_does_wherever_it_is_pressed(feed: Any, opener: Sequenc
     play(feed, scenario, rows=40)
 
 
+@pytest.mark.parametrize(("keys", "follows"), [((), True), (("up",), False), (("b",), True)])
+def test_follow_comes_back_when_the_pane_that_ended_it_closes(
+    feed: Any, speed_rows: Rows, keys: Sequence[str], follows: bool
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "i", *keys)
+        feed.give(speed_rows(40, start=40))
+        await settle(app, pilot)
+        assert not table(app).viewport.following
+        assert table(app).last_index == 39 - len([key for key in keys if key == "up"])
+        await press(app, pilot, "escape")
+        assert table(app).viewport.following == follows
+
+    play(feed, scenario, rows=40)
+
+
 @pytest.mark.parametrize("ends", [False, True])
 def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, ends: bool) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:

@@ -107,7 +107,7 @@ def test_the_pane_is_as_tall_as_its_words_up_to_half_the_screen(
             await settle(app, pilot)
             heights.append(app.query_one(DetailPane).outer_size.height)
 
-    play(feed, scenario, (200, 60))
+    play(feed, scenario, (150, 60))
     assert 28 <= heights[0] <= 30
     assert heights[2] < heights[1] < 12
 
@@ -1124,7 +1124,7 @@ def test_the_divider_stays_where_it_is_dragged(feed: Any) -> None:
 def test_a_wide_terminal_has_the_pane_beside_the_table(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
-        await press(app, pilot, "i", "L")
+        await press(app, pilot, "i")
         await settle(app, pilot)
         pane = divider(app)
         assert pane.region.y == app.query_one(TableHeader).region.y

@@ -152,9 +152,9 @@ def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
 def test_a_suspect_row_says_why_in_words_at_eighty_cells(odd_rows: list[Row]) -> None:
     suspect = next(row for row in odd_rows if row.status is Status.SUSPECT)
     assert painted(suspect, 79) == (
-        "? 12:00:00.000 speed       M1 rpm=1 reserved_no… AA 01 01 00 01 00 00 07 00 EE "
+        "? 12:00:00.000 speed       reserved_nonzero M1 1 AA 01 01 00 01 00 00 07 00 EE "
     )
-    assert "motor=1 rpm=1 reserved_nonzero " in painted(suspect, 119)
+    assert "reserved_nonzero motor=1 rpm=1 " in painted(suspect, 119)
     assert "AA 01 01 00 01 00 00 07 00 EE reserved_nonzero" in painted(suspect, 139)
 
 
@@ -200,7 +200,14 @@ def test_of_long_damage_the_length_is_told(odd_rows: list[Row]) -> None:
 def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Row]]) -> None:
     [row] = speed_rows(1, start=1234)
     assert painted(row, 79, hidden=1).startswith("  12:00:01.234 motor=3 ")
-    assert painted(row, 170, hidden=3).startswith("  12:00:01.234000   1234 ")
+    assert painted(row, 170, hidden=3).startswith("  12:00:01.234 AA 01 03 ")
+
+
+@pytest.mark.parametrize("width", [30, 40, 60, 80, 119, 160, 240])
+def test_damaged_rows_name_their_fault_at_every_width(odd_rows: list[Row], width: int) -> None:
+    for row in odd_rows:
+        text = painted(row, width).replace("…", "")
+        assert any(row.faults[0][:8] in part for part in text.split()), text
 
 
 def test_the_head_says_where_there_is_more() -> None:
