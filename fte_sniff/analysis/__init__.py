@@ -5,6 +5,7 @@ Modules:
     baud_guess    Diagnosis of a line: sound, silent, inverted, or at another baud rate.
     counters      Counters over rows: durations, recent values, rates.
     dataframe     Rows to polars DataFrame, and a search for text in it.
+    facts         Facts of rows that depend on other rows: answers, the motor of damage.
     feed          Follow a growing store; gaps and baud changes.
     filter        The filter language: SQL boolean expressions over the row columns.
     landmarks     Port events and gaps between rows; where faults and flags are.

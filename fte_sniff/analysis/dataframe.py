@@ -6,6 +6,7 @@ direction, kind, status  Enum of the column's words
 faults                   List(Enum), empty where nothing is wrong
 offset, length           Int64, UInt32
 cmd and the values       as wide as on the wire; null where the row has no such value
+answer_ms, unanswered    Float64, Boolean; motor_hint Int8; null in rows without facts
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ def column_dtype(column: Column) -> pl.DataType:
         case ColumnType.INT:
             found: pl.DataType = getattr(pl, f"{'' if column.signed else 'U'}Int{column.bits}")()
             return found
+        case ColumnType.REAL:
+            return pl.Float64()
+        case ColumnType.BOOL:
+            return pl.Boolean()
         case ColumnType.WORD:
             return words
         case ColumnType.WORDS:

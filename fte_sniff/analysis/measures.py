@@ -481,7 +481,9 @@ class _CommandAnswers(Measure):
         found = motor_rows(rows)
         for motor, pairing in self._pairings.items():
             commands, feedback = found.commands[motor], found.feedback[motor]
-            decided = pairing.decide(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
+            decided = pairing.decide(
+                MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback), rows.t_ns
+            )
             early = decided.indices < 0
             if early.any():
                 position, matched = self._open[motor]

@@ -183,7 +183,7 @@ class Answers:
             motor.commands += len(commands)
             motor.feedback += len(feedback)
             frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-            motor.delays.update(*motor.pairing.update(*frames))
+            motor.delays.update(*motor.pairing.update(*frames, rows.t_ns))
 
     def merge(self, later: Answers) -> None:
         """Add the rows that follow."""

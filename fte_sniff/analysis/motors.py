@@ -61,6 +61,9 @@ ANSWERABLE: Final = np.array(
 )
 """The CMDs of feedback: commands with another CMD have no answer."""
 
+DEADLINE_NS: Final = 1_000_000_000
+"""Time in which a command must be answered."""
+
 _NO_CMD: Final = -1
 _BEFORE_BATCH: Final = -1
 _NEVER: Final = 2**62
@@ -91,10 +94,10 @@ class MotorFrames:
         )
 
 
-def _frames(cmds_and_times: Sequence[tuple[int, int]]) -> MotorFrames:
-    """Frames at the beginning of a batch, by CMD and time."""
+def _frames(cmds_and_times: Sequence[tuple[int, int]], after: int = 0) -> MotorFrames:
+    """Frames from an index of a batch on, by CMD and time."""
     columns = np.array(cmds_and_times, np.int64).reshape(-1, 2)
-    return MotorFrames(np.arange(len(columns)), columns[:, 0], columns[:, 1])
+    return MotorFrames(np.arange(len(columns)) + after, columns[:, 0], columns[:, 1])
 
 
 class _Copyable:
@@ -150,8 +153,8 @@ _NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NON
 class Pairing(_Copyable):
     """Matches the commands to one motor with its feedback.
 
-    The answer of a command is the first feedback with the same CMD before the next command. While
-    a port is lost, a command may be answered, but it is never unanswered.
+    The answer of a command is the first feedback with the same CMD before the next command and the
+    deadline. While a port is lost, a command may be answered, but it is never unanswered.
     """
 
     def __init__(self) -> None:
@@ -163,6 +166,8 @@ class Pairing(_Copyable):
         """CMD and time of the last command, if it may still be answered."""
         self._early: dict[int, int] = {}
         """By CMD, the time of the first feedback before `_begins_with`."""
+        self._early_ns = NO_TIME
+        """The latest time of a row before `_begins_with`."""
         self._begins_with: str | None = None
         """Whether the first command or gap is a `command` or a `gap`; None before it."""
         self._port_lost: bool | None = None
@@ -185,10 +190,13 @@ class Pairing(_Copyable):
             answers = [(cmd, t_ns) for cmd, t_ns in later._early.items() if cmd == self._waiting[0]]
             follows = later._begins_with == _COMMAND
             decided = self.decide(
-                _frames([(_NO_CMD, NO_TIME)] if follows and not answers else []), _frames(answers)
+                _frames([(_NO_CMD, NO_TIME)] if follows else [], after=len(answers)),
+                _frames(answers),
+                np.array([later._early_ns]),
             )
         if self._begins_with is None:
             self._early = {**later._early, **self._early}
+            self._early_ns = max(self._early_ns, later._early_ns)
             self._begins_with = later._begins_with
         if later._begins_with is not None:
             self._waiting = later._waiting
@@ -199,9 +207,10 @@ class Pairing(_Copyable):
         self.unanswered += later.unanswered
         return decided
 
-    def _observe_early(self, commands: MotorFrames, feedback: MotorFrames) -> None:
+    def _observe_early(self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints) -> None:
         """Note feedback before the first command: it may answer a command before all rows."""
         stop = commands.indices[0] if len(commands.indices) else _NEVER
+        self._early_ns = max(self._early_ns, int(t_ns[:stop].max(initial=NO_TIME)))
         early = feedback.cmds[feedback.indices < stop]
         for cmd in ANSWERABLE.tolist():
             same = np.flatnonzero(early == cmd)
@@ -227,17 +236,24 @@ class Pairing(_Copyable):
             return None
         return self._waiting[1]
 
-    def update(self, commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Ints]:
-        """Match the commands and the feedback of the next batch.
+    def update(
+        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints = _NONE
+    ) -> tuple[Ints, Ints]:
+        """Match the commands and the feedback of the next batch; see `decide`.
 
         Returns the known answer times and times of the answers, nanoseconds.
         """
-        return self.decide(commands, feedback).measured
+        return self.decide(commands, feedback, t_ns).measured
 
-    def decide(self, commands: MotorFrames, feedback: MotorFrames) -> DecidedCommands:
-        """Match the next commands and feedback; returns what became of each command."""
+    def decide(
+        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints = _NONE
+    ) -> DecidedCommands:
+        """Match the next commands and feedback; returns what became of each command.
+
+        `t_ns` are the times of all rows of the batch, for the deadline of the last command.
+        """
         if self._begins_with is None:
-            self._observe_early(commands, feedback)
+            self._observe_early(commands, feedback, t_ns)
         if self._waiting is not None:
             commands = commands.after(*self._waiting)
         if not len(commands.indices):
@@ -249,10 +265,11 @@ class Pairing(_Copyable):
         delays_ns = np.where(known, ends_ns - commands.t_ns, NO_TIME)
         self.delays.update(delays_ns[known])
         answerable = np.isin(commands.cmds, ANSWERABLE)
-        waits = bool(answerable[-1] and not answered[-1])
+        overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
+        waits = bool(answerable[-1] and not answered[-1] and not overdue)
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
         unanswered = answerable & ~answered & (not self._port_lost)
-        unanswered[-1] = False
+        unanswered[-1] &= overdue
         self.answered += int(answered.sum())
         self.unanswered += int(unanswered.sum())
         decided = answered | unanswered
@@ -261,8 +278,17 @@ class Pairing(_Copyable):
         )
 
 
+def is_overdue(asked_ns: int, later_ns: Ints) -> bool:
+    """Whether the deadline of a command passed, by the times of the rows after it."""
+    latest = int(later_ns.max(initial=NO_TIME))
+    return NO_TIME not in (asked_ns, latest) and latest - asked_ns > DEADLINE_NS
+
+
 def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
-    """For every command the position in `feedback` of its answer, and whether it has one."""
+    """For every command the position in `feedback` of its answer, and whether it has one.
+
+    The answer is the first feedback with the same CMD before the next command and the deadline.
+    """
     answers = np.zeros(len(commands.indices), np.int64)
     answered = np.zeros(len(commands.indices), np.bool_)
     ends = np.append(commands.indices[1:], _NEVER)
@@ -275,8 +301,12 @@ def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bo
         first = np.searchsorted(indices, commands.indices[asking], side="right")
         found = first < len(same)
         found[found] = indices[first[found]] < ends[asking[found]]
-        answered[asking[found]] = True
-        answers[asking[found]] = same[first[found]]
+        asked, same = asking[found], same[first[found]]
+        delays_ns = feedback.t_ns[same] - commands.t_ns[asked]
+        timed = (feedback.t_ns[same] != NO_TIME) & (commands.t_ns[asked] != NO_TIME)
+        in_time = ~(timed & (delays_ns > DEADLINE_NS))
+        answered[asked[in_time]] = True
+        answers[asked[in_time]] = same[in_time]
     return answers, answered
 
 
@@ -440,7 +470,7 @@ class _Motor(_Copyable):
     def _pair(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         open_cmd = self.pairing.waiting_cmd
         frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-        decided = self.pairing.decide(*frames)
+        decided = self.pairing.decide(*frames, rows.t_ns)
         if not len(decided.indices):
             return
         cmds = rows.cmds[decided.indices].astype(np.int64)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import Row, Status, status_of
-from fte_sniff.protocol.rows import Codebook, Codes, Rows
+from fte_sniff.protocol.rows import FACTS, NO_FACT, Array, Codebook, Codes, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -49,16 +49,23 @@ def row_notes(rows: Rows) -> Codes:
     return notes
 
 
+def _no_facts(rows: int) -> dict[str, Array]:
+    return {name: np.full(rows, NO_FACT, np.dtype(code)) for name, code in FACTS.items()}
+
+
 class Block:
     """A run of consecutive rows; `start` is the index of the first."""
 
     def __init__(self, start: int, capacity: int, codebook: Codebook) -> None:
         self.start = start
         self.capacity = capacity
-        self.rows = Rows.allocate(codebook, capacity)
+        self._facts = _no_facts(capacity)
+        self.rows = Rows.allocate(codebook, capacity).with_facts(self._facts)
         self.dropped = False
         """Whether the rows are not in memory; everything else stays."""
         self.count = 0
+        self.known = 0
+        """Rows whose facts are known, from the start."""
         self.faulty = False
         self.raised = False
         """Whether any row has a raised flag byte."""
@@ -94,6 +101,13 @@ class Block:
             notes = row_notes(self.rows)
             self._packed_notes = np.packbits((notes >> 1, notes & 1), axis=1)
 
+    def fill(self, facts: Rows) -> None:
+        """Store the facts of the next rows, not more than there are."""
+        end = self.known + len(facts)
+        for name, stored in self._facts.items():
+            stored[self.known : end] = getattr(facts, name)
+        self.known = end
+
     def notes(self) -> Codes:
         """The `RowNote` of each row, also where the rows are not in memory."""
         if self._packed_notes is None:
@@ -110,7 +124,7 @@ class Block:
         """Store the rows again after `drop`; ValueError if their number differs."""
         if len(rows) != self.count:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
-        self.rows, self.dropped = rows, False
+        self.rows, self.dropped = rows.with_facts(self._facts), False
 
     def reset_filter(self) -> None:
         """Forget the results of the filter."""
@@ -118,14 +132,14 @@ class Block:
 
     def apply_filter(self, row_filter: RowFilter) -> int:
         """Apply the filter to the rows that it was not applied to; return their number."""
-        start, end = self.filtered, self.count
+        start, end = self.filtered, self.known if row_filter.needs_facts else self.count
         found = np.flatnonzero(row_filter.matches(self.rows[start:end])) + start
         if len(self._matches) < self.capacity:
             self._matches = np.empty(self.capacity, np.uint16)
         self._matches[self.matching : self.matching + len(found)] = found
         self.matching += len(found)
         self.filtered = end
-        if not self.free:
+        if end == self.capacity:
             self._matches = self.matches.copy()
         return end - start
 
@@ -185,6 +199,8 @@ class RowStore:
         """Index of the oldest row."""
         self.loaded = 0
         """Index after the last row, also where a limit hides it."""
+        self.known = 0
+        """Index after the last row whose facts are known; see `analysis.facts`."""
         self.limit: int | None = None
         """Index from which on rows are hidden, as if they had not come yet; None to hide none."""
         self.view = FilteredView(self)
@@ -243,6 +259,16 @@ class RowStore:
             self.loaded += len(piece)
             self._drop_oldest()
         self.view.update(changed)
+
+    def fill(self, facts: Rows) -> None:
+        """Store the facts of the next rows from index `known` on."""
+        start, stop = self.known, self.known + len(facts)
+        changed = [one for one in self.blocks if one.start < stop and start < one.end]
+        for block in changed:
+            block.fill(facts[max(start, block.start) - start : min(stop, block.end) - start])
+        self.known = stop
+        if self.view.filter is not None and self.view.filter.needs_facts:
+            self.view.update(changed)
 
     def _drop_oldest(self) -> None:
         self.first = max(self.first, self.loaded - self.bound)

@@ -26,7 +26,9 @@ from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, ColumnType
 
 PERCENTILES: Final = ("p50", "p95", "p99", "max")
 
-FIELDS: Final = tuple(column.name for column in COLUMNS if column.type is ColumnType.INT)
+FIELDS: Final = tuple(
+    column.name for column in COLUMNS if column.type in (ColumnType.INT, ColumnType.REAL)
+)
 """The fields that `min`, `max` and `mean` take."""
 
 _UNIT_AT_END: Final = re.compile(

@@ -10,11 +10,13 @@ from typing import Any, Self
 import numpy as np
 
 from fte_sniff.analysis.dataframe import row_frame
+from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.measures import RowPosition, Rule
 from fte_sniff.analysis.tally import RowCount, RowModel
 from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows
 
 
@@ -48,6 +50,12 @@ class Verdict:
         return self.result is RuleResult.FAIL
 
 
+def _needs_facts(rule: Rule) -> bool:
+    """Whether it reads a column that depends on other rows."""
+    text = rule.filter_text
+    return rule.argument in DERIVED or (text is not None and RowFilter.parse(text).needs_facts)
+
+
 class RuleCheck(RowModel):
     """Measures consecutive rows and judges rules about them."""
 
@@ -59,6 +67,7 @@ class RuleCheck(RowModel):
         self._measures = [rule.kind.make(rule) for rule in rules]
         self._filters: dict[str, RowFilter] = {}
         self._names: frozenset[str] = frozenset()
+        self._facts = Facts() if any(map(_needs_facts, rules)) else None
 
     def __getstate__(self) -> Mapping[str, Any]:
         """Everything but the compiled filters."""
@@ -72,6 +81,7 @@ class RuleCheck(RowModel):
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
         if isinstance(change, Gap):
+            self._settle(change)
             if change.kind is GapKind.NOT_SHOWN:
                 self.unseen += change.rows or 0
             for measure in self._measures:
@@ -79,6 +89,16 @@ class RuleCheck(RowModel):
 
     def _observe(self, rows: Rows) -> None:
         self.total.observe(rows)
+        self._measure(rows if self._facts is None else self._facts.feed(rows))
+
+    def _settle(self, gap: Gap | None = None) -> None:
+        """Measure the rows that wait for their facts, at a gap or at the end."""
+        if self._facts is not None:
+            self._measure(self._facts.interrupt(gap))
+
+    def _measure(self, rows: Rows) -> None:
+        if not len(rows):
+            return
         masks = self._masks(rows)
         for rule, measure in zip(self.rules, self._measures, strict=True):
             measure.observe(rows, masks[rule.filter_text])
@@ -96,13 +116,16 @@ class RuleCheck(RowModel):
 
     def merge(self, later: Self) -> None:
         """Add the rows that follow, as if they had been observed here."""
+        self._settle()
+        later._settle()
         self.unseen += later.unseen
         self.total.merge(later.total)
         for measure, other in zip(self._measures, later._measures, strict=True):
             measure.merge(other)
 
     def verdicts(self) -> list[Verdict]:
-        """By rule, in their order."""
+        """By rule, in their order; commands that still wait for an answer are not decided."""
+        self._settle()
         found = []
         for rule, measure in zip(self.rules, self._measures, strict=True):
             value = None if self.unseen else measure.value(self.total)

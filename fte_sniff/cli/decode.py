@@ -62,11 +62,17 @@ def command(
     # Following ends by Ctrl-C, as a capture does.
     ending = nullcontext() if following is None else ending_signals(following.stop)
     with ending, progress_line(reads_stdin=STDIN in query.files) as line:
-        reading = query.read(query.row_filter(), limit, line.progress, following)
+        # The rows of a stream do not wait, unless the filter needs it.
+        facts = form in _WITH_FACTS and following is None and STDIN not in query.files
+        reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
         _write(form, output, reading, line, force=force)
     print_notes(reading)
     print_err(summary(reading.tally, reading))
     exit_if_unreadable(reading)
+
+
+_WITH_FACTS = (OutputFormat.JSONL, OutputFormat.CSV, OutputFormat.PARQUET)
+"""The formats with the columns that depend on later rows."""
 
 
 def _format_for(output: Path | None) -> OutputFormat:

@@ -276,6 +276,8 @@ class InputQuery:
         limit: int | None = None,
         progress: Progress | None = None,
         following: Following | None = None,
+        *,
+        facts: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -297,7 +299,9 @@ class InputQuery:
         inputs = [one for _, one in self._each(opened, progress, unreadable)]
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        found = InputReading(inputs, span, row_filter, limit, self.baud, unreadable, progress)
+        found = InputReading(
+            inputs, span, row_filter, limit, self.baud, unreadable, progress, facts=facts
+        )
         if following is not None:
             progress.step = f"following {inputs[0].name}"
         return found

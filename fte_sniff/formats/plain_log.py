@@ -150,13 +150,13 @@ _OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
     "CSV": (
         "time,port,offset,",
         rf"(?=\d{{4}}-|,)(?:(?P<time>{_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
-        r".*,(?P<raw>[0-9A-F]+)\s*\Z)?",
+        r".*,(?P<raw>(?:[0-9A-F]{2})+)(?:,[\d.]*,(?:true|false|),\d?)?\s*\Z)?",
         lambda port: port[1:-1].replace('""', '"') if port[:1] == '"' else port,
     ),
     "JSON lines": (
         r'\s*\{"time": *[^,]*, *"port":',
         rf'\s*\{{(?:"time": *(?:null|"(?P<time>{_TIME})"), *"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
-        r'.*"raw": *"(?P<raw>[0-9A-F]+)"\}\s*\Z)?',
+        r'.*"raw": *"(?P<raw>(?:[0-9A-F]{2})+)"(?:, *"[a-z_]+": *[^,{}"]*)*\}\s*\Z)?',
         json.loads,
     ),
 }

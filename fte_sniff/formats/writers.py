@@ -191,7 +191,12 @@ def _values(row: Row) -> list[Value]:
     values["time"] = None if row.t_ns is None else iso_time(row.t_ns)
     values["port"] = printable(row.port)
     values["faults"] = faults_text(row.faults)
-    return list(values.values())
+    return [_lower(value) if isinstance(value, bool) else value for value in values.values()]
+
+
+def _lower(truth: bool) -> str:
+    """As JSON and polars write it."""
+    return str(truth).lower()
 
 
 class HexWriter(_LineWriter):

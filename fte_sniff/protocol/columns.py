@@ -13,7 +13,7 @@ from enum import StrEnum
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
-from fte_sniff.protocol.rows import Frame, Row
+from fte_sniff.protocol.rows import NO_FACT, Frame, Row
 from fte_sniff.protocol.spec import (
     FAULT_MEANINGS,
     FRAME_LENGTH,
@@ -27,8 +27,8 @@ from fte_sniff.protocol.spec import (
     status_of,
 )
 
-Value: TypeAlias = int | str | list[str] | None
-"""The value of a column: a number, a text, the list of faults, or None."""
+Value: TypeAlias = int | float | str | list[str] | None
+"""The value of a column: a number, a text, a truth, the list of faults, or None."""
 
 
 class ColumnType(StrEnum):
@@ -40,6 +40,9 @@ class ColumnType(StrEnum):
     WORD = "word"
     WORDS = "words"
     INT = "int"
+    REAL = "real"
+    """A fraction with three decimals."""
+    BOOL = "bool"
     HEX = "hex"
     """The row's bytes as hex digits, upper case, no spaces."""
 
@@ -78,6 +81,8 @@ class Column:
     """Cells on the screen; 0 where the values or words decide."""
     shown: bool = True
     """Whether the screen shows it if the user has not chosen columns."""
+    derived: bool = False
+    """Whether it depends on other rows, so that `analysis.facts` computes it."""
 
 
 def _frame_value(value: Callable[[Frame], Value]) -> Callable[[Row], Value]:
@@ -102,6 +107,11 @@ def _field_column(field: Field) -> Column:
         signed=field.signed,
         rank=30,
     )
+
+
+def _milliseconds(nanoseconds: Any) -> Any:
+    """Milliseconds with three decimals, which every format writes alike; also of an array."""
+    return (nanoseconds + 500) // 1000 / 1000
 
 
 COLUMNS: tuple[Column, ...] = (
@@ -197,6 +207,39 @@ COLUMNS: tuple[Column, ...] = (
         rank=50,
         width=3 * FRAME_LENGTH - 1,
     ),
+    Column(
+        "answer_ms",
+        ColumnType.REAL,
+        "from a command to the feedback that answers it, the slowest motor's [ms]",
+        lambda row: None if row.answer_ns is None else _milliseconds(row.answer_ns),
+        lambda rows: ColumnData(_milliseconds(rows.answer_ns), rows.answer_ns != NO_FACT),
+        unit="ms",
+        rank=85,
+        width=9,
+        shown=False,
+        derived=True,
+    ),
+    Column(
+        "unanswered",
+        ColumnType.BOOL,
+        "whether a command had no answer by the deadline; null where that is not known",
+        lambda row: row.unanswered,
+        lambda rows: ColumnData(rows.unanswered == 1, rows.unanswered != NO_FACT),
+        rank=86,
+        shown=False,
+        derived=True,
+    ),
+    Column(
+        "motor_hint",
+        ColumnType.INT,
+        "the motor that a damaged row probably belonged to",
+        lambda row: row.motor_hint,
+        lambda rows: ColumnData(rows.motor_hint, rows.motor_hint != NO_FACT),
+        bits=8,
+        rank=87,
+        shown=False,
+        derived=True,
+    ),
 )
 """The columns in order (JSONL keys, CSV columns, filter fields; never translated)."""
 
@@ -214,6 +257,10 @@ def record(row: Row) -> dict[str, Value]:
     if isinstance(row, Frame):
         values.update(row.values)
     return values
+
+
+DERIVED = frozenset(column.name for column in COLUMNS if column.derived)
+"""The columns that `analysis.facts` computes."""
 
 
 def iso_time(t_ns: int) -> str:

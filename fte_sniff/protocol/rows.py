@@ -17,7 +17,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from itertools import accumulate, compress
+from itertools import accumulate, compress, repeat
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, overload
 
@@ -67,6 +67,12 @@ class _Row:
     order_uncertain: bool = field(default=False, compare=False)
     """Whether a neighbouring row of another port may belong on the other side of this one: their
     times are closer than the two ports can resolve."""
+    answer_ns: int | None = field(default=None, compare=False)
+    """Nanoseconds from a command to its answer; see `analysis.facts`."""
+    unanswered: bool | None = field(default=None, compare=False)
+    """Whether a command had no answer by the deadline; None where that is not known."""
+    motor_hint: int | None = field(default=None, compare=False)
+    """The motor that a damaged row probably belonged to."""
 
     def __reduce__(self) -> tuple[type[_Row], tuple[object, ...]]:
         """Pickle for another process, faster than dataclasses do."""
@@ -78,6 +84,9 @@ class _Row:
             self.faults,
             self.read_delay_ns,
             self.order_uncertain,
+            self.answer_ns,
+            self.unanswered,
+            self.motor_hint,
         )
 
     @property
@@ -195,6 +204,13 @@ COLUMNS: Final[Mapping[str, str]] = {
 """The type of each column but `raw`, as in `struct`, in the order of the columns."""
 
 
+NO_FACT: Final = -1
+"""The value of `answer_ns`, `unanswered` and `motor_hint` in a row without one."""
+
+FACTS: Final[Mapping[str, str]] = {"answer_ns": "i", "unanswered": "b", "motor_hint": "b"}
+"""The type of each column that depends on other rows; rows have all of them, or none yet."""
+
+
 class _Column:
     """A column as a numpy array, made on first use."""
 
@@ -213,6 +229,21 @@ class _Column:
         # The instance's attribute is found before this descriptor from now on.
         found = rows.__dict__[self._name] = np.asarray(rows.buffers[self._name])
         return found
+
+
+class _FactColumn(_Column):
+    """A column that depends on other rows; `NO_FACT` everywhere if it was not computed."""
+
+    @overload
+    def __get__(self, rows: None, owner: type[Rows]) -> _FactColumn: ...
+    @overload
+    def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
+    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _Column:
+        if rows is None or rows.has_facts:
+            return super().__get__(rows, owner)
+        import numpy as np
+
+        return np.full(len(rows), NO_FACT, np.dtype(FACTS[self._name]))
 
 
 class Rows(Sequence["Row"]):
@@ -240,6 +271,12 @@ class Rows(Sequence["Row"]):
     """Whether the row is a Frame, bool; otherwise it is a Damage."""
     unordered = _Column()
     """Whether the row's order among rows of other ports is uncertain, bool."""
+    answer_ns = _FactColumn()
+    """Nanoseconds from a command to its answer, int32, or `NO_FACT`."""
+    unanswered = _FactColumn()
+    """Whether a command had no answer by the deadline: 0 or 1, or `NO_FACT`; int8."""
+    motor_hint = _FactColumn()
+    """The motor that a damaged row probably belonged to, or `NO_FACT`; int8."""
 
     def __init__(
         self,
@@ -249,7 +286,7 @@ class Rows(Sequence["Row"]):
         long: dict[int, bytes] | None = None,
         events: tuple[PortEvent, ...] = (),
     ) -> None:
-        """Rows of these columns, which all of `COLUMNS` are in.
+        """Rows of these columns, which all of `COLUMNS` are in, and all of `FACTS` or none.
 
         `raw` holds the first ten bytes of each row, padded with zeros. `long` is not copied.
         """
@@ -299,6 +336,12 @@ class Rows(Sequence["Row"]):
             "framed": _flags(isinstance(row, Frame) for row in rows),
             "unordered": _flags(row.order_uncertain for row in rows),
         }
+        for name, code in FACTS.items():
+            facts = [getattr(row, name) for row in rows]
+            if any(fact is not None for fact in facts):
+                columns[name] = array(code, [NO_FACT if one is None else one for one in facts])
+        if not columns.keys().isdisjoint(FACTS):
+            columns = {**no_facts(len(rows)), **columns}
         first = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
         long = {at: raw for at, raw in enumerate(raws) if len(raw) > FRAME_LENGTH}
         return cls(codebook, columns, first, long, tuple(events))
@@ -321,6 +364,10 @@ class Rows(Sequence["Row"]):
             name: _typed(b"".join([part.buffers[name] for part in recoded]), code)
             for name, code in COLUMNS.items()
         }
+        if any(part.has_facts for part in parts):
+            facts = [part.buffers if part.has_facts else no_facts(len(part)) for part in parts]
+            for name, code in FACTS.items():
+                columns[name] = _typed(b"".join([one[name] for one in facts]), code)
         return cls(codebook, columns, b"".join([part.raw_bytes for part in parts]), long, events)
 
     def with_columns(
@@ -338,12 +385,27 @@ class Rows(Sequence["Row"]):
             self.events if events is None else tuple(events),
         )
 
+    def with_facts(self, facts: Mapping[str, Buffer]) -> Rows:
+        """These rows with the columns of `FACTS`."""
+        columns = {**self.buffers, **facts}
+        return Rows(self.codebook, columns, self._raw, self.long, self.events)
+
     def assign(self, start: int, rows: Rows) -> None:
         """Fill what `allocate` made, from index `start` on, with rows of its codebook."""
         own = slice(start, start + len(rows))
         for name in (*COLUMNS, "raw"):
             getattr(self, name)[own] = getattr(rows, name)
         self.long.update((start + at, raw) for at, raw in rows.long.items())
+
+    @property
+    def has_facts(self) -> bool:
+        """Whether the columns of `FACTS` were computed."""
+        return "unanswered" in self.buffers
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """The columns that it has, but `raw`."""
+        return (*COLUMNS, *(FACTS if self.has_facts else ()))
 
     def __len__(self) -> int:
         return len(self.buffers["t_ns"])
@@ -378,7 +440,11 @@ class Rows(Sequence["Row"]):
         ports, faults = self.codebook.ports, self.codebook.faults
         raws = bytes(self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * end])
         scalars = [self.buffers[name][start:end].tolist() for name in COLUMNS]
-        for at, scalar in enumerate(zip(*scalars, strict=True)):
+        facts: Iterable[tuple[int | None, ...]] = repeat((None, None, None), end - start)
+        if self.has_facts:
+            facts = zip(*(_optional(self.buffers[name][start:end]) for name in FACTS), strict=True)
+        columns = zip(zip(*scalars, strict=True), facts, strict=True)
+        for at, (scalar, (answer_ns, unanswered, motor_hint)) in enumerate(columns):
             t_ns, offset, delay, length, port, fault, framed, unordered = scalar
             first = at * FRAME_LENGTH
             yield (Frame if framed else Damage)(
@@ -389,6 +455,9 @@ class Rows(Sequence["Row"]):
                 faults[fault],
                 None if delay == NO_TIME else delay,
                 unordered,
+                answer_ns,
+                None if unanswered is None else bool(unanswered),
+                motor_hint,
             )
 
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
@@ -396,7 +465,7 @@ class Rows(Sequence["Row"]):
         return _received, (
             tuple(self.codebook.ports),
             tuple(self.codebook.faults),
-            tuple(bytes(self.buffers[name]) for name in COLUMNS),
+            tuple(bytes(self.buffers[name]) for name in self.column_names),
             bytes(self.raw_bytes),
             self.long,
             self.events,
@@ -533,7 +602,9 @@ class Rows(Sequence["Row"]):
         """The rows of a slice, a mask or an array of indices, with these events."""
         import numpy as np
 
-        columns = {name: np.ascontiguousarray(getattr(self, name)[rows]) for name in COLUMNS}
+        columns = {
+            name: np.ascontiguousarray(getattr(self, name)[rows]) for name in self.column_names
+        }
         long: dict[int, bytes] = {}
         if self.long:
             at = np.flatnonzero(columns["length"] > FRAME_LENGTH)
@@ -604,9 +675,18 @@ def _received(
         codebook.port_code(port)
     for one in faults:
         codebook.fault_code(one)
-    typed = zip(COLUMNS.items(), columns, strict=True)
+    typed = zip({**COLUMNS, **FACTS}.items(), columns, strict=False)
     buffers = {name: _typed(column, code) for (name, code), column in typed}
     return Rows(codebook, buffers, raw, long, events)
+
+
+def no_facts(rows: int) -> dict[str, Buffer]:
+    """The columns of `FACTS` for rows whose facts are not known."""
+    return {name: array(code, [NO_FACT]) * rows for name, code in FACTS.items()}
+
+
+def _optional(facts: Buffer) -> list[int | None]:
+    return [None if fact == NO_FACT else fact for fact in facts.tolist()]
 
 
 def _or_no_time(value: int | None) -> int:

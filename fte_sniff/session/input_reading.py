@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part, Selection
+    from fte_sniff.session.fact_stage import FactStage
 
 DAMAGED: Final = GapKind.DAMAGE, TranslatableText("the recording was damaged here")
 ANOTHER: Final = GapKind.OTHER_RECORDING, TranslatableText("another recording begins here")
@@ -57,6 +58,8 @@ class InputReading:
         baud: int | None = None,
         unreadable: Sequence[FileError] = (),
         progress: Progress | None = None,
+        *,
+        facts: bool = False,
     ) -> None:
         """Read no rows yet; of several inputs, read their first times.
 
@@ -68,12 +71,15 @@ class InputReading:
             baud: the baud of every port; None for that of the inputs.
             unreadable: errors of inputs that could not be opened.
             progress: shows how far reading has come.
+            facts: whether rows wait for the facts that depend on later rows; they always do if the
+                filter names one.
         """
         self.inputs = inputs = _by_first_time(inputs)
         for number, one in enumerate(inputs):
             one.number = number
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
+        self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)
         self.tally = Tally()
         self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
@@ -203,6 +209,7 @@ class InputReading:
             if succession.before is not None:
                 detector.lost.clear()
         succession.before, read = one, 0
+        facts = self._fact_stage()
         for batch in one.batches(self.span, self.notes.append, open_inputs):
             if batch.after_gap:
                 changes.append(detector.interrupt(*DAMAGED))
@@ -214,10 +221,11 @@ class InputReading:
             self.tally.observe(batch.rows)
             self.progress.advance(one.position - read, len(batch.rows))
             read = one.position
-            found = batch if self.row_filter is None else batch.select(self.row_filter)
-            changes += detector.changes(found.rows, found.events)
-            yield replace(found, changes=changes, origin=one.number)
+            changes += detector.changes(batch.rows, batch.events)
+            yield from self._selected(replace(batch, changes=changes, origin=one.number), facts)
             changes = []
+        if facts is not None:
+            yield from self._selected(replace(facts.end(), origin=one.number))
         if one.failure is not None:
             self.skip(one.failure)
         self.progress.files_done += 1
@@ -226,6 +234,18 @@ class InputReading:
             changes.append(detector.interrupt(*DAMAGED))
         if changes:
             yield InputBatch(changes=changes, losses=one.losses)
+
+    def _fact_stage(self) -> FactStage | None:
+        if not self._has_facts:
+            return None
+        from fte_sniff.session.fact_stage import FactStage
+
+        return FactStage()
+
+    def _selected(self, batch: InputBatch, facts: FactStage | None = None) -> Iterator[InputBatch]:
+        """The batch, as far as its facts are decided, with the rows that match."""
+        found = batch if facts is None else facts.feed(batch)
+        yield found if self.row_filter is None else found.select(self.row_filter)
 
 
 def _ports_of(one: Input) -> list[str]:

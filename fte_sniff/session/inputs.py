@@ -108,7 +108,14 @@ class InputBatch:
 
     def select(self, row_filter: RowFilter) -> InputBatch:
         """The same with only the rows that match the filter."""
-        return replace(self, rows=row_filter.select(self.rows), reload=None)
+        if not self.changes:
+            return replace(self, rows=row_filter.select(self.rows), reload=None)
+        matches = row_filter.matches(self.rows)
+        rows = self.rows.select(matches, self.rows.events)
+        changes = [
+            replace(change, index=int(matches[: change.index].sum())) for change in self.changes
+        ]
+        return replace(self, rows=rows, changes=changes, reload=None)
 
     def first(self, count: int) -> InputBatch:
         """The same with at most `count` rows."""

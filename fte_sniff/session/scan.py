@@ -16,7 +16,9 @@ from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
+from fte_sniff.analysis.motors import DEADLINE_NS
 from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
+from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.reader import (
@@ -26,6 +28,8 @@ from fte_sniff.recording.reader import (
     recordings_in,
     start_of,
 )
+from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import RecordingInput
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
@@ -141,8 +145,14 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
             if may_skip and one.current().is_skipped(wanted, first_ns, last_ns, own):
                 continue
             make = _maker(names, wanted, own)
-            reader = RecordingReader(one.path)
-            for columns in _first(_columns([reader], TimeRange(first_ns)), left):
+            needed = {
+                *(names or TABLE_SCHEMA),
+                *(() if wanted is None else wanted.meta.root_names()),
+            }
+            facts = not DERIVED.isdisjoint(needed)
+            # Facts depend on rows before; the filter itself drops them.
+            span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS) if facts else first_ns)
+            for columns in _first(_columns([RecordingReader(one.path)], span, facts=facts), left):
                 left = None if left is None else left - len(columns)
                 yield make(columns)
             if left == 0:
@@ -261,15 +271,22 @@ def _recordings(paths: Paths) -> list[Path]:
     return recordings_in(Path(path) for path in listed)
 
 
-def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[Rows]:
+def _columns(readers: Sequence[RecordingReader], span: TimeRange, *, facts: bool) -> Iterator[Rows]:
     codebook = Codebook()
     for reader in readers:
-        yield from (columns for columns in reader.batches(codebook, span) if len(columns))
+        batches = _with_facts(reader, span) if facts else reader.batches(codebook, span)
+        yield from (columns for columns in batches if len(columns))
         _warn_of(reader)
 
 
+def _with_facts(reader: RecordingReader, span: TimeRange) -> Iterator[Rows]:
+    """The rows with their facts, which do not span a gap."""
+    reading = InputReading([RecordingInput(reader)], span, facts=True)
+    return (batch.rows for batch in reading.batches_of(reading.inputs[0]))
+
+
 def _whole(readers: Sequence[RecordingReader]) -> Iterator[Rows]:
-    yield from _first(_columns(readers, TimeRange()), None)
+    yield from _first(_columns(readers, TimeRange(), facts=True), None)
 
 
 def _first(batches: Iterator[Rows], limit: int | None) -> Iterator[Rows]:

@@ -11,6 +11,7 @@ from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.counters import Rate
+from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import (
     Feed,
     FeedState,
@@ -81,6 +82,7 @@ class ViewModel:
         self._events_played = 0
         """Number of `_file_events` that were forwarded during playback."""
         self._frames_per_s: float | None = None
+        self._facts = Facts()
         self._recording_since_ns: int | None = None
         self.recorded_s = 0.0
 
@@ -98,6 +100,9 @@ class ViewModel:
         if update.rows:
             self.store.append(update.rows)
             self.tally.observe(update.rows)
+        self._fill(self._facts.feed(update.rows, update.changes))
+        if ended:
+            self._fill(self._facts.interrupt())
         rings = self.state.live and self._rings(update.rows, now_ns)
         for event in update.events:
             self._events[event.kind] += 1
@@ -119,6 +124,11 @@ class ViewModel:
         return ViewUpdate(
             changed, events, ended, trouble, rings, stream_changes, update.rows, first
         )
+
+    def _fill(self, facts: Rows) -> None:
+        """Store the facts of the next rows."""
+        if len(facts):
+            self.store.fill(facts)
 
     def play(
         self, index: int, speed: float, now_ns: int

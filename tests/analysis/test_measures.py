@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.measures import OPERATORS, RowPosition
+from fte_sniff.analysis.motors import DEADLINE_NS
 from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
@@ -129,6 +130,11 @@ def test_the_longest_gap_includes_both_ends_of_each_run(steps: list[Step]) -> No
     assert measured(steps, "max_gap(kind = 'speed')") == expected
 
 
+def _is_late(command: Row, row: Row) -> bool:
+    timed = command.t_ns is not None and row.t_ns is not None
+    return timed and row.t_ns - command.t_ns > DEADLINE_NS
+
+
 @given(captures(), st.sampled_from([None, 1, 2]))
 def test_answers_equal_a_count_by_hand(steps: list[Step], only: int | None) -> None:
     delays, unanswered, rows = [], 0, rows_of(steps)
@@ -136,6 +142,9 @@ def test_answers_equal_a_count_by_hand(steps: list[Step], only: int | None) -> N
         for motor in (1, 2, 3, 4):
             waiting: Frame | None = None
             for row in run:
+                if waiting is not None and _is_late(waiting, row):
+                    unanswered += only in (None, motor)
+                    waiting = None
                 if not isinstance(row, Frame) or row.values.get("motor", motor) != motor:
                     continue
                 if row.direction is Direction.CONTROL:

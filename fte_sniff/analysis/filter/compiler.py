@@ -69,6 +69,8 @@ _TERM_TYPE: Final = {
     ColumnType.WORD: TermType.WORD,
     ColumnType.WORDS: TermType.WORDS,
     ColumnType.INT: TermType.NUMBER,
+    ColumnType.REAL: TermType.NUMBER,
+    ColumnType.BOOL: TermType.TRUTH,
     ColumnType.HEX: TermType.HEX,
 }
 

@@ -82,7 +82,7 @@ def completions(
 
 
 def _literal(column: Column | None, value: str) -> str:
-    is_number = column is not None and column.type is ColumnType.INT
+    is_number = column is not None and column.type in (ColumnType.INT, ColumnType.REAL)
     return value if is_number else quoted(value)
 
 
@@ -112,7 +112,9 @@ def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
 
 def _operators(column: Column) -> Sequence[str]:
     words = ["IN", "IS NULL", "IS NOT NULL", "NOT IN"]
-    if column.type in (ColumnType.INT, ColumnType.TIME):
+    if column.type is ColumnType.BOOL:
+        return ["AND", "OR", "=", "IS NULL", "IS NOT NULL"]
+    if column.type in (ColumnType.INT, ColumnType.REAL, ColumnType.TIME):
         return ["=", ">", "<", "BETWEEN", *words]
     return ["=", "!=", *(["LIKE"] if column.type is not ColumnType.WORD else []), *words]
 

@@ -29,6 +29,7 @@ from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.parser import parse
 from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows
 
 
@@ -52,6 +53,11 @@ class RowFilter:
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise _refused(error) from None
         return made
+
+    @property
+    def needs_facts(self) -> bool:
+        """Whether it reads a column that depends on later rows; see `analysis.facts`."""
+        return not DERIVED.isdisjoint(self.names)
 
     def mask(self, frame: pl.DataFrame) -> pl.Series:
         """Whether each row of a frame with `row_frame`'s columns passes; never null.

@@ -332,9 +332,9 @@ def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:
     elif name == "time" and isinstance(value, int):
         time = iso_time(value)
         yield CellFilter(name, f"{name} >= '{time}'", f"{name} < '{time}'")
-    elif isinstance(value, int) or value.isprintable():
+    elif not isinstance(value, str) or value.isprintable():
         # A device's name may have undecodable bytes, which no filter can contain.
-        literal = f"{value}" if isinstance(value, int) else quoted(value)
+        literal = quoted(value) if isinstance(value, str) else f"{value}".upper()
         yield CellFilter(name, f"{name} = {literal}", f"{name} IS DISTINCT FROM {literal}")
 
 

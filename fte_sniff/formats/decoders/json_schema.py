@@ -44,6 +44,10 @@ def _type(column: Column) -> dict[str, object]:
             low = -(1 << column.bits - 1) if column.signed else 0
             high = (1 << column.bits - column.signed) - 1
             return {"type": ["integer", "null"], "minimum": low, "maximum": high}
+        case ColumnType.REAL:
+            return {"type": ["number", "null"], "minimum": 0}
+        case ColumnType.BOOL:
+            return {"type": ["boolean", "null"]}
         case ColumnType.HEX:
             return {"type": "string", "pattern": "^([0-9A-F]{2})+$"}
 

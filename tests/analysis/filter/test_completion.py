@@ -79,7 +79,7 @@ def test_a_word_is_completed(text: str, start: int, choices: tuple[str, ...]) ->
 
 
 def test_the_word_before_the_cursor_is_completed() -> None:
-    assert completions("mo = 1 AND rpm > 5", 2).choices == ("motor",)
+    assert completions("mo = 1 AND rpm > 5", 2).choices == ("motor", "motor_hint")
 
 
 @given(st.text(max_size=20) | st.sampled_from([text for text, _ in EXAMPLES]), st.integers(-3, 60))

@@ -1,0 +1,54 @@
+"""The facts of an input's rows: rows wait until they are decided, and what is among them waits too.
+
+rows      r1 r2 | r3 r4 r5      r3 waits for its answer
+events          e               waits with r3, so that the order remains
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.feed import StreamChange, rising_times, shifted
+from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.session.inputs import InputBatch
+
+
+class FactStage:
+    """Completes the rows of one input with their facts."""
+
+    def __init__(self) -> None:
+        self._facts = Facts()
+        self._read = self._decided = 0
+        self._events = deque[tuple[int, PortEvent]]()
+        """Each with the number of rows before it."""
+        self._changes = deque[StreamChange]()
+        """Their indices count from the first row of the input."""
+
+    def feed(self, batch: InputBatch) -> InputBatch:
+        """The next batch; returns the rows that are decided now."""
+        if batch.events:
+            places = rising_times(batch.rows).searchsorted([one.t_ns for one in batch.events])
+            numbered = zip((places + self._read).tolist(), batch.events, strict=True)
+            self._events.extend(sorted(numbered, key=lambda one: one[0]))
+        self._changes.extend(shifted(batch.changes, self._read))
+        self._read += len(batch.rows)
+        rows = self._facts.feed(batch.rows, batch.changes)
+        return replace(self._released(rows), losses=batch.losses, gaps=batch.gaps)
+
+    def end(self) -> InputBatch:
+        """The rows that waited at the end of the input."""
+        return self._released(self._facts.interrupt())
+
+    def _released(self, rows: Rows) -> InputBatch:
+        start = self._decided
+        self._decided += len(rows)
+        events, changes = list[PortEvent](), list[StreamChange]()
+        while self._events and self._events[0][0] <= self._decided:
+            events.append(self._events.popleft()[1])
+        while self._changes and self._changes[0].index <= self._decided:
+            changes.append(self._changes.popleft())
+        found = rows.with_columns(events=events)
+        return InputBatch(found, tuple(events), changes=shifted(changes, -start))
