@@ -62,7 +62,8 @@ def test_recording_raw_and_hex_tell_the_same_rows(run, samples: Path, name: str)
     def rows(ending: str) -> list[dict]:
         done = run("decode", samples / f"{name}.{ending}", "--format", "jsonl")
         assert done.returncode == 0
-        return [row | {"time": None, "port": None} for row in jsonl(done.stdout)]
+        timed = dict.fromkeys(("time", "port", "answer_ms"))
+        return [row | timed for row in jsonl(done.stdout)]
 
     raw = rows("raw")
     assert (
