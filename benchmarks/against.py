@@ -19,7 +19,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from benchmarks.faults import damaged_stream
+from tests.support.faults import damaged_stream
 
 START = ("--start", "2026-01-31T12:00:00Z")
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"

@@ -15,12 +15,12 @@ from collections.abc import Callable
 from itertools import product
 from random import Random
 
-from benchmarks.faults import draw_frame, ordinary
-from benchmarks.uart import AfterError
-from benchmarks.uart import received as received_by_hardware
 from fte_sniff.analysis.baud_guess import COMMON_BAUDS, LineSetting, diagnose
 from fte_sniff.capture.uart_errors import Unmarker
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+from tests.support.faults import draw_frame, ordinary
+from tests.support.uart import AfterError
+from tests.support.uart import received as received_by_hardware
 
 SEEDS = range(2)
 FRAMES = 80

@@ -25,11 +25,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.faults import damaged_stream
-from benchmarks.recorded_rows import write_recording
 from benchmarks.recording_speed import PORTS, frame_pool
 from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.protocol.rows import Codebook, Rows
+from tests.support.faults import damaged_stream
+from tests.support.recorded_rows import write_recording
 
 START_NS = 1_770_000_000 * 10**9
 PART = 8

@@ -24,11 +24,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from benchmarks.many_files import PROGRAM, make_recordings, peak_kb
-from benchmarks.recorded_rows import PORTS, rows_of
+from benchmarks.many_files import PROGRAM, peak_kb
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions
+from tests.support.recorded_rows import PORTS, make_recordings, rows_of
 
 FRAMES = 100
 """Frames of each wire in a flush."""

@@ -14,9 +14,9 @@ from collections import Counter
 from random import Random
 from time import perf_counter
 
-from benchmarks.faults import PAYLOADS, RESERVES, Harm, damaged_stream, draw_frame
-from benchmarks.score import labels, score
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
+from tests.support.faults import PAYLOADS, RESERVES, Harm, damaged_stream, draw_frame
+from tests.support.score import labels, score
 
 LINES = [(0.01, "ordinary"), (0.2, "ordinary"), (0.2, "hostile"), (0.5, "hostile")]
 

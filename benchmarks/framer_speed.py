@@ -17,10 +17,10 @@ from collections.abc import Callable
 from random import Random
 from time import process_time
 
-from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
+from tests.support.faults import damaged_stream
 
 SLOW_PART = 200_000
 """Bytes that the slow decoders get."""

@@ -12,29 +12,15 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
 
-from benchmarks.recorded_rows import PORTS, START_NS, rows_of, write_recording
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.metadata import PortFacts
+from tests.support.dask_cluster import cluster
+from tests.support.recorded_rows import make_recordings
 
 PROGRAM = [sys.executable, "-P", "-m", "fte_sniff"]
-GAP_NS = 10_000_000
-
-
-def make_recordings(folder: Path, files: int, rows: int) -> None:
-    """Write recordings of the same rows, each after the one before."""
-    batch = Rows.from_rows(rows_of(0, rows // 2))
-    span_ns = int(batch.t_ns[-1]) - START_NS + GAP_NS
-    for number in range(files):
-        shifted = batch.with_columns(t_ns=batch.t_ns + number * span_ns)
-        write_recording(
-            folder / f"{number:05}.mcap", [PortFacts(name) for name in PORTS], [shifted]
-        )
 
 
 def links(folder: Path, into: Path, files: int) -> Path:
@@ -67,39 +53,6 @@ def peak_kb(pid: int) -> int:
         return 0
     found = re.search(r"VmHWM:\s+(\d+) kB", status)
     return int(found[1]) if found else 0
-
-
-@contextmanager
-def cluster(workers: int, folder: Path) -> Iterator[str]:
-    """The address of a scheduler with workers of one thread, all on this machine."""
-    environment = os.environ | {"PYTHONPATH": os.getcwd()}  # noqa: PTH109
-    file = folder / "scheduler.json"
-    common = ["--no-dashboard", "--scheduler-file", str(file)]
-    scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", *common]
-    worker = ["distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", *common]
-    worker += ["--local-directory", str(folder)]
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", *command],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-        )
-        for command in (scheduler, *[worker] * workers)
-    ]
-    try:
-        from distributed import Client
-
-        with Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
-            if workers:
-                client.wait_for_workers(workers, timeout=60)
-            address = client.scheduler.address
-        yield address
-    finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.wait()
 
 
 def main(arguments: Sequence[str]) -> None:

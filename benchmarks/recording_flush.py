@@ -21,11 +21,11 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from benchmarks.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
 from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import TOPICS, schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.writer import RecordingWriter
+from tests.support.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
 
 _CALLS = ("pwrite", "fdatasync", "ftruncate")
 

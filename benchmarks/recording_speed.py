@@ -27,7 +27,6 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
@@ -37,6 +36,7 @@ from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
+from tests.support.recorded_rows import write_recording
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18

@@ -20,11 +20,11 @@ from time import monotonic
 
 import numpy as np
 
-from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, MOTORS, Chunk, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.session.log_rows import rows_of_chunks
 from tests.browser import drawn, open_browser
+from tests.support.recorded_rows import START_NS, write_recording
 
 _PERIOD_NS = 2_500_000
 _DAMAGED = 0.001

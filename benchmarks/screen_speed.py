@@ -242,9 +242,9 @@ SPEED_STEPS = 9
 
 def _print_playback(rows: int, seconds: float) -> None:
     """Print frames per second and CPU of playback at several speeds."""
-    from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of, write_recording
     from fte_sniff.protocol.rows import Rows
     from fte_sniff.recording.metadata import PortFacts
+    from tests.support.recorded_rows import PORTS, rows_a_second, rows_of, write_recording
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "played.mcap")

@@ -14,12 +14,12 @@ import argparse
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from benchmarks.faults import PAYLOADS, Sent, damaged_stream
 from benchmarks.framer_quality import rows_of
-from benchmarks.score import score
 from fte_sniff.protocol import Frame
 from fte_sniff.protocol.framer.likelihood import CERTAIN
 from tests.protocol import oracle
+from tests.support.faults import PAYLOADS, Sent, damaged_stream
+from tests.support.score import score
 
 NEIGHBOURS = 6
 """Frames on either side that the oracle uses."""

@@ -18,10 +18,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.recorded_rows import write_recording
 from benchmarks.recording_speed import PORTS, batches
 from benchmarks.screen_speed import Terminal
 from fte_sniff.recording.reader import RecordingReader
+from tests.support.recorded_rows import write_recording
 
 FEW = 1_000
 _ROW = re.compile(rb"[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}")

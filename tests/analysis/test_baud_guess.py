@@ -6,9 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.faults import damaged_stream, draw_frame, ordinary
-from benchmarks.uart import AfterError
-from benchmarks.uart import received as received_by_hardware
 from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
     LineCondition,
@@ -20,6 +17,9 @@ from fte_sniff.analysis.baud_guess import (
     received,
 )
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+from tests.support.faults import damaged_stream, draw_frame, ordinary
+from tests.support.uart import AfterError
+from tests.support.uart import received as received_by_hardware
 
 CONTROL = tuple(kind for kind in KINDS if kind.direction is Direction.CONTROL)
 FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)

@@ -13,13 +13,13 @@ import pytest
 from junitparser import JUnitXml
 from rich.cells import cell_len
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.beside import running
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal
+from tests.support.recorded_rows import write_recording
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9

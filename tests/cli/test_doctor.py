@@ -16,12 +16,12 @@ from random import Random
 
 import pytest
 
-from benchmarks.faults import draw_frame, ordinary
-from benchmarks.uart import received
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 from tests.beside import Work, held, running
 from tests.cli.conftest import Run
 from tests.cli.processes import PROGRAM, ended, first_output, started
+from tests.support.faults import draw_frame, ordinary
+from tests.support.uart import received
 from tests.waiting import BOUND_S
 
 BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}

@@ -14,13 +14,14 @@ import pytest
 from distributed import Client
 
 import fte_sniff
-from benchmarks.many_files import cluster, make_recordings
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.cli.measuring import processes_for
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
 from tests.beside import server_socket
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
+from tests.support.dask_cluster import cluster
+from tests.support.recorded_rows import make_recordings
 
 FILES = 12
 SOON = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}

@@ -20,7 +20,6 @@ from selenium.webdriver.support.expected_conditions import visibility_of
 from selenium.webdriver.support.ui import WebDriverWait
 
 import fte_sniff
-from benchmarks.recorded_rows import START_NS, write_recording
 from fte_sniff.analysis.timeline import Timeline
 from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.report_page import ReportFacts, page
@@ -38,6 +37,7 @@ from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.writer import BulkWriter
 from tests.beside import running
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
+from tests.support.recorded_rows import START_NS, write_recording
 from tests.waiting import BOUND_S
 
 MS = 1_000_000

@@ -16,7 +16,6 @@ import pytest
 from rich.cells import cell_len
 
 import fte_sniff
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
@@ -25,6 +24,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
+from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
 NAMES = ["clean", "damaged", "idle", "midstream"]

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, encode
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
+from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S
 
 

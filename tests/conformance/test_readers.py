@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
@@ -17,6 +16,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
+from tests.support.recorded_rows import write_recording
 
 pytestmark = pytest.mark.conformance
 

@@ -6,11 +6,11 @@ from random import Random
 
 from hypothesis import strategies as st
 
-from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Direction, Fault, Field, FrameKind
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
 from fte_sniff.protocol.spec import FTE_FORMAT, NUM_OFFSET, FrameFormat
 from tests.protocol.oracle import LINES, UNLEARNED, Oracle
+from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
 
 _CALM_LINE = tuple(
     map(

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.faults import damaged_stream
 from fte_sniff.protocol import (
     HEADERS,
     TAIL,
@@ -20,6 +19,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from tests.protocol.oracle import frame_faults
+from tests.support.faults import damaged_stream
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
 """Faults that no byte of the row shows."""

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.faults import damaged_stream
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
 from fte_sniff.protocol import rows as rows_module
 from fte_sniff.protocol.rows import COLUMNS, NO_KIND, Codebook, RowBuffer, Rows
 from tests.analysis import conftest as _row_strategies  # noqa: F401
 from tests.protocol.streams import raw_bytes
+from tests.support.faults import damaged_stream
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 INDEX = st.integers(-13, 13)

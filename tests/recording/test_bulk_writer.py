@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import Codebook, Rows
@@ -22,6 +21,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import CHUNK_ROWS, RecordingWriter
 from tests.recording.conftest import entries_in
+from tests.support.recorded_rows import write_recording
 
 MakeRows = Callable[..., list[Row]]
 

@@ -19,7 +19,6 @@ from mcap.records import Chunk, McapRecord, Metadata, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_protobuf.decoder import DecoderFactory
 
-from benchmarks.recording_kill import kill_one
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap import writer as mcap_file
@@ -37,6 +36,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
 from tests.beside import running
 from tests.recording.conftest import file_size_limit, some_rows, unprivileged
+from tests.support.recording_kill import kill_one
 from tests.torture.damage import CHUNK, METADATA, records
 
 Rows = Callable[..., list[Row]]

@@ -20,7 +20,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
@@ -45,6 +44,7 @@ from tests.analysis.test_measures import EXPECTED
 from tests.analysis.test_statistics import SECOND, frame
 from tests.cli.processes import wait_until
 from tests.examples import examples
+from tests.support.recorded_rows import write_recording
 
 START = "2026-01-31T12:00:00.000000000Z"
 PORTS = [PortFacts("a", 115_200), PortFacts("b", 115_200)]

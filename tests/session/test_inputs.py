@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FileError, InputTextError
@@ -29,6 +28,7 @@ from fte_sniff.session.inputs import InputBatch, LogInput, RecordingInput
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.save import write_rows
 from tests.protocol.streams import raw_bytes
+from tests.support.recorded_rows import write_recording
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 CUT = ["f: ends in the middle of a frame (4 of 10 bytes)"]

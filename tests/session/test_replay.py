@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
@@ -27,6 +26,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples
+from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S, while_waiting
 
 FRAME = bytes.fromhex("AA0000000000000000EE")

@@ -23,11 +23,11 @@ from pathlib import Path
 from random import Random
 from time import monotonic, sleep
 
-from benchmarks.recorded_rows import recorded_row
-from benchmarks.recording_kill import kill_one
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.recording.reader import RecordingReader
+from tests.support.recorded_rows import recorded_row
+from tests.support.recording_kill import kill_one
 from tests.torture.case import (
     BOUND_S,
     ROOT,

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
@@ -29,6 +28,7 @@ from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.table.widget import RowTable
+from tests.support.recorded_rows import write_recording
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,

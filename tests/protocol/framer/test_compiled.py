@@ -42,8 +42,8 @@ def rows_as_text() -> list[str]:
 
 
 def _streams() -> Iterator[bytes]:
-    from benchmarks.faults import damaged_stream
     from tests.protocol.framer.test_framer import CASES
+    from tests.support.faults import damaged_stream
 
     for case in CASES.values():
         yield b"".join(bytes.fromhex(piece) for piece, _ in case)

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
-from benchmarks.score import labels, score
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer import FrameTables
 from fte_sniff.protocol.framer.candidates import CandidateSet
@@ -45,6 +43,8 @@ from tests.examples import examples
 from tests.protocol import oracle
 from tests.protocol.oracle import LINES, UNLEARNED, ZERO, Oracle
 from tests.protocol.streams import near_frames, unambiguous_frame
+from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
+from tests.support.score import labels, score
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 

@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff.protocol.framer.framer as framer_module
-from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -42,6 +41,7 @@ from tests.protocol.streams import (
     raw_bytes,
     streams_of,
 )
+from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
 
 # Named cases
 

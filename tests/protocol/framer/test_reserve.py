@@ -9,8 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.faults import PAYLOADS, RESERVES, damaged_stream
-from benchmarks.score import score
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Chunk, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer import FTE_TABLES
 from fte_sniff.protocol.framer.reserve import (
@@ -23,6 +21,8 @@ from fte_sniff.protocol.framer.reserve import (
 from fte_sniff.protocol.framer.tables import LEARNING
 from fte_sniff.protocol.spec import FTE_FORMAT
 from tests.examples import examples
+from tests.support.faults import PAYLOADS, RESERVES, damaged_stream
+from tests.support.score import score
 
 RESET, SPEED = 0, 1
 """Indices in `KINDS`."""

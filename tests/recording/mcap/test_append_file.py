@@ -18,7 +18,6 @@ from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from benchmarks.recording_kill import opened
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
@@ -27,6 +26,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import is_whole
+from tests.support.recording_kill import opened
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)

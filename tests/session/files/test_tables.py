@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from polars.exceptions import ComputeError
 
 import fte_sniff
-from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.errors import FileError, UsageError
@@ -29,6 +28,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
 from tests.recording.conftest import some_rows
+from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S
 
 SAMPLES = Path(__file__).parents[3] / "samples"

@@ -1,4 +1,4 @@
-"""Rows of two wires at full line rate, for benchmarks of recordings."""
+"""Rows of two wires at full line rate."""
 
 from __future__ import annotations
 
@@ -54,3 +54,17 @@ def write_recording(
         writer.close()
     finally:
         writer.abandon()
+
+
+GAP_NS = 10_000_000
+
+
+def make_recordings(folder: Path, files: int, rows: int) -> None:
+    """Write recordings of the same rows, each after the one before."""
+    batch = Rows.from_rows(rows_of(0, rows // 2))
+    span_ns = int(batch.t_ns[-1]) - START_NS + GAP_NS
+    for number in range(files):
+        shifted = batch.with_columns(t_ns=batch.t_ns + number * span_ns)
+        write_recording(
+            folder / f"{number:05}.mcap", [PortFacts(name) for name in PORTS], [shifted]
+        )

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.faults import Harm, Sent
 from fte_sniff.protocol import FRAME_LENGTH, Frame, Row, Status
+from tests.support.faults import Harm, Sent
 
 
 @dataclass(slots=True)
