@@ -6,6 +6,7 @@ Modules:
     commands      The commands: their keys, the key line, the help and the palette.
     controllers   What the commands do: rows, search, filters, notes, export, playback, view.
     focus         Owner of the focus: which widget receives the keys, which keys may act.
+    frame_pacer   At most one frame is on its way to the terminal.
     i18n          Translation, and the names of the themes.
     modals        Modal screens: pick an entry, choose columns, the help page.
     options       Options with which the screen is opened.

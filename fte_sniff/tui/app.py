@@ -10,6 +10,7 @@ from pathlib import Path
 from time import monotonic_ns
 from typing import ClassVar
 
+from rich.console import RenderableType
 from textual import on
 from textual.actions import ActionParseResult, parse
 from textual.app import App, ComposeResult
@@ -19,6 +20,7 @@ from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.events import Event, InputEvent, Key, MouseDown, Resize
 from textual.filter import LineFilter
+from textual.screen import Screen
 from textual.widgets import Input
 
 from fte_sniff.analysis.feed import Feed
@@ -48,6 +50,7 @@ from fte_sniff.tui.controllers.rows import RowController
 from fte_sniff.tui.controllers.search import SearchController
 from fte_sniff.tui.controllers.view import ViewController
 from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.frame_pacer import FramePacer
 from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, set_language, switch_language, theme_after
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
@@ -96,6 +99,8 @@ class SniffApp(App[None]):
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
+        self.pacer: FramePacer | None = None
+        """Set by the driver of a terminal, which may be slow."""
         self._options = options
         self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
         self._poll_interval = PollInterval(feed)
@@ -448,6 +453,14 @@ class SniffApp(App[None]):
         self._status_line.numbers = model.status_counters(viewport, self._hit_status.text, top_time)
         self.filters.field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
+
+    def _display(self, screen: Screen[object], renderable: RenderableType | None) -> None:
+        """Draw a frame, unless the terminal is still busy with the last one."""
+        if self.pacer is None:
+            super()._display(screen, renderable)
+        elif self.pacer.begins():
+            super()._display(screen, renderable)
+            self.pacer.ended()
 
     def _handle_exception(self, error: Exception) -> None:
         """Close the screen with a reason where rows cannot be read any more."""

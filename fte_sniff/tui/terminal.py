@@ -20,8 +20,7 @@ from textual._xterm_parser import XTermParser
 from textual.app import App
 from textual.drivers.linux_driver import LinuxDriver
 
-MAX_QUEUED = 256 * 1024
-"""Characters in the queue at most, several screens; a terminal so far behind shows old rows."""
+from fte_sniff.tui.frame_pacer import ANSWER, FramePacer
 
 
 class AsyncTerminalWriter:
@@ -32,7 +31,7 @@ class AsyncTerminalWriter:
         descriptor: int,
         encoding: str,
         on_gone: Callable[[], None],
-        on_caught_up: Callable[[], None],
+        on_idle: Callable[[], None],
     ) -> None:
         """Start the thread.
 
@@ -40,27 +39,28 @@ class AsyncTerminalWriter:
             descriptor: the terminal's, open for writing; blocking or not.
             encoding: the terminal's; other characters are written with backslashes.
             on_gone: called once, in the thread, when writing fails.
-            on_caught_up: called in the thread when the queue is empty after text was dropped.
+            on_idle: called in the thread when all is written.
         """
         self._descriptor, self._encoding = descriptor, encoding
-        self._on_gone, self._on_caught_up = on_gone, on_caught_up
+        self._on_gone, self._on_idle = on_gone, on_idle
         self._texts: deque[str] = deque()
-        self._queued = 0
-        self._busy = self._dropped = self._closed = False
+        self._writes = self._closed = False
         self._changed = Condition()
         # A write to a stopped terminal cannot be cancelled; it must not block the exit.
         Thread(target=self._run, name="terminal output", daemon=True).start()
 
     def write(self, text: str) -> int:
-        """Queue text, or drop it where the queue is full; never blocks."""
+        """Queue text; never blocks."""
         with self._changed:
-            if self._queued > MAX_QUEUED:
-                self._dropped = True
-            if not (self._dropped or self._closed):
+            if not self._closed:
                 self._texts.append(text)
-                self._queued += len(text)
                 self._changed.notify_all()
         return len(text)
+
+    @property
+    def busy(self) -> bool:
+        """Whether text waits until the terminal accepts it."""
+        return self._writes or bool(self._texts)
 
     def flush(self) -> None:
         """Do nothing: the thread writes as soon as it can."""
@@ -69,12 +69,11 @@ class AsyncTerminalWriter:
         """File descriptor of the terminal."""
         return self._descriptor
 
-    def clear(self) -> bool:
-        """Drop the queue, but not a partly written text; returns whether text was dropped."""
+    def clear(self) -> str:
+        """Drop the queue, but not a partly written text; returns what was dropped."""
         with self._changed:
-            dropped = self._dropped or bool(self._texts)
+            dropped = "".join(self._texts)
             self._texts.clear()
-            self._queued, self._dropped = 0, False
         return dropped
 
     def close(self, timeout_s: float) -> None:
@@ -82,33 +81,29 @@ class AsyncTerminalWriter:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-            self._changed.wait_for(lambda: not (self._texts or self._busy), timeout_s)
+            self._changed.wait_for(lambda: not self.busy, timeout_s)
 
     def _run(self) -> None:
         try:
             while (text := self._next()) is not None:
                 self._write_all(text.encode(self._encoding, "backslashreplace"))
+                with self._changed:
+                    self._writes = False
+                    self._changed.notify_all()
+                if not self.busy:
+                    self._on_idle()
         except OSError:
             with self._changed:
-                self._closed, self._busy = True, False
+                self._closed, self._writes = True, False
                 self._texts.clear()
                 self._changed.notify_all()
             self._on_gone()
 
     def _next(self) -> str | None:
         with self._changed:
-            self._busy = False
-            self._changed.notify_all()
-            if self._dropped and not self._texts:
-                self._dropped = False
-                self._on_caught_up()
             self._changed.wait_for(lambda: self._texts or self._closed)
-            if not self._texts:
-                return None
-            text = self._texts.popleft()
-            self._queued -= len(text)
-            self._busy = True
-            return text
+            self._writes = bool(self._texts)
+            return self._texts.popleft() if self._texts else None
 
     def _write_all(self, data: bytes) -> None:
         while data:
@@ -121,6 +116,9 @@ class AsyncTerminalWriter:
 
 CLOSE_TIMEOUT_S = 2.0
 """How long closing waits for the terminal to accept the rest, seconds."""
+
+ANSWER_TIMEOUT_S = 1.0
+"""How long the end waits for answers of the terminal, seconds."""
 
 _RESUME_DELAY_S = 0.1
 """How long other signals that came during a stop are handled first, seconds."""
@@ -151,6 +149,10 @@ class Terminal(LinuxDriver):
         self._state = _State.OFF
         self._gone = False
         self._output: AsyncTerminalWriter | None = None
+        self._held = ""
+        """The end of the input, which may be the beginning of an answer."""
+        self._pacer = FramePacer(self._loop, app.refresh)
+        cast(Any, app).pacer = self._pacer
         self._handle_job_control()
 
     def write(self, data: str) -> None:
@@ -167,9 +169,11 @@ class Terminal(LinuxDriver):
         self._state = _State.ON
         assert sys.__stdout__ is not None
         self._output = AsyncTerminalWriter(
-            sys.__stdout__.fileno(), sys.__stdout__.encoding, self._on_gone, self._redraw
+            sys.__stdout__.fileno(), sys.__stdout__.encoding, self._on_gone, self._pacer.idle
         )
-        self._file = cast(Any, self._output)
+        output = self._output
+        self._file = cast(Any, output)
+        self._pacer.start(self.write, lambda: output.busy)
         super().start_application_mode()  # type: ignore[no-untyped-call]
         # Restoring the terminal in the background would otherwise stop the program at its end.
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
@@ -182,10 +186,13 @@ class Terminal(LinuxDriver):
             return
         self._state = _State.OFF
         assert self._output is not None
-        if self._output.clear():
+        cleared = self._output.clear()
+        if cleared:
             self.write(_END_SYNC)
         if self._is_background():
             self.attrs_before = None
+        elif not self._gone:
+            self._pacer.end(cleared, ANSWER_TIMEOUT_S)
         super().stop_application_mode()
 
     def close(self) -> None:
@@ -208,10 +215,23 @@ class Terminal(LinuxDriver):
                     if not data:
                         self._on_gone()
                         return
-                    for message in parser.feed(decode(data)):
-                        self.process_message(message)
-                for message in parser.tick():
+                    text = self._without_answers(decode(data))
+                else:
+                    text, self._held = self._held, ""
+                for message in (*(parser.feed(text) if text else ()), *parser.tick()):
                     self.process_message(message)
+
+    def _without_answers(self, text: str) -> str:
+        """The input without the answers to the pacer's queries; its end may be held."""
+        parts = (self._held + text).split(ANSWER)
+        if len(parts) > 1:
+            self._pacer.answered(len(parts) - 1)
+        rest, self._held = "".join(parts), ""
+        for size in range(len(ANSWER) - 1, 0, -1) if self._pacer.expects_answer else ():
+            if rest.endswith(ANSWER[:size]):
+                self._held = ANSWER[:size]
+                return rest.removesuffix(self._held)
+        return rest
 
     def _read(self) -> bytes:
         try:
@@ -232,10 +252,6 @@ class Terminal(LinuxDriver):
             # nohup is for programs without a screen.
             signal.signal(signal.SIGHUP, signal.SIG_DFL)
         signal.raise_signal(signal.SIGHUP)
-
-    def _redraw(self) -> None:
-        with suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._app.refresh)
 
     def _handle_job_control(self) -> None:
         # Textual's own handlers may interrupt a write, and then wait for it.

@@ -77,11 +77,15 @@ class Terminal:
             pass
         return self.process.wait(BOUND_S)
 
-    def _draw(self, timeout_s: float) -> bool:
+    def draw(self, most: int) -> bool:
+        """Draw at most so many bytes of what the program has written."""
+        return self._draw(BOUND_S, most)
+
+    def _draw(self, timeout_s: float, most: int = 1 << 16) -> bool:
         if timeout_s <= 0 or not select.select([self._far], [], [], timeout_s)[0]:
             return False
         try:
-            more = os.read(self._far, 1 << 16)
+            more = os.read(self._far, most)
         except OSError:  # the terminal's other side is closed: the program has ended
             return False
         self.drawn += more

@@ -19,7 +19,7 @@ from textual.widget import Widget
 from fte_sniff import tui
 
 PRIVATE = {
-    "app": {"_handle_exception"},
+    "app": {"_display", "_handle_exception"},
     "controllers.export": {"_compositor"},
     "terminal": {
         *("_app", "_debug", "_exit", "_file", "_key_thread", "_loop", "_writer_thread"),

@@ -1,0 +1,86 @@
+"""One frame at a time on its way to the terminal."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from fte_sniff.tui import frame_pacer
+from fte_sniff.tui.frame_pacer import MOST_SILENT, QUERY, FramePacer
+from tests.waiting import while_waiting
+
+
+class Drawn:
+    """A pacer, what is written, and how often the screen is drawn again."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.written: list[str] = []
+        self.busy = False
+        self.redrawn = 0
+        self.pacer = FramePacer(loop, self._redraw)
+        self.pacer.start(self.written.append, lambda: self.busy)
+
+    def _redraw(self) -> None:
+        self.redrawn += 1
+
+    def frame(self) -> bool:
+        begins = self.pacer.begins()
+        if begins:
+            self.written.append("frame")
+            self.pacer.ended()
+        return begins
+
+    async def redrawn_until(self, count: int) -> None:
+        for _ in while_waiting(lambda: f"{count} drawings, not {self.redrawn}"):
+            if self.redrawn == count:
+                return
+            await asyncio.sleep(0)
+
+
+def test_frame_waits_until_the_terminal_has_drawn_the_one_before() -> None:
+    async def scenario() -> None:
+        drawn = Drawn(asyncio.get_running_loop())
+        assert drawn.frame()
+        drawn.pacer.answered()
+        assert drawn.frame()
+        assert not drawn.frame()
+        assert not drawn.frame()
+        assert drawn.redrawn == 0
+        drawn.pacer.answered()
+        await drawn.redrawn_until(1)
+        assert drawn.frame()
+        assert drawn.written == ["frame", QUERY] * 3
+
+    asyncio.run(scenario())
+
+
+def test_frame_waits_while_output_does() -> None:
+    async def scenario() -> None:
+        drawn = Drawn(asyncio.get_running_loop())
+        drawn.busy = True
+        assert not drawn.frame()
+        drawn.pacer.idle()
+        drawn.busy = False
+        await asyncio.sleep(0)
+        assert drawn.redrawn == 0
+        drawn.pacer.idle()
+        await drawn.redrawn_until(1)
+        assert drawn.frame()
+
+    asyncio.run(scenario())
+
+
+def test_terminal_that_never_answers_is_asked_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frame_pacer, "FIRST_PATIENCE_S", 0)
+
+    async def scenario() -> None:
+        drawn = Drawn(asyncio.get_running_loop())
+        for number in range(1, MOST_SILENT + 1):
+            assert drawn.frame()
+            assert not drawn.frame()
+            await drawn.redrawn_until(number)
+        assert all(drawn.frame() for _ in range(3))
+        assert drawn.written.count(QUERY) == MOST_SILENT
+
+    asyncio.run(scenario())
