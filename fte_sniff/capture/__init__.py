@@ -2,6 +2,7 @@
 
 Modules:
 
+    attach        See a port that another program holds, by strace.
     bridge        Forward bytes between a host program and a port, and capture both.
     chunk_queue   Bounded queue of chunks between reader thread and consumer.
     clock         Monotonic clock tied to UTC; detects clock steps.

@@ -151,7 +151,10 @@ def _device_problem(device: str, number: int | None) -> str | None:
         return TranslatableText(": no permission; {fix}", fix=permission_fix(device))
     if number in (errno.EBUSY, errno.EAGAIN):
         return TranslatableText(
-            " is busy: {holders}; close that first", holders=holders_text(holders_of(device))
+            " is busy: {holders}; close that first, or watch it with"
+            " `fte-sniff live --attach {port}`",
+            holders=holders_text(holders_of(device)),
+            port=device,
         )
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
         there = _existing_ports(device)

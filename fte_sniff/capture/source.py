@@ -14,8 +14,6 @@ from enum import StrEnum
 from math import inf
 from typing import Protocol, Self, TypeAlias
 
-import serial
-
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.reconnect import FIRST_WAIT_S, OpenedPort, Reconnector, Reopen
@@ -131,6 +129,14 @@ class ItemQueue(Protocol):
         ...
 
 
+class Closable(Protocol):
+    """What a source reads: a port, or a program that watches one."""
+
+    def close(self) -> object:
+        """End it."""
+        ...
+
+
 _SILENCE_INTERVAL_S = 0.05  # between empty chunks while a lost port is awaited
 
 
@@ -144,7 +150,7 @@ class ThreadedSource(ABC):
 
     def __init__(
         self,
-        port: serial.Serial,
+        port: Closable,
         name: str,
         items: ItemQueue,
         clock: Clock,

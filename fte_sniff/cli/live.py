@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +12,33 @@ import click
 from fte_sniff.cli.capture_command import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.settings import load_settings
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import UsageError, printable
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.port_source import PortGroup
     from fte_sniff.capture.serial_port import PortSettings
+    from fte_sniff.capture.source import Wiring
 
 _MOST_PORTS = 2
 
 
 @click.command(name="live", short_help="Capture a port, record it and watch it.")
 @click.argument("ports", nargs=-1, metavar="PORT [PORT]", shell_complete=complete_port)
+@click.option(
+    "--attach",
+    is_flag=True,
+    help="Do not open PORT: watch what the program that has it open reads and writes (Linux).",
+)
+@click.option(
+    "--pid", type=click.IntRange(min=1), help="With --attach: the process, if several have it open."
+)
 @capture_options
 def command(
-    ports: tuple[str, ...], no_reconnect: bool, config: Path | None, **options: Any
+    ports: tuple[str, ...],
+    attach: bool,
+    pid: int | None,
+    no_reconnect: bool,
+    config: Path | None,
+    **options: Any,
 ) -> None:
     """Capture PORT, record it and watch it; a second PORT is the other wire.
 
@@ -36,10 +50,14 @@ def command(
     A device or a server that is lost is waited for, and found again by its link, USB serial number
     or USB socket. Without PORT, the ports of the settings are opened.
 
+    --attach shows a PORT that another program holds, with strace: what that program writes is the
+    wire `host`, what it reads is PORT. Times are those of its system calls.
+
     \b
     fte-sniff live /dev/ttyUSB0
     fte-sniff live /dev/ttyUSB0 /dev/ttyUSB1
     fte-sniff live sim:// --plain --count 20 --no-record
+    fte-sniff live --attach /dev/ttyUSB0
     """
     settings = load_settings(config)
     ports = ports or settings.ports
@@ -53,12 +71,31 @@ def command(
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
-    def wiring(settings: PortSettings) -> PortGroup:
+    if pid is not None and not attach:
+        raise UsageError("--pid works with --attach; add it")
+    if attach:
+        _check_attached(ports)
+
+    def wiring(settings: PortSettings) -> Wiring:
+        if attach:
+            from fte_sniff.capture.attach import Attachment, untouched
+
+            return Attachment(ports[0], untouched(settings), pid, reconnect=not no_reconnect)
         from fte_sniff.capture.port_source import PortGroup
 
         return PortGroup(ports, settings, reconnect=not no_reconnect)
 
     run_capture(wiring, ports, settings, **options)
+
+
+def _check_attached(ports: tuple[str, ...]) -> None:
+    """Raise UsageError for what strace cannot watch."""
+    if sys.platform != "linux":
+        raise UsageError("--attach needs Linux; `fte-sniff bridge PORT` records both directions")
+    if len(ports) > 1:
+        raise UsageError("--attach takes one PORT: it shows both wires of it")
+    if "://" in ports[0]:
+        raise UsageError(f"--attach {printable(ports[0])}: only a device can be attached to")
 
 
 def _check_port(port: str) -> None:

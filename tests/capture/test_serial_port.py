@@ -166,6 +166,7 @@ def test_a_busy_port_names_who_has_it(pty):
         message = message_of(pty.device)
     assert "is busy: python" in message
     assert f"(pid {holder.pid}) has it open; close that first" in message
+    assert f"`fte-sniff live --attach {pty.device}`" in message
     open_port(pty.device).close()
 
 

@@ -6,8 +6,10 @@ import itertools
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
+import sys
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,9 +18,9 @@ from time import monotonic
 
 import pytest
 
-from fte_sniff.protocol import FRAME_LENGTH, PortEventKind
+from fte_sniff.protocol import FRAME_LENGTH, PortEvent, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
-from tests.beside import Work, server_socket
+from tests.beside import Work, running, server_socket
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -674,3 +676,48 @@ def test_a_socket_is_given_no_byte(environment, tmp_path: Path):
                 assert ended(process)[0] == 0
                 client.settimeout(BOUND_S)
                 assert client.recv(100) == b""
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_attached_capture_records_both_directions_of_another_program(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    code = (
+        "import os, sys\n"
+        "line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
+        "while True: os.write(line, os.read(line, 64))\n"
+    )
+    with (
+        wire() as (far, device),
+        running([sys.executable, "-c", code, device]) as host,
+        started(environment, tmp_path, "live", "--attach", device, "-o", "x.mcap") as capture,
+    ):
+        stderr_until(capture, "wiring: times are those of system calls")
+        for _ in range(5):
+            os.write(far, FRAME)
+        wait_until(lambda: (tmp_path / "x.mcap").exists() and rows_in(tmp_path / "x.mcap") == 10)
+        capture.send_signal(signal.SIGINT)
+        code, _, _ = ended(capture)
+        assert (code, host.poll()) == (0, None)
+    reader = RecordingReader(tmp_path / "x.mcap")
+    rows = [row for row in reader if not isinstance(row, PortEvent)]
+    assert {port: b"".join(r.raw for r in rows if r.port == port) for port in (device, "host")} == {
+        device: 5 * FRAME,
+        "host": 5 * FRAME,
+    }
+    assert "mmap and io_uring are not seen" in str(reader.metadata)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--attach", "/dev/ttyUSB0", "/dev/ttyUSB1"), "--attach takes one PORT"),
+        (("--attach", "sim://"), "only a device can be attached to"),
+        (("--pid", "7", "/dev/ttyUSB0"), "--pid works with --attach"),
+    ],
+)
+def test_attach_that_cannot_work_is_a_usage_error(run, words: tuple[str, ...], told: str) -> None:
+    done = run("live", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1

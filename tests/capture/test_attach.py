@@ -1,0 +1,387 @@
+"""Attaching with a real strace to a real host program at a pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.capture.attach import LIMITS, LONGEST_CALL, Attachment, Call, Strace, StraceLines
+from fte_sniff.capture.bridge import HOST
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.discovery import holders_of
+from fte_sniff.capture.source import Source, SourceEnd
+from fte_sniff.errors import PortError
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from tests.beside import Process, Work, held, running
+from tests.waiting import BOUND_S, wait_until
+
+needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+
+ECHO = """
+import os, sys
+line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+for word in sys.stdin:
+    exec(word)
+    print("done", flush=True)
+"""
+"""A host program: it runs each line of its standard input, and says so."""
+
+
+class Host:
+    """A host program that has the line open."""
+
+    def __init__(self, process: Process) -> None:
+        self.process = process
+        self.pid = process.pid
+
+    def does(self, code: str) -> None:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(f"{code}\n".encode())
+        self.process.stdin.flush()
+        assert self.process.stdout.readline() == b"done\n"
+
+
+@contextmanager
+def host_at(device: str) -> Iterator[Host]:
+    words = [sys.executable, "-c", ECHO, device]
+    with running(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        host = Host(process)
+        host.does("pass")
+        yield host
+
+
+class Seen:
+    """All items of a source, taken by a thread of its own."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.items: list[Chunk | PortEvent] = []
+        self._work = Work(self._take)
+
+    def _take(self) -> None:
+        for item in self.source:
+            self.items.append(item)
+
+    def data(self, wire: str) -> bytes:
+        return b"".join(c.data for c in self.chunks(wire))
+
+    def chunks(self, wire: str) -> list[Chunk]:
+        return [i for i in list(self.items) if isinstance(i, Chunk) and i.port == wire and i.data]
+
+    def events(self, wire: str) -> list[PortEvent]:
+        return [i for i in list(self.items) if isinstance(i, PortEvent) and i.port == wire]
+
+    def kinds(self, wire: str) -> list[str]:
+        return [event.kind.value for event in self.events(wire)]
+
+    def ended(self) -> None:
+        self._work.ended()
+
+    def end(self) -> None:
+        self.source.stop()
+        self.ended()
+
+
+@contextmanager
+def attached(device: str, **options: object) -> Iterator[Seen]:
+    seen = Seen(Attachment(device, **options).open(Clock.tied()))
+    try:
+        yield seen
+    finally:
+        seen.end()
+
+
+def is_traced(pid: int) -> bool:
+    return "TracerPid:\t0\n" not in Path(f"/proc/{pid}/status").read_text()
+
+
+@needs_strace
+def test_small_pieces_of_both_directions_are_seen_in_order(pty) -> None:
+    chance = random.Random(1)
+    sent, received = chance.randbytes(300), chance.randbytes(300)
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        for at in range(0, 300, 10):
+            host.does(f"os.write(line, bytes.fromhex('{sent[at : at + 3].hex()}'))")
+            host.does(
+                f"os.writev(line, [bytes.fromhex('{sent[at + 3 : at + 4].hex()}'), b'',"
+                f" bytes.fromhex('{sent[at + 4 : at + 10].hex()}')])"
+            )
+            pty.send(received[at : at + 10])
+            host.does("os.read(line, 1) and os.readv(line, [bytearray(4), bytearray(5)])")
+        wait_until(lambda: len(seen.data(pty.device)) == len(seen.data(HOST)) == 300)
+        assert (seen.data(HOST), seen.data(pty.device)) == (sent, received)
+        assert len(seen.chunks(HOST)) == 60
+        assert len(seen.chunks(pty.device)) == 60
+        times = [item.t_ns for item in seen.items]
+        assert times == sorted(times)
+        seen.end()
+        assert seen.source.end is SourceEnd.STOPPED
+        assert seen.kinds(HOST) == ["opened", "closed"]
+        assert seen.kinds(pty.device) == ["opened", "wiring", "closed"]
+        assert f"(pid {host.pid}) has it open" in seen.events(HOST)[0].detail
+        assert seen.events(pty.device)[1].detail == LIMITS
+        assert str(LIMITS) in seen.source.capabilities[HOST]
+
+
+@needs_strace
+def test_time_of_a_read_is_its_return_and_of_a_write_its_start(pty) -> None:
+    clock = Clock.tied()
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        # A read that waits: strace prints its start long before its end.
+        host.does("import threading")
+        host.does("reader = threading.Thread(target=lambda: os.read(line, 64)); reader.start()")
+        host.does("os.write(line, b'first')")
+        wait_until(lambda: seen.data(HOST) == b"first")
+        before = clock.now_ns()
+        pty.send(b"later")
+        host.does("reader.join()")
+        after = clock.now_ns()
+        wait_until(lambda: seen.data(pty.device) == b"later")
+        (chunk,) = seen.chunks(pty.device)
+        # The clock of strace's times is tied to the same system clock.
+        assert before - 2_000_000 <= chunk.t_ns <= after + 2_000_000
+        assert seen.chunks(HOST)[0].t_ns < chunk.t_ns
+
+
+@needs_strace
+def test_forked_process_is_seen_too(pty) -> None:
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        host.does("pid = os.fork(); pid or (os.write(line, b'child'), os._exit(0))")
+        host.does("os.waitpid(pid, 0); os.write(line, b'parent')")
+        wait_until(lambda: len(seen.data(HOST)) == 11)
+        assert seen.data(HOST) == b"childparent"
+
+
+@needs_strace
+def test_other_files_of_the_target_are_not_seen(pty, new_pty) -> None:
+    other = new_pty()
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        host.does(f"other = os.open('{other.device}', os.O_RDWR | os.O_NOCTTY)")
+        host.does("os.write(other, b'secret'); os.write(line, b'shown')")
+        wait_until(lambda: seen.data(HOST))
+        assert seen.data(HOST) == b"shown"
+
+
+@needs_strace
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_target_that_ends_is_reported_and_the_next_program_is_seen(pty, number: int) -> None:
+    with host_at(pty.device) as first, attached(pty.device) as seen:
+        first.does("os.write(line, b'one')")
+        first.process.send_signal(number)
+        wait_until(lambda: "lost" in seen.kinds(HOST))
+        assert f"(pid {first.pid}) ended; waiting" in seen.events(HOST)[-1].detail
+        with host_at(pty.device) as second:
+            wait_until(lambda: "found_again" in seen.kinds(HOST))
+            second.does("os.write(line, b'two')")
+            wait_until(lambda: seen.data(HOST) == b"onetwo")
+            seen.end()
+            assert second.process.poll() is None
+
+
+@needs_strace
+@pytest.mark.parametrize("options", [{"reconnect": False}, {"pid": True}])
+def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> None:
+    with host_at(pty.device) as host:
+        options = {name: host.pid if name == "pid" else of for name, of in options.items()}
+        with attached(pty.device, **options) as seen:
+            host.does("os.write(line, b'one')")
+            host.process.kill()
+            seen.ended()
+            assert seen.data(HOST) == b"one"
+            assert seen.source.end is SourceEnd.STOPPED
+            assert seen.events(HOST)[-1].detail.endswith(f"(pid {host.pid}) ended")
+
+
+@needs_strace
+def test_killed_strace_is_reported_and_the_target_goes_on(pty) -> None:
+    with host_at(pty.device) as host, attached(pty.device, reconnect=False) as seen:
+        seen.source._strace.process.kill()
+        seen.ended()
+        assert seen.source.end is SourceEnd.LOST
+        assert seen.events(HOST)[-1].detail == "strace was ended by SIGKILL"
+        host.does("os.write(line, b'more')")
+        assert pty.arrived(BOUND_S) == b"more"
+        assert not is_traced(host.pid)
+
+
+@needs_strace
+def test_killed_strace_is_started_again(pty) -> None:
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        host.does("os.write(line, b'one')")
+        wait_until(lambda: seen.data(HOST) == b"one")
+        seen.source._strace.process.kill()
+        wait_until(lambda: "found_again" in seen.kinds(HOST))
+        host.does("os.write(line, b'two')")
+        wait_until(lambda: seen.data(HOST) == b"onetwo")
+        assert seen.kinds(pty.device)[-2:] == ["lost", "found_again"]
+
+
+@needs_strace
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_target_goes_on_however_the_capture_ends(pty, number: int) -> None:
+    code = (
+        "import sys; from fte_sniff.capture.attach import *;"
+        "source = Attachment(sys.argv[1]).open(Clock.tied()); print(flush=True);"
+        "[None for _ in source]"
+    )
+    with host_at(pty.device) as host:
+        words = [sys.executable, "-c", code, pty.device]
+        with running(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as capture:
+            assert capture.stdout.readline() == b"\n"
+            assert is_traced(host.pid)
+            capture.send_signal(number)
+            capture.wait(BOUND_S)
+        # A strace that nobody reads ends with its next line.
+        for _ in range(3):
+            host.does("os.write(line, b'more')")
+        wait_until(lambda: not is_traced(host.pid))
+        host.does("os.write(line, b'end')")
+        wait_until(lambda: pty.arrived(0.1).endswith(b"end"))
+        assert host.process.poll() is None
+
+
+@needs_strace
+def test_call_that_is_longer_than_strace_prints_is_counted(pty) -> None:
+    size = LONGEST_CALL + 10
+    with host_at(pty.device) as host, attached(pty.device) as seen:
+        writing = Work(host.does, f"left = os.write(line, bytes({size}))")
+        arrived = 0
+        while arrived < LONGEST_CALL // 2 and writing.is_alive():
+            arrived += len(pty.arrived(0.1))
+        while writing.is_alive():
+            pty.arrived(0.1)
+        writing.ended()
+        wait_until(lambda: seen.chunks(HOST))
+        lost = [e.count for e in seen.events(HOST) if e.kind is PortEventKind.OVERRUN]
+        assert len(seen.data(HOST)) + sum(lost) <= size
+        assert len(seen.data(HOST)) <= LONGEST_CALL
+
+
+@needs_strace
+def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypatch) -> None:
+    def refused(device: str, **options: object) -> str:
+        with pytest.raises(PortError) as error:
+            Attachment(device, **options).open(Clock.tied())
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert "no such port" in refused("/dev/ttyNOWHERE")
+    pty.let_go()
+    assert "start the program first" in refused(pty.device)
+    with host_at(pty.device) as host:
+        wrong = refused(pty.device, pid=os.getppid())
+        assert f"process {os.getppid()} does not have {pty.device} open; " in wrong
+        assert f"(pid {host.pid}) has it open" in wrong
+        strace = Strace.on(Attachment(pty.device))
+        try:
+            busy = refused(pty.device)
+            assert f"another debugger already (pid {strace.process.pid})" in busy
+        finally:
+            strace.close()
+        monkeypatch.setenv("PATH", str(tmp_path))
+        assert "sudo apt install strace" in refused(pty.device)
+        assert not is_traced(host.pid)
+
+
+def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
+    """A program in its place fails as strace does where ptrace is forbidden."""
+    script = tmp_path / "strace"
+    script.write_text(
+        "#!/bin/sh\n"
+        "echo 'strace: attach: ptrace(PTRACE_SEIZE, 7): Operation not permitted' >&2\nexit 1\n"
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    scope = tmp_path / "scope"
+    monkeypatch.setattr("fte_sniff.capture.attach._PTRACE_SCOPE", scope)
+    with held(pty.near):
+        wait_until(lambda: holders_of(pty.device))
+        with pytest.raises(PortError, match=r"may not watch it: use sudo$"):
+            Attachment(pty.device).open(Clock.tied())
+        scope.write_text("1\n")
+        with pytest.raises(PortError, match=r"ptrace_scope forbids .*kernel.yama.ptrace_scope=0$"):
+            Attachment(pty.device).open(Clock.tied())
+
+
+def ns(seconds: int, micros: int) -> int:
+    return seconds * 10**9 + micros * 1000
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (
+            [r'7 1700.000100 read(3, "\xaa\x01", 64) = 2 <0.000050>'],
+            Call(b"\xaa\x01", False, ns(1700, 100), ns(1700, 150)),
+        ),
+        (
+            [r'7 1700.000100 write(3, "\xaa\x01\x02", 3) = 2 <0.000050>'],
+            Call(b"\xaa\x01", True, ns(1700, 100), ns(1700, 150)),
+        ),
+        (
+            [
+                r"7 1700.000100 read(3,  <unfinished ...>",
+                r'8 1700.000200 write(3, "\xee" <unfinished ...>',
+                r'7 1700.000300 <... read resumed>"\x55", 64) = 1 <0.000200>',
+            ],
+            Call(b"\x55", False, ns(1700, 100), ns(1700, 300)),
+        ),
+        (
+            [
+                r'8 1700.000200 write(3, "\xee", 1 <unfinished ...>',
+                r"8 1700.000300 <... write resumed>) = 1 <0.000100>",
+            ],
+            Call(b"\xee", True, ns(1700, 200), ns(1700, 300)),
+        ),
+        (
+            [
+                r'7 1.0 writev(3, [{iov_base="\x01", iov_len=1}, {iov_base="\x02\x03",'
+                r" iov_len=2}], 2) = 3"
+            ],
+            Call(b"\x01\x02\x03", True, ns(1, 0), ns(1, 0)),
+        ),
+        (
+            [r'7 1.0 read(3, "\x01"..., 9000) = 9000 <0.1>'],
+            Call(b"\x01", False, ns(1, 0), ns(1, 100_000), 8999),
+        ),
+        ([r'7 1.0 read(3, "", 64) = 0 <0.000010>'], None),
+        ([r"7 1.0 read(3, 0x7ffc, 64) = -1 EAGAIN (Try again) <0.1>"], None),
+        (
+            [r"7 1.0 read(3, 0x7ffc, 64) = ? ERESTARTSYS (To be restarted)"],
+            None,
+        ),
+        ([r"7 1.0 read(3,  <detached ...>"], None),
+        ([r"7 1.0 +++ exited with 0 +++"], None),
+        ([r"7 1.0 +++ killed by SIGKILL +++"], None),
+        ([r"7 1.0 read(3,  <unfinished ...>) = ?"], None),
+    ],
+)
+def test_lines_of_strace_are_calls(lines: list[str], expected: Call | None) -> None:
+    reader = StraceLines()
+    assert [reader.call(line) for line in lines][-1] == expected
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        r'7 1700.000100 read(3, "\xaa\x',
+        r'7 1700.000100 read(3, "\xaa\x01", 64) = ',
+        "7 1700.0",
+        "",
+        "bash: strace: not found",
+        "\N{SNOWMAN}",
+    ],
+)
+def test_line_that_is_cut_or_not_of_strace_is_refused(line: str) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011 - any text
+        StraceLines().call(line)
