@@ -81,15 +81,20 @@ def _endless(step: int) -> Iterator[list[object]]:
         first += step
 
 
-def kill_one(path: Path, every_s: float, after_s: float, *, rotate: bool = False) -> Left:
-    """Kill a child `after_s` seconds after its first rows, and read the recording that it left."""
+def kill_one(
+    path: Path, every_s: float, after_s: float, *, after_rows: int = 0, rotate: bool = False
+) -> Left:
+    """Kill a child `after_s` seconds after its first rows, and read the recording that it left.
+
+    However slow the machine is, the child has recorded `after_rows` rows by then.
+    """
     command = [sys.executable, "-m", "tests.support.recording_kill", str(path)]
     command += ["--rotate"] if rotate else []
     with running([*command, "--every", str(every_s)], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         lines = [child.stdout.readline()]
         killer = time.monotonic() + after_s
-        while time.monotonic() < killer and lines[-1]:
+        while lines[-1] and (time.monotonic() < killer or int(lines[-1].split()[1]) < after_rows):
             lines.append(child.stdout.readline())
         killed_s = time.monotonic()
         child.send_signal(signal.SIGKILL)
