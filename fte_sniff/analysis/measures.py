@@ -356,9 +356,13 @@ class _Run:
     end: RowPosition
     first_match: RowPosition | None
     last_match: RowPosition | None
+    port_lost: bool
+    """Whether a port is lost, on which matching rows may have come."""
 
     def edges(self) -> Iterator[tuple[RowPosition, RowPosition]]:
-        """The time without a matching row at the start and at the end."""
+        """The time without a matching row at the start and at the end, where it is known."""
+        if self.port_lost:
+            return
         if self.first_match is None or self.last_match is None:
             yield self.start, self.end
         else:
@@ -370,7 +374,8 @@ class _MaxGap(Measure):
     """`max_gap(FILTER)`.
 
     Of the runs between gaps, the first and the last are kept: rows before the first, and after the
-    last, may continue them.
+    last, may continue them. While a port is lost, only the time between two matching rows counts:
+    others may have been on that port.
     """
 
     def __init__(self, rule: Rule) -> None:
@@ -382,6 +387,7 @@ class _MaxGap(Measure):
         """Whether the first run would continue rows before it."""
         self._continues = False
         """Whether the next rows continue the last run."""
+        self._port_lost = False
 
     def _least_violating(self) -> int:
         return 1
@@ -403,7 +409,8 @@ class _MaxGap(Measure):
             for at in np.flatnonzero(self._exceeds(gaps_ns / _SECOND))[:1]:
                 self._first.add([self._first.position(rows, found[at])])
         start, end = (self._first.position(rows, timed[at]) for at in (0, -1))
-        self._append(_Run(start, end, first, last), continues=self._continues)
+        run = _Run(start, end, first, last, self._port_lost)
+        self._append(run, continues=self._continues)
 
     def _measure(self, start: RowPosition, end: RowPosition) -> None:
         gap_ns = end.t_ns - start.t_ns
@@ -433,6 +440,8 @@ class _MaxGap(Measure):
         """Rows are missing here: the time until the next one is not counted."""
         self._continues = False
         self._opens = self._opens and bool(self._runs)
+        if port_lost is not None:
+            self._port_lost = port_lost
 
     def merge(self, later: Self) -> None:
         super().merge(later)
@@ -444,6 +453,7 @@ class _MaxGap(Measure):
             self._append(run, continues=self._continues and not number)
         if later._runs:
             self._continues = later._continues
+        self._port_lost = later._port_lost
 
     def _whole(self) -> _MaxGap:
         """With the runs at both ends, as no rows precede and follow."""
