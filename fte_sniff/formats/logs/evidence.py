@@ -52,6 +52,8 @@ _FEW_DIFFERENT: Final = 3
 """Of the runs of a lane, how many are those of another if it repeats them, and are different."""
 _LONGEST_KEY: Final = 100
 """Characters before a run that make its lane."""
+_MOST_COLUMNS: Final = 8
+"""Runs of a line with the same text between them that may be columns; more are records."""
 _MOST_LANES: Final = 48
 _CUTS: Final = [slice(first, -last or None) for first, last in product(range(5), range(3))][1:]
 """Without offsets before the data of each run, and a count or sum after them."""
@@ -176,19 +178,21 @@ def runs_in_lanes(
     """Runs of a text with the keys of their lanes.
 
     The key is what is before a run in its line, with earlier runs as numbers, and whether words
-    follow at once. In a line of many records, the end of that is the same for each of them. If only
-    some words are `common`, such as where names or characters are beside the bytes, the others are
-    equal.
+    follow at once. In a line of many records, that is the same for each of them, because the same
+    text is between them. If only some words are `common`, such as where names or characters are
+    beside the bytes, the others are equal.
     """
-    before, end = b"", 0
+    before, end, last, repeated = b"", 0, b"", 0
     for run in runs:
         if line := text.rfind(b"\n", end, run.start) + 1:
-            before, end = b"", line
-        key, after = before + folded(text[end : run.start]), text[run.stop : run.stop + 8]
-        key = _loose(key[-_LONGEST_KEY:], common)
+            before, end, last, repeated = b"", line, b"", 0
+        between, after = folded(text[end : run.start]), text[run.stop : run.stop + 8]
+        is_record = between == last and repeated >= _MOST_COLUMNS
+        key = _loose((before if is_record else before + between)[-_LONGEST_KEY:], common)
         yield run, key + "…".encode() if re.match(GOES_ON, after) else key
         if len(run.data) >= LIKE_BYTES:
-            before, end = key + b"0", run.stop
+            repeated = repeated + 1 if between == last else 0
+            before, end, last = key if repeated >= _MOST_COLUMNS else key + b"0", run.stop, between
         elif run.start - end > _LONGEST_KEY:
             before, end = key, run.start
 

@@ -41,8 +41,9 @@ _MARK: Final = "\x01"
 _LIKE_TIME: Final = rb"(?:[-/\d]+ +\d?\d|\d\d:[0-5]\d):[0-5]\d[\d.:,]*|\b\d{8}T\d{6}[\d.,]*"
 _MOST_SHOWN: Final = 20
 """Bytes of a line in an explanation."""
+_MOST_MARKED: Final = 4
 _LONGEST_SHOWN: Final = 100
-"""Characters of a part of that line."""
+"""Runs that are marked in that line, and characters of a part of it."""
 _OF_NUMBERS: Final = ("hex", "0x", "decimal,", "h after", "octal", "binary")
 """How the names of forms begin that prose does not look like."""
 _REGEX: Final = "--input-regex can say where"
@@ -361,7 +362,7 @@ class EvidenceLog(LogForm):
     def _example(self, line: bytes, found: Sequence[Found]) -> list[str]:
         """A line in which bytes and time are marked, and their values."""
         fields = found[0].fields or {}
-        spans = {(one.start, one.stop) for one in found}
+        spans = {(one.start, one.stop) for one in found[:_MOST_MARKED]}
         if fields:
             spans.add((min(at for at, _ in fields.values()), max(at for _, at in fields.values())))
         marked, at = "", 0

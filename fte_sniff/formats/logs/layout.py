@@ -36,10 +36,11 @@ _ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"
 """An address, a counter or a name."""
 _BORDER: Final = re.compile(rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;")
 """Between two records in a line."""
-_FAR: Final = 4096
+_FAR: Final = 1024
 """Bytes of a line that are searched for what is not near its bytes."""
 _MOST_TIMED: Final = 300
-"""Runs of a sample that show where the times are."""
+_MOST_SEARCHED: Final = 200_000
+"""Runs of a sample that show where the times are, and the bytes of their lines."""
 _COVERED: Final = 0.95
 _LABELS: Final = ("both", "word", "first word", "arrow", "port")
 _SEVERAL: Final = (*product(("before", "above", "after"), _LABELS), ("before", "lane"))
@@ -115,9 +116,10 @@ class Layout:
         steps = StepUnit(bytewise, options.baud, options.samplerate)
         is_below = self._ends_with_time(sampled, is_cut=is_cut)
         while self.times.where == "none" and self._reach < 3:
-            self.times, self.coarse = time_rule(
-                [one.texts(self._reach) for one in some], steps, is_below=is_below
-            )
+            texts = [one.texts(self._reach) for one in some]
+            size = sum(len(before) + len(after) for before, after, *_ in texts)
+            texts = texts[:: size // _MOST_SEARCHED + 1]
+            self.times, self.coarse = time_rule(texts, steps, is_below=is_below)
             self._reach += 1
         hidden = {text: masked(text) for one in sampled for text in (one.line, one.above)}
         sampled = [one._replace(line=hidden[one.line], above=hidden[one.above]) for one in sampled]

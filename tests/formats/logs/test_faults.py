@@ -292,6 +292,14 @@ def test_an_explanation_marks_bytes_and_time_of_two_lines() -> None:
     assert f"    bytes {FEEDBACK}, time 2026-01-31T12:00:02.500000000Z, stream rx" in shown
 
 
+def test_an_explanation_of_a_line_of_many_frames_is_short() -> None:
+    shown = explained(f"dump: {', '.join([CONTROL] * 200)}\n".encode())
+    (example,) = [line for line in shown if line.startswith("for example dump: ")]
+    assert example.count(f">>{CONTROL}<<") == 4
+    assert len(example) < 400
+    assert len(shown) < 30
+
+
 CONTROL = "AA 01 01 03 E8 00 00 00 00 EE"
 FEEDBACK = "55 01 01 03 E8 00 00 00 0F EE"
 

@@ -477,6 +477,18 @@ def test_records_in_one_line_are_as_in_lines_of_their_own(name: str, between: st
     assert one_line == lines
 
 
+@pytest.mark.parametrize(
+    ("before", "frame", "frames"),
+    [("dump: ", "{data}", 2200), ('{"port": "COM3", "frames": [', '"{data}"', 300)],
+)
+def test_many_frames_in_one_line_are_all_read(before: str, frame: str, frames: int) -> None:
+    log = [one.data for one in a_log(seed=2, frames=frames)]
+    texts = ", ".join(frame.format(data=data.hex(" ").upper()) for data in log)
+    rows, notes = rows_of(f"{before}{texts}]\n".encode())
+    assert [row.raw for row in rows] == log
+    assert not [note for note in notes if "looks like bytes" in note]
+
+
 @pytest.mark.parametrize("separator", [",", " ", ";"])
 @pytest.mark.parametrize("form", ["{number}{separator}{data}", "{data}{separator}{number}"])
 def test_a_counter_beside_decimal_bytes_is_never_one_of_them(form: str, separator: str) -> None:
