@@ -100,25 +100,22 @@ def flood() -> Iterator[str]:
         yield f"socket://127.0.0.1:{server.stdout.readline().decode().strip()}"
 
 
-@pytest.mark.parametrize("way", ["--duration", signal.SIGINT, signal.SIGTERM])
-def test_a_flood_holds_up_no_end(run, environment, tmp_path: Path, way: str | int) -> None:
-    bound = ("--duration", "1") if way == "--duration" else ()
+def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
+    recording = tmp_path / "x.mcap"
     with flood() as port:
-        arguments = ("live", port, "--plain", "-o", "x.mcap", "--no-reconnect", *bound)
+        arguments = ("live", port, "--plain", "-o", "x.mcap", "--no-reconnect")
         with started(environment, tmp_path, *arguments) as process:
-            if isinstance(way, int):
-                stderr_until(process, "recording to")
-                recording = tmp_path / "x.mcap"
-                wait_until(lambda: recording.stat().st_size > 500_000)
-                process.send_signal(way)
-            told = stderr_until(process, "bytes left; Ctrl-C drops them")
+            stderr_until(process, "recording to")
+            wait_until(lambda: recording.stat().st_size > 500_000)
+            process.send_signal(signal.SIGINT)
+            shown = stderr_until(process, "bytes left; Ctrl-C drops them")
             # What waited takes a minute to be written, and more than BOUND_S.
             process.send_signal(signal.SIGTERM)
             code, _, errors = ended(process)
     assert code == 0, errors
-    assert told.count("bytes left") == 1
+    assert shown.count("bytes left") == 1
     assert " were not yet written at the end" in errors
-    decoded = run("decode", "x.mcap")
+    decoded = run("decode", "x.mcap", "--filter", "noise")
     assert decoded.returncode == 0
     assert "reported overrun" in decoded.stderr
 
