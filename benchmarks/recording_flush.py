@@ -25,6 +25,7 @@ from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import TOPICS, schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.writer import RecordingWriter
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
 
 _CALLS = ("pwrite", "fdatasync", "ftruncate")
@@ -66,7 +67,7 @@ def ours(folder: Path, seconds: int) -> dict[str, list[float]]:
             rows = rows_of(second * a_second, a_second)
             spent.clear()
             start = time.perf_counter()
-            writer.write(rows)
+            writer.write(in_columns(rows))
             written = time.perf_counter()
             writer.flush()
             end = time.perf_counter()

@@ -29,6 +29,7 @@ from fte_sniff.protocol import (
     record,
     spaced_hex,
 )
+from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import Existing, RecordingWriter
@@ -100,15 +101,17 @@ def _write_recording(path: Path, sample: Sample, chunks: list[Chunk]) -> None:
     ports = (PortFacts(sample.port, DEFAULT_BAUD),)
     opened = PortEvent(START_NS, sample.port, PortEventKind.OPENED, f"{DEFAULT_BAUD} baud 8N1")
     with RecordingWriter(path, ports, facts, existing=Existing.REPLACE) as recording:
-        recording.write_event(opened)
+        recording.write(NO_ROWS.with_columns(events=[opened]))
         flush_ns = START_NS
         for chunk in chunks:
-            recording.write(framer.feed(chunk))
+            framer.push(chunk)
+            recording.write(framer.drain())
             # As a live recording does, so that a copy cut short still has its beginning.
             if (now_ns := chunk.t_ns or 0) >= flush_ns:
                 recording.flush()
                 flush_ns = now_ns + 1_000_000_000
-        recording.write(framer.flush())
+        framer.finish()
+        recording.write(framer.drain())
 
 
 def _hex_lines(sample: Sample, chunks: list[Chunk]) -> Iterator[str]:

@@ -15,7 +15,7 @@ import sys
 from array import array
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import accumulate, compress, repeat
 from threading import Lock
@@ -513,6 +513,25 @@ class Rows(Sequence["Row"]):
         return (min(times), max(times), len(times)) if times else None
 
     @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """The earliest and the latest time of its rows and events; None if none of them has one."""
+        times = [event.t_ns for event in self.events]
+        if (extent := self.extent) is not None:
+            times += extent[:2]
+        return (min(times), max(times)) if times else None
+
+    def split_at(self, t_ns: int) -> tuple[Rows, Rows]:
+        """The rows before the first one that has this time or a later one, and the others.
+
+        Events go to the part with the rows of their time.
+        """
+        late = (at for at, own in enumerate(self.buffers["t_ns"].tolist()) if own >= t_ns)
+        at = next(late, len(self))
+        early = tuple(event for event in self.events if event.t_ns < t_ns)
+        later = tuple(event for event in self.events if event.t_ns >= t_ns)
+        return self[:at].with_columns(events=early), self[at:].with_columns(events=later)
+
+    @property
     def size(self) -> int:
         """The number of bytes of all rows."""
         if self.prefers_numpy():
@@ -808,13 +827,16 @@ class LineErrorMarker:
         )
         self._next_offset += len(chunk.data)
 
-    def mark(self, rows: Sequence[Row]) -> list[Row]:
-        """Return the rows, with `line_error` where errors were; call in stream order."""
-        return [self._marked(row) for row in rows] if self._errors else list(rows)
-
-    def _marked(self, row: Row) -> Row:
-        while self._errors and self._errors[0][1] <= row.offset:
-            self._errors.popleft()
-        if not self._errors or self._errors[0][0] >= row.offset + len(row.raw):
-            return row
-        return replace(row, faults=(*row.faults, Fault.LINE_ERROR))
+    def mark(self, rows: Rows) -> Rows:
+        """The rows, with `line_error` where errors were; call in stream order."""
+        if not self._errors or not len(rows):
+            return rows
+        codes = rows.buffers["faults"].tolist()
+        starts, lengths = rows.buffers["offset"].tolist(), rows.buffers["length"].tolist()
+        for at, (start, length) in enumerate(zip(starts, lengths, strict=True)):
+            while self._errors and self._errors[0][1] <= start:
+                self._errors.popleft()
+            if self._errors and self._errors[0][0] < start + length:
+                faults = rows.codebook.faults[codes[at]]
+                codes[at] = rows.codebook.fault_code((*faults, Fault.LINE_ERROR))
+        return rows.with_columns(faults=array("H", codes))

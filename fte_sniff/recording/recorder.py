@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
@@ -19,7 +19,8 @@ from pathlib import Path
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Gap, GapKind, PortEvent, Row, iso_time
+from fte_sniff.protocol import Gap, GapKind, iso_time
+from fte_sniff.protocol.rows import NO_ROWS, Rows
 from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.metadata import (
     END_NAME,
@@ -31,7 +32,7 @@ from fte_sniff.recording.metadata import (
 )
 from fte_sniff.recording.output_file import Existing, stopped_by_limit
 from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions
-from fte_sniff.recording.trigger import Entry, Select, Trigger
+from fte_sniff.recording.trigger import Select, Trigger
 from fte_sniff.recording.writer import RecordingWriter
 
 RETRY_S, MAX_RETRY_S = 3.0, 60.0
@@ -194,13 +195,9 @@ class Recorder:
         found, self._changes = self._changes, []
         return found
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Record rows, each port's in the order of its stream."""
+    def write(self, rows: Rows) -> None:
+        """Record rows, each port's in the order of its stream, and port events."""
         self._put(rows if self._trigger is None else self._trigger.select(rows))
-
-    def write_event(self, event: PortEvent) -> None:
-        """Record a port event."""
-        self._put([event] if self._trigger is None else self._trigger.select_event(event))
 
     def flush(self) -> None:
         """Push all rows to the disk; begin another file if that is due."""
@@ -211,7 +208,7 @@ class Recorder:
         if writer is None:
             if self._backoff.is_due:
                 self._backoff.tried()
-                self._resume([])
+                self._resume(NO_ROWS)
             return
         self._write_trigger_gaps(writer)
         try:
@@ -246,45 +243,44 @@ class Recorder:
             else:
                 return
 
-    def _put(self, entries: Sequence[Entry]) -> None:
+    def _put(self, rows: Rows) -> None:
         if (limit_s := self._options.rotate_s) is not None:
-            entries = self._rotate_within(entries, round(limit_s * 1e9))
-        self._append(entries)
+            rows = self._rotate_within(rows, round(limit_s * 1e9))
+        self._append(rows)
 
-    def _rotate_within(self, entries: Sequence[Entry], limit_ns: int) -> Sequence[Entry]:
-        """Record entries up to the last rotation that is due between them; return the others."""
-        while entries and self._backoff.is_due and (writer := self._writer) is not None:
-            first_ns = writer.span_ns[0] if writer.span_ns else entries[0].t_ns or 0
-            if (entries[-1].t_ns or 0) - first_ns < limit_ns:
+    def _rotate_within(self, rows: Rows, limit_ns: int) -> Rows:
+        """Record rows up to the last rotation that is due between them; return the others."""
+        while self._backoff.is_due and (writer := self._writer) is not None:
+            span_ns = writer.span_ns or rows.span_ns
+            if span_ns is None:
                 break
-            late = (at for at, one in enumerate(entries) if (one.t_ns or 0) - first_ns >= limit_ns)
-            end = next(late)
-            self._append(entries[:end])
-            entries = entries[end:]
+            before, rows = rows.split_at(span_ns[0] + limit_ns)
+            self._append(before)
+            if not (len(rows) or rows.events):
+                break
             self._flush(is_due=True)
             if self._writer is writer:
                 break
-        return entries
+        return rows
 
-    def _append(self, entries: Sequence[Entry]) -> None:
+    def _append(self, rows: Rows) -> None:
         writer = self._writer
         if writer is None:
-            self._miss(entries)
+            self._miss(rows)
             return
         try:
-            writer.write(entries)
+            writer.write(rows)
         except FileError as failure:
             if writer.failure is None:
                 raise
             self._fail(writer, failure)
 
-    def _miss(self, entries: Iterable[Entry]) -> None:
-        if self._failure is None:
+    def _miss(self, rows: Rows) -> None:
+        if self._failure is None or rows.span_ns is None:
             return
-        for entry in entries:
-            is_event = isinstance(entry, PortEvent)
-            self._missed_events += is_event
-            self._gaps[-1] = self._gaps[-1].including(entry.t_ns or 0, not is_event)
+        first_ns, last_ns = rows.span_ns
+        self._missed_events += len(rows.events)
+        self._gaps[-1] = self._gaps[-1].including(first_ns, len(rows)).including(last_ns, 0)
 
     def _open(self, path: Path, existing: Existing, facts: Mapping[str, str]) -> RecordingWriter:
         facts = self._facts | dict(facts)
@@ -320,7 +316,7 @@ class Recorder:
         self._gaps.append(gap)
         self._changes.append(Change(None, failure))
 
-    def _resume(self, unflushed: Sequence[Entry]) -> bool:
+    def _resume(self, unflushed: Rows) -> bool:
         """Go on in a new file that begins with `unflushed`; False if that fails."""
         while self._files.are_regular and self._has_space():
             try:
@@ -334,8 +330,8 @@ class Recorder:
                 return True
         return False
 
-    def _begin_next(self, unflushed: Sequence[Entry]) -> RecordingWriter:
-        """The next file, with the gap before it and these entries; if it fails there is no file."""
+    def _begin_next(self, unflushed: Rows) -> RecordingWriter:
+        """The next file, with the gap before it and these rows; if it fails there is no file."""
         writer = self._open_next()
         try:
             if self._failure is not None and self._gaps[-1].start_ns is not None:

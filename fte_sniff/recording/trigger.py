@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from itertools import pairwise, takewhile
 from typing import TypeAlias
 
+import numpy as np
+
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
+from fte_sniff.protocol import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
 from fte_sniff.recording.retention import TriggerWindow
 
 MAX_WAITING_ROWS = 500_000
-"""Rows that may wait for a trigger, about 100 MB; of more, the oldest are dropped."""
+"""Rows that may wait for a trigger, about 25 MB; of more, the oldest are dropped."""
 
-Entry: TypeAlias = Row | PortEvent
-Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
-"""Selects rows: returns some of the given objects, in their order."""
+Select: TypeAlias = Callable[[Rows], Bools]
+"""Selects rows: whether each of them matches."""
 
 _EMPTY = Gap(GapKind.LEFT_OUT, 0, reason=TranslatableText("they are outside the trigger window"))
+_NEVER, _EVER = -1, 2**63 - 1
 
 
 class Trigger:
@@ -27,9 +31,10 @@ class Trigger:
         self._matches = matches
         self._before_ns = round(window.before_s * 1e9)
         self._after_ns = round(window.after_s * 1e9)
-        self._until_ns = -1
-        self._waiting: deque[Entry] = deque()
+        self._until_ns = _NEVER
+        self._waiting: deque[Rows] = deque()
         self._waiting_rows = 0
+        self._events: deque[PortEvent] = deque()
         self._gap = _EMPTY
         self._gaps: list[Gap] = []
         self.seen = self.dropped = 0
@@ -37,73 +42,80 @@ class Trigger:
         self.events = 0
         """How often it fired while it kept nothing."""
 
-    def select(self, rows: Sequence[Row]) -> list[Entry]:
-        """The entries to keep after these rows; they may include earlier ones."""
-        kept: list[Entry] = []
-        self.seen += len(rows)
-        matching = iter(self._matches(rows))
-        match = next(matching, None)
-        for row in rows:
-            t_ns = row.t_ns or 0
-            if row is match:
-                match = next(matching, None)
-                self._release(t_ns, kept)
-                self.events += t_ns > self._until_ns
-                self._until_ns = max(self._until_ns, t_ns + self._after_ns)
-                kept.append(row)
-            elif t_ns <= self._until_ns:
-                kept.append(row)
+    def select(self, rows: Rows) -> Rows:
+        """The rows to keep after these; they may include earlier ones. Port events are all kept."""
+        kept: list[Rows] = []
+        self._events.extend(rows.events)
+        if len(rows):
+            self.seen += len(rows)
+            t_ns = np.maximum.accumulate(rows.t_ns)
+            matches = self._matches(rows)
+            nexts = np.minimum.accumulate(np.where(matches, t_ns, _EVER)[::-1])[::-1]
+            if matches.any():
+                self._expire(int(nexts[0]) - self._before_ns)
+                kept += self._waiting
+                self._waiting.clear()
+                self._waiting_rows = 0
+            kept += self._kept(rows, self._until(matches, t_ns) | (t_ns >= nexts - self._before_ns))
+            self._expire(int(t_ns[-1]) - self._before_ns)
+        next_ns = int(self._waiting[0].t_ns[0]) if self._waiting else _EVER
+        events = list(takewhile(lambda event: event.t_ns < next_ns, self._events))
+        for _ in events:
+            self._events.popleft()
+        return Rows.concat(kept).with_columns(events=events)
+
+    def _until(self, matches: Bools, t_ns: Ints) -> Bools:
+        """Which rows match, or are in the window after one that does."""
+        ends = np.maximum.accumulate(np.where(matches, t_ns + self._after_ns, self._until_ns))
+        self.events += int((matches & (t_ns > np.append(self._until_ns, ends[:-1]))).sum())
+        self._until_ns = int(ends[-1])
+        found: Bools = t_ns <= ends
+        return found
+
+    def _kept(self, rows: Rows, keeps: Bools) -> Iterator[Rows]:
+        """The rows to keep; those after the last of them wait."""
+        edges = [0, *(np.flatnonzero(np.diff(keeps)) + 1).tolist(), len(rows)]
+        for start, stop in pairwise(edges):
+            run = rows[start:stop]
+            if keeps[start]:
+                self._close_gap()
+                yield run
+            elif stop < len(rows):
+                self._drop(run)
             else:
-                self._waiting.append(row)
-                self._waiting_rows += 1
-                self._expire(t_ns - self._before_ns, kept)
-        return kept
+                self._waiting.append(run)
+                self._waiting_rows += len(run)
 
-    def select_event(self, event: PortEvent) -> list[Entry]:
-        """The entries to keep after this event."""
-        if event.t_ns <= self._until_ns:
-            return [event]
-        self._waiting.append(event)
-        kept: list[Entry] = []
-        self._expire(event.t_ns - self._before_ns, kept)
-        return kept
-
-    def flush(self) -> list[Entry]:
+    def flush(self) -> Rows:
         """The events that still wait; the rows that wait are dropped."""
-        kept: list[Entry] = []
-        while self._waiting:
-            self._drop(kept)
+        self._expire(_EVER)
         self._close_gap()
-        return kept
+        events = list(self._events)
+        self._events.clear()
+        return NO_ROWS.with_columns(events=events)
 
     def gaps(self) -> list[Gap]:
         """The gaps that ended since the previous call."""
         gaps, self._gaps = self._gaps, []
         return gaps
 
-    def _release(self, t_ns: int, kept: list[Entry]) -> None:
-        """Keep the waiting entries in the window before a match at `t_ns`."""
-        self._expire(t_ns - self._before_ns, kept)
-        kept += self._waiting
-        self._waiting.clear()
-        self._waiting_rows = 0
-        self._close_gap()
+    def _expire(self, oldest_ns: int) -> None:
+        """Drop the rows that wait and are earlier, or too many."""
+        while self._waiting:
+            run = self._waiting.popleft()
+            old = int(np.maximum.accumulate(run.t_ns).searchsorted(oldest_ns))
+            count = min(len(run), max(old, self._waiting_rows - MAX_WAITING_ROWS))
+            self._waiting_rows -= count
+            self._drop(run[:count])
+            if count < len(run):
+                self._waiting.appendleft(run[count:])
+                return
 
-    def _expire(self, oldest_ns: int, kept: list[Entry]) -> None:
-        while self._waiting and (
-            self._waiting_rows > MAX_WAITING_ROWS or (self._waiting[0].t_ns or 0) < oldest_ns
-        ):
-            self._drop(kept)
-
-    def _drop(self, kept: list[Entry]) -> None:
-        """Drop the oldest entry that waits; events are kept all the same."""
-        entry = self._waiting.popleft()
-        if isinstance(entry, PortEvent):
-            kept.append(entry)
-            return
-        self._waiting_rows -= 1
-        self.dropped += 1
-        self._gap = self._gap.including(entry.t_ns or 0)
+    def _drop(self, rows: Rows) -> None:
+        if (extent := rows.extent) is not None:
+            first_ns, last_ns, count = extent
+            self.dropped += count
+            self._gap = self._gap.including(first_ns, count).including(last_ns, 0)
 
     def _close_gap(self) -> None:
         if self._gap.rows:

@@ -12,7 +12,7 @@ import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from operator import itemgetter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -21,14 +21,13 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.protocol.rows import Array, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Ints, Rows
 from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
-from fte_sniff.recording.messages.encode import Channels, ColumnPacker, encodable, encodable_items
+from fte_sniff.recording.messages.encode import Channels, ColumnPacker, encodable_items
 from fte_sniff.recording.messages.schema import Topic, table_crc
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
@@ -50,38 +49,62 @@ from fte_sniff.recording.output_file import (
 MAX_PENDING = 16_384
 """Rows that may wait for the end of their chunk; then the chunk ends by itself."""
 
-_LAST_TIME = 2**63 - 1
 
+class RecordingFile:
+    """The head of a recording, and the messages of its rows."""
 
-def begin_recording(
-    target: AppendTarget, ports: Sequence[PortFacts], facts: Mapping[str, str]
-) -> tuple[McapFile, ColumnPacker]:
-    """Write the head of a recording: metadata, and the schemas and channels of all ports.
+    def __init__(
+        self, target: AppendTarget, ports: Sequence[PortFacts], facts: Mapping[str, str]
+    ) -> None:
+        """Write the head: metadata, and the schemas and channels of all ports.
 
-    Returns the file, and the packer for its rows, which adds the channels of further ports.
-    Raises OSError if the target cannot be written.
-    """
-    channels = Channels()
+        Further ports get their channels when their first rows come. Raises OSError if the target
+        cannot be written.
+        """
+        self._channels = Channels()
+        self._last_time = 0
+        channels = self._channels
+        self.mcap = McapFile(
+            target,
+            library_name(),
+            Metadata(PROGRAM, encodable_items(recording_facts(ports, facts))),
+            channels.schemas(),
+            [channel for port in ports for channel in channels.of_port(port)],
+            lambda: Metadata(
+                PORTS_NAME, encodable_items(ports_to_metadata(channels.ports, table_crc()))
+            ),
+        )
+        self._packer = ColumnPacker(self._channel_id)
 
-    def channel_id(port: str, topic: Topic) -> int:
+    def _channel_id(self, port: str, topic: Topic) -> int:
         try:
-            return channels.id_of(port, topic)
+            return self._channels.id_of(port, topic)
         except KeyError:  # tried first, because each odd row asks
-            for channel in channels.of_port(PortFacts(port)):
-                file.add_channel(channel)
-            return channels.id_of(port, topic)
+            for channel in self._channels.of_port(PortFacts(port)):
+                self.mcap.add_channel(channel)
+            return self._channels.id_of(port, topic)
 
-    file = McapFile(
-        target,
-        library_name(),
-        Metadata(PROGRAM, encodable_items(recording_facts(ports, facts))),
-        channels.schemas(),
-        [channel for port in ports for channel in channels.of_port(port)],
-        lambda: Metadata(
-            PORTS_NAME, encodable_items(ports_to_metadata(channels.ports, table_crc()))
-        ),
-    )
-    return file, ColumnPacker(channel_id)
+    def messages(self, rows: Rows, times: Ints, event_times: Ints) -> McapBatch:
+        """The messages of rows and their events, which are sorted by these log times.
+
+        A log time that would fall is raised. Each event comes before the first later row.
+        """
+        times, event_times = self._rising(times), self._rising(event_times)
+        at = np.searchsorted(times, event_times, "right")
+        times = np.insert(times, at, event_times)
+        self._last_time = int(times[-1])
+        return self._packer.pack(rows, times, at + np.arange(len(at)))
+
+    def _rising(self, times: Ints) -> Ints:
+        if not len(times):
+            return times
+        found: Ints = np.maximum(np.maximum.accumulate(times), self._last_time)
+        return found
+
+    def early_record(self) -> list[Metadata]:
+        """The record of the first row that is before the first message; empty without one."""
+        early_ns = self._packer.early_ns
+        return [] if early_ns is None else [Metadata(EARLY_NAME, early_facts(early_ns))]
 
 
 class RecordingWriter:
@@ -113,7 +136,9 @@ class RecordingWriter:
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
         """
-        self._pending: list[tuple[int, Row | PortEvent]] = []
+        self._pending: list[_Pending] = []
+        self._pending_rows = 0
+        self._unwritten = NO_ROWS
         self.rows = 0
         """Rows written so far, flushed or not."""
         self.flushed_rows = self.flushed_events = 0
@@ -127,12 +152,11 @@ class RecordingWriter:
         self.is_gone = False
         """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
         self._last_of_port: dict[str, int] = {}
-        self._last_time = 0
         self._metadata: list[Metadata] = []
         self._output, target = open_output(path, existing, wait)
         self._closed = False
         try:
-            self._file, self._packer = begin_recording(target, ports, facts or {})
+            self._file = RecordingFile(target, ports, facts or {})
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -145,38 +169,35 @@ class RecordingWriter:
     @property
     def size(self) -> int:
         """Bytes in the file."""
-        return self._file.size
+        return self._file.mcap.size
 
     @property
     def index_length(self) -> int:
         """Bytes of the index after the data, which each flush writes again."""
-        return self._file.index_length
+        return self._file.mcap.index_length
 
     @property
-    def unflushed(self) -> list[Row | PortEvent]:
-        """The entries that are not in the file, also those of a `write` that failed."""
-        return [entry for _, entry in self._pending]
+    def unflushed(self) -> Rows:
+        """The rows and events that are not in the file, also those of a `write` that failed."""
+        return Rows.concat([*(one.rows for one in self._pending), self._unwritten])
 
-    def write(self, entries: Iterable[Row | PortEvent]) -> None:
+    def write(self, rows: Rows) -> None:
         """Write rows, each port's in the order of its stream, and events; `flush` stores them.
 
-        Raises FileError if an entry has no time that a recording can hold, or writing failed.
+        Raises FileError if a row has no time that a recording can hold, or writing failed.
         """
         self._check()
-        remaining = iter(entries)
-        try:
-            for entry in remaining:
-                self._append(entry)
-                if len(self._pending) >= MAX_PENDING:
+        _check_times(rows)
+        while len(rows) or rows.events:
+            part = rows[: MAX_PENDING - self._pending_rows].with_columns(events=rows.events)
+            rows = rows[len(part) :]
+            self._append(part)
+            if self._pending_rows >= MAX_PENDING:
+                try:
                     self.flush()
-        finally:
-            if self.failure is not None:
-                # `unflushed` has them all, for the next file.
-                self._pending += [(entry.t_ns or 0, entry) for entry in remaining]
-
-    def write_event(self, event: PortEvent) -> None:
-        """Write one port event."""
-        self.write([event])
+                except FileError:
+                    self._unwritten = rows  # for the next file
+                    raise
 
     def write_metadata(self, metadata: Metadata) -> None:
         """Write one more metadata record; `flush` stores it."""
@@ -191,17 +212,15 @@ class RecordingWriter:
         self._check()
         try:
             if self._pending:
-                self._pending.sort(key=itemgetter(0))
-                known = self._packer.early_ns
-                batch = self._batch(self._pending)
-                if (early_ns := self._packer.early_ns) is not None and known is None:
-                    self.write_metadata(Metadata(EARLY_NAME, early_facts(early_ns)))
-                self._file.write_batch(batch, self._metadata)
+                known = self._file.early_record()
+                batch = self._batch()
+                self._metadata += [] if known else self._file.early_record()
+                self._file.mcap.write_batch(batch, self._metadata)
             else:
-                self._file.write_metadata(self._metadata)
-            self.flushed_events += len(self._pending) - (self.rows - self.flushed_rows)
+                self._file.mcap.write_metadata(self._metadata)
+            self.flushed_events += sum(len(one.rows.events) for one in self._pending)
             self.flushed_rows = self.rows
-            self._pending, self._metadata = [], []
+            self._pending, self._pending_rows, self._metadata = [], 0, []
             is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
         except OSError as error:
             raise self._stop(error) from error
@@ -222,7 +241,7 @@ class RecordingWriter:
             try:
                 if self.failure is None:
                     self.flush()
-                    self._file.close()
+                    self._file.mcap.close()
             finally:
                 self._closed = True
                 self.identity = self._output.identity
@@ -247,29 +266,38 @@ class RecordingWriter:
         self.failure = stopped_by_error(self.path, error, self.flushed_rows)
         return self.failure
 
-    def _append(self, entry: Row | PortEvent) -> None:
-        time, port = entry.t_ns, entry.port
-        if time is None or not 0 <= time <= _LAST_TIME:
-            where = entry.kind if isinstance(entry, PortEvent) else f"offset {entry.offset}"
-            raise FileError(
-                f"{self.path} cannot hold {encodable(port)!r}, {where}: it has no time since 1970, "
-                "and a recording needs one; write another format"
-            )
-        last = self._last_of_port.get(port, 0)
-        if time < last:
-            time = last
-        else:
-            self._last_of_port[port] = time
-        self.rows += type(entry) is not PortEvent
-        first, last = self.span_ns or (time, time)
-        self.span_ns = (min(first, time), max(last, time))
-        self._pending.append((time, entry))
+    def _append(self, rows: Rows) -> None:
+        floors = self._last_of_port
+        events = np.array([max(one.t_ns, floors.get(one.port, 0)) for one in rows.events], np.int64)
+        times = rows.t_ns.copy()
+        for code in rows.counts("port"):
+            port, own = rows.codebook.ports[code], rows.port == code
+            times[own] = np.maximum.accumulate(np.maximum(times[own], floors.get(port, 0)))
+            floors[port] = int(times[own][-1])
+        known = [] if self.span_ns is None else [self.span_ns]
+        spans = np.concatenate([times, events, *known])
+        self.span_ns = int(spans.min()), int(spans.max())
+        self.rows += len(rows)
+        self._pending_rows += len(rows)
+        self._pending.append(_Pending(rows, times, events))
 
-    def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> McapBatch:
-        own = np.array([time for time, _ in pending], np.int64)
-        times = np.maximum(own, self._last_time)
-        self._last_time = int(times[-1])
-        return self._packer.pack_entries([entry for _, entry in pending], times)
+    def _batch(self) -> McapBatch:
+        """The messages of all that is pending, sorted by time."""
+        rows = Rows.concat([one.rows for one in self._pending])
+        times = np.concatenate([one.times for one in self._pending])
+        event_times = np.concatenate([one.event_times for one in self._pending])
+        order, events = times.argsort(kind="stable"), event_times.argsort(kind="stable")
+        rows = rows.select(order, tuple(rows.events[at] for at in events.tolist()))
+        return self._file.messages(rows, times[order], event_times[events])
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """Rows and events that wait for the end of their chunk, and the times that sort them."""
+
+    rows: Rows
+    times: Ints
+    event_times: Ints
 
 
 NamedFacts = tuple[str, Mapping[str, str]]
@@ -295,7 +323,6 @@ class BulkWriter:
         record. Raises OSError if the file cannot be created or written.
         """
         keep_freed_memory()
-        self._last_time = 0
         self._waiting: list[Rows] = []
         self._waiting_rows = 0
         known = {port.name: port for port in ports}
@@ -304,9 +331,7 @@ class BulkWriter:
         else:
             self._descriptor = os.open(path, open_flags("O_WRONLY", "O_CREAT", "O_TRUNC"), 0o666)
         try:
-            self._file, self._packer = begin_recording(
-                Stream(self._descriptor), list(known.values()), facts or {}
-            )
+            self._file = RecordingFile(Stream(self._descriptor), list(known.values()), facts or {})
         except OSError:
             os.close(self._descriptor)
             raise
@@ -334,12 +359,9 @@ class BulkWriter:
         while self._under_way:
             self._write_first()
         self._threads.shutdown()
-        if (early_ns := self._packer.early_ns) is not None:
-            metadata = [*metadata, (EARLY_NAME, early_facts(early_ns))]
-        self._file.write_metadata(
-            Metadata(name, encodable_items(facts)) for name, facts in metadata
-        )
-        self._file.close()
+        further = [Metadata(name, encodable_items(facts)) for name, facts in metadata]
+        self._file.mcap.write_metadata([*further, *self._file.early_record()])
+        self._file.mcap.close()
         self._closed = True
         os.close(self._descriptor)
 
@@ -355,26 +377,15 @@ class BulkWriter:
             batch = Rows.concat(self._waiting)
             self._waiting, self._waiting_rows = [], 0
             for chunk in _chunks(batch):
-                messages = self._messages(chunk)
+                event_times = np.array([event.t_ns for event in chunk.events], np.int64)
+                messages = self._file.messages(chunk, chunk.t_ns, event_times)
                 while len(self._under_way) > cores():
                     self._write_first()
-                definitions = self._file.next_definitions()
+                definitions = self._file.mcap.next_definitions()
                 self._under_way.append(self._threads.submit(packed, definitions, messages))
 
     def _write_first(self) -> None:
-        self._file.write_chunk(self._under_way.popleft().result())
-
-    def _messages(self, chunk: Rows) -> McapBatch:
-        times = self._log_times(chunk.t_ns)
-        event_times = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
-        # Each event comes before the first later row.
-        at = np.searchsorted(times, event_times, "right")
-        times = np.insert(times, at, event_times)
-        self._last_time = int(times[-1])
-        return self._packer.pack(chunk, times, at + np.arange(len(at)))
-
-    def _log_times(self, times: Array) -> Array:
-        return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times
+        self._file.mcap.write_chunk(self._under_way.popleft().result())
 
 
 def _check_times(rows: Rows) -> None:

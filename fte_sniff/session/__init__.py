@@ -13,13 +13,13 @@ Modules:
     inputs           Recordings, logs, raw bytes and standard input; Progress of reading them.
     live_session     LiveSession: start, poll, stop.
     log_rows         The rows of raw bytes and logs: streams are framed and merged.
+    merge            Merge: rows of several lanes in one order, with watermarks.
     notes            Notes on rows beside the recording, and the place of a view.
-    port_merge       Order rows of several ports; detect swapped wiring.
     replay           ReplaySession over files with paging; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
     stats_json       Statistics as a JSON object.
-    time_merge       Merge the batches of several inputs by time.
+    wiring           Detection of swapped or mixed wiring.
     worker_pool      Worker processes as an executor.
     worker_process   Start another process of this program, with a pipe to it.
 """

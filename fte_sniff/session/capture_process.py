@@ -9,7 +9,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import compress, groupby
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -17,7 +16,8 @@ from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
-from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row, Rows
+from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.recording.trigger import Select
@@ -32,7 +32,8 @@ from fte_sniff.session.capture_state import (
     Started,
     WriteProgress,
 )
-from fte_sniff.session.port_merge import Entry, PortMerge, WiringWatch
+from fte_sniff.session.merge import Merge, MergeLane
+from fte_sniff.session.wiring import WiringWatch
 
 MOST_WAITING = 65_536
 """Most rows that wait for the view; older ones are dropped from the view only."""
@@ -55,7 +56,9 @@ class Outbox:
         self._connection = connection
         self._when_gone = when_gone
         self._changed = threading.Condition()
-        self._rows: deque[Row] = deque(maxlen=MOST_WAITING)
+        self._rows: deque[Rows] = deque()
+        self._waiting = 0
+        """Rows that wait."""
         self._events: deque[PortEvent] = deque(maxlen=MOST_EVENTS)
         self._recording: list[Change] = []
         self._total = self._dropped = 0
@@ -69,18 +72,21 @@ class Outbox:
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._thread.start()
 
-    def put(
-        self,
-        rows: Sequence[Row] = (),
-        events: Sequence[PortEvent] = (),
-        changes: Sequence[Change] = (),
-    ) -> None:
-        """Queue rows, port events, and changes of the recording; a full queue drops old rows."""
+    def put(self, rows: Rows = NO_ROWS, changes: Sequence[Change] = ()) -> None:
+        """Queue rows and events, and changes of the recording; a full queue drops old rows."""
         with self._changed:
             self._total += len(rows)
-            self._dropped += max(0, len(self._rows) + len(rows) - MOST_WAITING)
-            self._rows.extend(rows)
-            self._events.extend(events)
+            if len(rows):
+                self._rows.append(rows.with_columns(events=()))
+                self._waiting += len(rows)
+            while (excess := self._waiting - MOST_WAITING) > 0:
+                oldest = self._rows.popleft()
+                if excess < len(oldest):
+                    self._rows.appendleft(oldest[excess:])
+                dropped = min(excess, len(oldest))
+                self._waiting -= dropped
+                self._dropped += dropped
+            self._events.extend(rows.events)
             self._recording += changes
             self._changed.notify()
 
@@ -114,6 +120,7 @@ class Outbox:
             if self._rows or self._events or self._recording:
                 found.append(self._batch())
                 self._rows.clear()
+                self._waiting = 0
                 self._events.clear()
                 self._recording.clear()
             if self._end:
@@ -128,8 +135,7 @@ class Outbox:
 
     def _batch(self) -> RowsMessage:
         return RowsMessage(
-            Rows.from_rows(self._rows),
-            list(self._events),
+            Rows.concat(list(self._rows)).with_columns(events=self._events),
             self._total,
             self._dropped,
             tuple(self._recording),
@@ -143,6 +149,58 @@ _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 
 REPORTED_LEFTOVER = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
+
+
+DRAIN_EVERY_NS = 10_000_000
+"""Time of the line between two batches of rows: a batch costs about as much as ten rows."""
+
+REACH_NS = 20_000_000
+"""How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
+bytes late."""
+
+MOST_HELD_NS = 1_000_000_000
+"""Longest time that a row waits for another port, in nanoseconds of the ports' times."""
+
+
+def watermark_ns(read_ns: int, now_ns: int, pending_ns: int | None) -> int:
+    """The earliest time at which the next row of a port can begin.
+
+    That of a port with undecided bytes begins at the first of them, at `pending_ns`. That of
+    another does not begin before the last read with bytes, nor longer than `REACH_NS` before the
+    last read.
+    """
+    return max(read_ns, now_ns - REACH_NS) if pending_ns is None else pending_ns
+
+
+class Wire:
+    """One port, from its chunks to the lane of its rows."""
+
+    def __init__(self, framer: Framer, lane: MergeLane) -> None:
+        self.framer, self._lane = framer, lane
+        self._marker = LineErrorMarker()
+        self._read_ns = self._now_ns = 0
+
+    def push(self, chunk: Chunk) -> None:
+        """Frame a chunk."""
+        self._marker.observe(chunk)
+        self.framer.push(chunk)
+        self._now_ns = chunk.t_ns or 0
+        if chunk.data:
+            self._read_ns = max(self._read_ns, self._now_ns)
+
+    def drain(self) -> Rows:
+        """Put what was decided into the lane, and return it; move the lane's watermark."""
+        rows = self._marker.mark(self.framer.drain())
+        if len(rows):
+            self._lane.put(rows)
+        next_ns = watermark_ns(self._read_ns, self._now_ns, self.framer.pending_since_ns)
+        self._lane.reached = (next_ns - self._lane.uncertainty_ns,)
+        return rows
+
+    def put(self, *events: PortEvent) -> None:
+        """Put events that come after what was drained."""
+        if events:
+            self._lane.put(NO_ROWS.with_columns(events=events))
 
 
 class CaptureLoop:
@@ -162,15 +220,18 @@ class CaptureLoop:
         self._source = source
         self._recorder = recorder
         self._outbox = outbox
-        names, baud = plan.wiring.names, plan.wiring.settings.baud
-        self._framers = {name: Framer(name, baud) for name in names}
-        self._markers = {name: LineErrorMarker() for name in names}
-        self._order = PortMerge({name: source.uncertainty_ns[name] for name in names})
+        names, baud, codebook = plan.wiring.names, plan.wiring.settings.baud, Codebook()
+        self._merge = Merge(marks=True)
+        self._wires: dict[str, Wire] = {}
+        for name in names:
+            lane = MergeLane(source.uncertainty_ns[name])
+            self._merge.lanes.append(lane)
+            self._wires[name] = Wire(Framer(name, baud, codebook=codebook), lane)
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
         self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
-        self._flush_ns = 0
+        self._now_ns = self._drain_ns = self._flush_ns = 0
         self._lost: PortEvent | None = None
         self._writing: tuple[float, float] | None = None
         """When the write under way began, and how long writing had waited for the disk by then."""
@@ -186,15 +247,15 @@ class CaptureLoop:
                 self._process_event(item)
             else:
                 self._process_chunk(item)
-            self._emit(self._order.ready())
             if self._remaining == 0:
                 break
         self._is_ending = True
-        for port, framer in self._framers.items():
-            self._put_rows(port, framer.flush())
+        for port, wire in self._wires.items():
+            wire.framer.finish()
+            self._drain_wire(port)
             if self._remaining == 0:
-                self._order.put(port, [self._closed(port)])
-        self._emit(self._order.drain())
+                wire.put(self._closed(port))
+        self._emit(final=True)
         self._record(Recorder.close)
         return self._result()
 
@@ -217,14 +278,14 @@ class CaptureLoop:
         return Ended(None, failure, outcome, self._progress())
 
     def _process_chunk(self, chunk: Chunk) -> None:
-        framer = self._framers[chunk.port]
-        self._markers[chunk.port].observe(chunk)
-        self._put_rows(chunk.port, framer.feed(chunk))
+        self._wires[chunk.port].push(chunk)
         now_ns = chunk.t_ns or 0
-        pending_since_ns = framer.pending_since_ns
-        self._order.advance(chunk.port, now_ns, pending_since_ns, data=bool(chunk.data))
+        self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
+        if now_ns >= min(self._drain_ns, self._flush_ns):
+            self._drain_ns = now_ns + DRAIN_EVERY_NS
+            self._drain()
         if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
             began_ns = time.monotonic_ns()
@@ -233,11 +294,22 @@ class CaptureLoop:
             took_ns = time.monotonic_ns() - began_ns
             self._flush_ns = now_ns + max(self._flush_every_ns, took_ns)
 
+    def _drain(self) -> None:
+        for port in self._wires:
+            self._drain_wire(port)
+        self._emit()
+
+    def _drain_wire(self, port: str) -> None:
+        wire = self._wires[port]
+        rows = wire.drain()
+        if len(rows):
+            wire.put(*self._wiring.observe(port, rows))
+
     def _watch_clock(self, port: str, now_ns: int) -> None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
         if step_ns:
             detail = _step_words(step_ns)
-            self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
+            self._wires[port].put(PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail))
 
     def _start_duration(self, now_ns: int) -> None:
         if self._plan.duration_s is not None and not self._started:
@@ -251,40 +323,31 @@ class CaptureLoop:
                 self._outbox.leftover = waiting
 
     def _process_event(self, event: PortEvent) -> None:
-        if event.kind in _BREAKS:
-            self._put_rows(event.port, self._framers[event.port].restart())
+        wire = self._wires[event.port]
+        is_break = event.kind in _BREAKS
+        if is_break:
+            wire.framer.finish()
+        self._drain_wire(event.port)  # rows before the event keep their places and times
+        if is_break:
+            wire.framer.restart()
         if event.kind is PortEventKind.LOST:
             self._lost = event
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
-            self._framers[event.port].set_baud(event.count)
-        self._order.put(event.port, [event])
+            wire.framer.set_baud(event.count)
+        wire.put(event)
+        self._emit()
 
-    def _put_rows(self, port: str, rows: Sequence[Row]) -> None:
-        if rows:
-            rows = self._markers[port].mark(rows)
-            self._order.put(port, rows)
-            self._order.put(port, self._wiring.observe(port, rows))
-
-    def _emit(self, entries: Sequence[Entry]) -> None:
-        for is_event, group in groupby(entries, lambda entry: isinstance(entry, PortEvent)):
-            if is_event:
-                for event in group:
-                    assert isinstance(event, PortEvent)
-                    self._emit_event(event)
-            else:
-                self._emit_rows([row for row in group if not isinstance(row, PortEvent)])
-
-    def _emit_rows(self, rows: list[Row]) -> None:
+    def _emit(self, *, final: bool = False) -> None:
+        """Record what is settled, and send it to the view."""
+        taken = self._merge.take(least=self._now_ns - MOST_HELD_NS, final=final)
+        if taken is None:
+            return
+        rows = taken.rows
         if self._remaining is not None:
-            rows = rows[: self._remaining]
+            rows = rows[: self._remaining].with_columns(events=rows.events)
             self._remaining -= len(rows)
-        if rows:
-            self._record(lambda recorder: recorder.write(rows))
-            self._outbox.put(rows)
-
-    def _emit_event(self, event: PortEvent) -> None:
-        self._record(lambda recorder: recorder.write_event(event))
-        self._outbox.put(events=[event])
+        self._record(lambda recorder: recorder.write(rows))
+        self._outbox.put(rows)
 
     def _record(self, do: Callable[[Recorder], None]) -> None:
         if self._recorder is None:
@@ -414,11 +477,7 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
     if plan.trigger is not None:
         from fte_sniff.analysis.filter.row_filter import RowFilter
 
-        wanted = RowFilter.parse(plan.trigger)
-
-        def select(rows: Sequence[Row]) -> list[Row]:
-            return list(compress(rows, wanted.matches(Rows.from_rows(rows))))
-
+        select = RowFilter.parse(plan.trigger).matches
         facts = facts | {"trigger": plan.trigger}
     return Recorder(
         plan.recording,

@@ -74,7 +74,6 @@ class RowsMessage:
     """Rows and events since the previous batch."""
 
     rows: Rows
-    events: list[PortEvent]
     total_rows: int
     """All rows captured so far."""
     not_shown: int
@@ -155,7 +154,7 @@ class CaptureState:
             not_shown=batch.not_shown,
             leftover=batch.leftover,
             progress=batch.progress,
-            lost=reduce(_lost_ports, batch.events, self.lost),
+            lost=reduce(_lost_ports, batch.rows.events, self.lost),
         )
 
     def _after_change(self, change: Change) -> CaptureState:

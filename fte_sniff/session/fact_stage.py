@@ -51,4 +51,4 @@ class FactStage:
         while self._changes and self._changes[0].index <= self._decided:
             changes.append(self._changes.popleft())
         found = rows.with_columns(events=events)
-        return InputBatch(found, tuple(events), changes=shifted(changes, -start))
+        return InputBatch(found, changes=shifted(changes, -start))

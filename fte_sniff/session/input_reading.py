@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.feed import GapDetector, StreamChange
+from fte_sniff.analysis.feed import GapDetector, StreamChange, rising_times
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.inputs import Input, InputBatch, Progress
 from fte_sniff.session.save import ExportSource
-from fte_sniff.session.time_merge import TimedInput, merged_by_time
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.protocol.rows import Ints, Rows
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part, Selection
     from fte_sniff.session.fact_stage import FactStage
+    from fte_sniff.session.merge import Slice, Taken
 
 DAMAGED: Final = GapKind.DAMAGE, TranslatableText("the recording was damaged here")
 ANOTHER: Final = GapKind.OTHER_RECORDING, TranslatableText("another recording begins here")
@@ -285,3 +288,125 @@ def _chains(inputs: Sequence[Input]) -> list[list[Input]]:
             chain_before[part.next] = chain
     order = {id(one): place for place, one in enumerate(inputs)}
     return sorted(chains, key=lambda chain: order[id(chain[0])])
+
+
+# The merge by time
+
+_NEVER: Final = -(2**63)
+
+
+@dataclass(frozen=True, slots=True)
+class TimedInput:
+    """An input that can be opened."""
+
+    first_ns: int | None
+    """No row is earlier, except those that came late; None if its rows have no times."""
+    open: Callable[[int], Iterator[InputBatch]]
+    """Reads its batches; the argument is the number of other open inputs."""
+
+
+def merged_by_time(inputs: Sequence[TimedInput]) -> Iterator[InputBatch]:
+    """The batches of inputs that are sorted by their first times, those without at the end.
+
+    Raises what reading an input raises, after the rows up to there.
+    """
+    if len(inputs) == 1:
+        yield from inputs[0].open(0)
+        return
+    from fte_sniff.session.merge import Merge, MergeLane
+
+    merge, waiting, batches = Merge(), deque(inputs), list[Iterator[InputBatch]]()
+
+    def advance(number: int) -> None:
+        """Read the next batch of an open input; at its end it is not open any more."""
+        lane, found = merge.lanes[number], next(batches[number], None)
+        if found is None:
+            del merge.lanes[number], batches[number]
+            return
+        (floor_ns,) = lane.reached
+        lane.put(found.rows, rising_times(found.rows, floor_ns), _Origin(found, floor_ns))
+        span_ns = found.rows.span_ns
+        lane.reached = (max(floor_ns, span_ns[1]) if span_ns else floor_ns,)
+
+    while waiting or batches:
+        first = min(merge.lanes, key=attrgetter("reached"), default=None)
+        if first is None or (waiting and _starts_before(waiting[0], first.reached[0])):
+            one = waiting.popleft()
+            batches.append(one.open(len(batches)))
+            merge.lanes.append(
+                MergeLane(reached=(_NEVER if one.first_ns is None else one.first_ns,))
+            )
+            advance(len(batches) - 1)
+            continue
+        if (taken := merge.take()) is not None:
+            yield _batch_of(taken)
+        advance(merge.lanes.index(first))
+
+
+def _starts_before(one: TimedInput, t_ns: int) -> bool:
+    return one.first_ns is not None and one.first_ns < t_ns
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """The batch that rows belong to; its earlier rows count as of the time `floor_ns`."""
+
+    batch: InputBatch
+    floor_ns: int
+
+
+def _batch_of(taken: Taken) -> InputBatch:
+    if not taken.slices:
+        return InputBatch(taken.rows)
+    first: InputBatch = taken.slices[0].part.origin.batch
+    if taken.rows is first.rows:
+        return first
+    import numpy as np
+
+    count = len(taken.rows)
+    place = np.arange(count) if taken.order is None else taken.order.argsort()
+    changes, losses, base = list[StreamChange](), list[str](), 0
+    for one in taken.slices:
+        batch, is_end = one.part.origin.batch, one.stop == len(one.part.rows)
+        for change in batch.changes:
+            if one.start <= change.index < one.stop:
+                index = int(place[base + change.index - one.start])
+                changes.append(replace(change, index=index))
+            elif is_end and change.index >= one.stop:
+                changes.append(replace(change, index=count))
+        losses += batch.losses if is_end else ()
+        base += len(one)
+    origins = np.repeat([one.part.origin.batch.origin for one in taken.slices], taken.lengths)
+    return InputBatch(
+        taken.rows,
+        reload=_reload_of(taken.slices),
+        changes=sorted(changes, key=attrgetter("index")),
+        losses=losses,
+        origin=origins if taken.order is None else origins[taken.order],
+    )
+
+
+def _reload_of(slices: Sequence[Slice]) -> Callable[[], Rows] | None:
+    """Reads merged rows again; None if that is impossible."""
+    parts: list[tuple[Callable[[], Rows], int, int, int]] = []
+    for one in slices:
+        reload = one.part.origin.batch.reload
+        if reload is None:
+            return None
+        parts.append((reload, one.part.origin.floor_ns, one.start, one.stop))
+    return partial(_reread, parts)
+
+
+def _reread(slices: Sequence[tuple[Callable[[], Rows], int, int, int]]) -> Rows:
+    """Read the rows of slices again, from a floor of their times, and merge them again."""
+    import numpy as np
+
+    from fte_sniff.protocol.rows import Rows
+
+    parts: list[Rows] = []
+    times: list[Ints] = []
+    for reload, floor_ns, start, stop in slices:
+        rows = reload()
+        parts.append(rows[start:stop])
+        times.append(rising_times(rows, floor_ns)[start:stop])
+    return Rows.concat(parts).select(np.concatenate(times).argsort(kind="stable"))

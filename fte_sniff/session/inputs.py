@@ -78,8 +78,6 @@ class InputBatch:
     """Consecutive rows of an input, and what is known about them."""
 
     rows: Rows = NO_ROWS
-    events: Sequence[PortEvent] = ()
-    """Port events between the rows."""
     after_gap: bool = False
     """Whether rows before these could not be read."""
     reload: Callable[[], Rows] | None = None
@@ -94,17 +92,14 @@ class InputBatch:
     """The number of the input, or for each row that of its input."""
 
     @property
+    def events(self) -> Sequence[PortEvent]:
+        """The port events between the rows."""
+        return self.rows.events
+
+    @property
     def times(self) -> tuple[int, int] | None:
         """Time of the first row and the latest time; None if a row has none, or without rows."""
         return self.rows.times
-
-    @property
-    def latest_ns(self) -> int | None:
-        """The latest time of its rows and events; None if none of them has one."""
-        times = [event.t_ns for event in self.events]
-        if (extent := self.rows.extent) is not None:
-            times.append(extent[1])
-        return max(times, default=None)
 
     def select(self, row_filter: RowFilter) -> InputBatch:
         """The same with only the rows that match the filter."""
@@ -123,7 +118,7 @@ class InputBatch:
             return self
         changes = [change for change in self.changes if change.index <= count]
         origin = self.origin if isinstance(self.origin, int) else self.origin[:count]
-        rows = self.rows[:count]
+        rows = self.rows[:count].with_columns(events=self.events)
         return replace(self, rows=rows, reload=None, changes=changes, origin=origin)
 
 
@@ -325,7 +320,7 @@ class RecordingInput(Input):
             self.position = max(self.position, passage.stop)
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)
-                yield InputBatch(rows, rows.events, passage.after_loss, reload)
+                yield InputBatch(rows, passage.after_loss, reload)
 
     def _note_end(
         self, span: TimeRange | None, note: Note, troubles: Counter[PortEventKind], *, some: bool

@@ -10,7 +10,7 @@ from subprocess import TimeoutExpired
 
 from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
 from fte_sniff.errors import TOO_MANY_FILES, FileError, PortError, TranslatableText
-from fte_sniff.protocol import PortEvent, Rows
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import (
     DROP,
@@ -110,7 +110,6 @@ class LiveSession:
         """The next rows and events; empty after `timeout_s` seconds without any."""
         parts: list[Rows] = []
         count = 0
-        events: list[PortEvent] = []
         changes: list[StreamChange] = []
         while self.state.ended is None and count < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
@@ -120,12 +119,12 @@ class LiveSession:
             message = self._receive()
             self.state = self.state.after(message)
             if isinstance(message, RowsMessage):
-                found = self._gaps.changes(message.rows, message.events, message.not_shown)
+                found = self._gaps.changes(message.rows, message.rows.events, message.not_shown)
                 changes += shifted(found, count)
                 parts.append(message.rows)
                 count += len(message.rows)
-                events += message.events
-        update = FeedUpdate(self.state.feed_state, Rows.concat(parts), events, changes)
+        rows = Rows.concat(parts)
+        update = FeedUpdate(self.state.feed_state, rows, rows.events, changes)
         if self._observe is not None:
             self._observe(update)
         return update

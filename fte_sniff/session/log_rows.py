@@ -30,8 +30,8 @@ from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.log_form import Array
     from fte_sniff.formats.log_reader import LogReader
+    from fte_sniff.session.merge import Merge, MergeLane
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded, unless a reader waits for them."""
@@ -211,8 +211,8 @@ class _Stream:
             self.frames[header] += count
         return rows
 
-    def placed(self, batch: Rows) -> tuple[Array, Rows]:
-        """Lines and rising times of rows, shape (2, rows), and the rows with their times."""
+    def put(self, batch: Rows, lane: MergeLane) -> None:
+        """Put rows with their times into the lane; the keys are lines and rising times."""
         import numpy as np
 
         own = np.searchsorted(self._lines[0], batch.offset, "right")
@@ -227,13 +227,14 @@ class _Stream:
         self._lines = self._lines[:, np.searchsorted(self._lines[0], end, "right") :]
         keys = np.maximum.accumulate(np.append(self.last_key_ns, t_ns))[1:]
         self.last_key_ns = int(keys[-1])
-        return np.stack([lines, keys]), batch.with_columns(t_ns=t_ns, delay_ns=delay_ns)
+        both = [keys, lines] if self._log.by_time else [lines, keys]
+        lane.put(batch.with_columns(t_ns=t_ns, delay_ns=delay_ns), np.stack(both))
 
-    def reached(self) -> int:
-        """The time, or the line, before which no row of the stream is to come."""
-        if self._log.by_time:
-            return self.last_key_ns
-        return LATEST_NS if self._lines is None or not self._lines.size else self._lines[1, 0]
+    def reached(self) -> tuple[int, int]:
+        """The key before which no row of the stream is to come."""
+        has_lines = self._lines is not None and self._lines.size
+        line = int(self._lines[1, 0]) if has_lines else LATEST_NS
+        return (self.last_key_ns, line) if self._log.by_time else (line, 0)
 
 
 class _Streams:
@@ -255,13 +256,22 @@ class _Streams:
         self._streams = {port: _Stream(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         """Whether rows are merged by time; else by line."""
-        self._held: list[tuple[Array, Rows]] = []
+        self._lanes: dict[str, MergeLane] = {}
+        self._merge: Merge | None = None
+        if not self.is_one:
+            from fte_sniff.session.merge import Merge
+
+            self._merge = Merge()
 
     def append(self, block: Iterable[StreamBytes]) -> None:
         """Append bytes to their streams."""
+        by_time = self.by_time
         for new in block:
             self._streams.setdefault(new.port, _Stream(new.port, self)).append(new)
             self.size += len(new.data)
+        if by_time and not self.by_time:
+            for lane in self._lanes.values():
+                lane.swap_keys()
 
     def end_frames(self) -> None:
         """End each stream's frame: its next bytes may not follow the last ones."""
@@ -307,32 +317,25 @@ class _Streams:
 
     def drain(self, *, final: bool = False) -> Iterator[Rows]:
         """The rows that are decided and in order, if there are any."""
-        rows = NO_ROWS
-        for stream in self._streams.values():
+        rows, merge = NO_ROWS, self._merge
+        for port, stream in self._streams.items():
             rows = stream.drain(final=final)
-            if not self.is_one and len(rows):
-                self._held.append(stream.placed(rows))
-        if self._held:
-            rows = self._merged(final=final)
+            if merge is not None:
+                lane = self._lane(port, merge)
+                if len(rows):
+                    stream.put(rows, lane)
+                lane.reached = stream.reached()
+        if merge is not None and self._streams:
+            taken = merge.take(final=final or merge.waiting > _MOST_HELD)
+            rows = NO_ROWS if taken is None else taken.rows
         if len(rows):
             yield rows
 
-    def _merged(self, *, final: bool) -> Rows:
-        """The rows that are in order; the others are held."""
-        import numpy as np
+    def _lane(self, port: str, merge: Merge) -> MergeLane:
+        lane = self._lanes.get(port)
+        if lane is None:
+            from fte_sniff.session.merge import MergeLane
 
-        places = np.hstack([own for own, _ in self._held])
-        rows = Rows.concat([own for _, own in self._held])
-        self._held = []
-        if len(self._streams) == 1:
-            return rows
-        keys = places[int(self.by_time)]
-        order = np.lexsort((places[0], keys))
-        count = len(order)
-        if not final and count <= _MOST_HELD:
-            reached = min(stream.reached() for stream in self._streams.values())
-            count = int(np.searchsorted(keys[order], reached))
-        now, later = order[:count], order[count:]
-        if len(later):
-            self._held = [(places[:, later], rows.select(later))]
-        return rows.select(now)
+            lane = self._lanes[port] = MergeLane()
+            merge.lanes.append(lane)
+        return lane

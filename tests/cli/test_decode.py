@@ -51,6 +51,7 @@ from fte_sniff.session.inputs import RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
+from tests.support.columns import in_columns
 
 
 def jsonl(text: str) -> list[dict]:
@@ -644,10 +645,10 @@ def recorded(
     """A recording with a chunk for every twenty rows."""
     with RecordingWriter(path, [PortFacts("p", baud)], facts or {}) as writer:
         for at in range(0, len(rows), 20):
-            writer.write(rows[at : at + 20])
+            writer.write(in_columns(rows[at : at + 20]))
             last_ns = rows[min(at + 20, len(rows)) - 1].t_ns or 0
             while events and events[0].t_ns < last_ns:
-                writer.write_event(events[0])
+                writer.write(in_columns(events[0]))
                 events = events[1:]
             writer.flush()
     return path
@@ -661,7 +662,7 @@ def triggered(path: Path) -> Path:
         options=RecordingOptions(trigger_window=TriggerWindow(0, 0)),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
-    recorder.write(rows_of(0, 500))
+    recorder.write(in_columns(rows_of(0, 500)))
     recorder.close()
     return path
 

@@ -31,6 +31,7 @@ from tests.cli.processes import (
     wire,
 )
 from tests.cli.terminals import terminal
+from tests.support.columns import in_columns
 
 WRITER = """
 import sys
@@ -42,7 +43,7 @@ rows = iter(made_rows())
 with RecordingWriter(Path(sys.argv[1]), [PortFacts("p", 115200)]) as writer:
     print("open", flush=True)
     for line in sys.stdin:
-        writer.write([next(rows) for _ in range(int(line))])
+        writer.write(in_columns([next(rows) for _ in range(int(line))]))
         writer.flush()
         print("flushed", flush=True)
 """
@@ -195,7 +196,7 @@ def recorded(path: Path, frames: int) -> bytes:
     path.unlink(missing_ok=True)
     with RecordingWriter(path, [PortFacts("p", 115200)]) as writer:
         for row in made_rows(frames):
-            writer.write([row])
+            writer.write(in_columns([row]))
             writer.flush()
     return path.read_bytes()
 

@@ -16,6 +16,7 @@ from fte_sniff.recording.reader import RecordingReader, row_times
 from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
+from tests.support.columns import in_columns
 
 SECOND = 10**9
 FIRST = 1_769_860_800 * SECOND + 500_000_000
@@ -154,12 +155,12 @@ def _with_events(path: Path, samples: Path) -> list[Row]:
     rows = list(RecordingReader(samples / "clean.mcap"))
     times = [row.t_ns for row in rows if row.t_ns is not None]
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")])
+        writer.write(in_columns([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")]))
         writer.flush()
         for at in range(0, len(rows), 100):
-            writer.write(rows[at : at + 100])
+            writer.write(in_columns(rows[at : at + 100]))
             writer.flush()
-        writer.write([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")])
+        writer.write(in_columns([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")]))
     return rows
 
 
@@ -189,7 +190,7 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
 def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
     path = tmp_path / "events.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write([PortEvent(FIRST, "p", PortEventKind.OPENED, "")])
+        writer.write(in_columns([PortEvent(FIRST, "p", PortEventKind.OPENED, "")]))
     done = run("decode", path, "--from", "+1s")
     assert done.returncode == 2
     assert "the input has no times; set with --start when its bytes began, or give" in done.stderr

@@ -24,6 +24,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
@@ -312,7 +313,7 @@ def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
         options=RecordingOptions(trigger_window=around),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
-    recorder.write(rows)
+    recorder.write(in_columns(rows))
     recorder.close()
 
 

@@ -16,6 +16,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 
 pytestmark = pytest.mark.conformance
@@ -51,7 +52,7 @@ def _write_empty_bulk(folder: Path) -> None:
 def _write_rotated(folder: Path) -> None:
     recorder = Recorder(folder / "x.mcap", [PORT], options=RecordingOptions(rotate_bytes=30_000))
     for row in some_rows(3000):
-        recorder.write([row])
+        recorder.write(in_columns([row]))
         if row.offset % 1000 == 0:
             recorder.flush()
     recorder.close()
@@ -60,7 +61,7 @@ def _write_rotated(folder: Path) -> None:
 def _write_new_port(folder: Path) -> None:
     with RecordingWriter(folder / "x.mcap", [PORT]) as writer:
         for number, row in enumerate(some_rows(300)):
-            writer.write([replace(row, port=f"port {number // 100}")])
+            writer.write(in_columns([replace(row, port=f"port {number // 100}")]))
             if number % 50 == 0:
                 writer.flush()
 
@@ -70,7 +71,7 @@ def _repair(folder: Path, *, chunk: int) -> None:
     damaged = folder / "damaged"
     with RecordingWriter(damaged, [PORT]) as writer:
         for number in range(4):
-            writer.write(some_rows(50, start=START + number * 10**9))
+            writer.write(in_columns(some_rows(50, start=START + number * 10**9)))
             writer.flush()
     content = bytearray(damaged.read_bytes())
     marks = [at for at in range(len(content)) if content.startswith(b"\x04\0\0\0zstd", at)]

@@ -19,6 +19,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from tests.protocol.oracle import frame_faults
+from tests.support.columns import in_columns
 from tests.support.faults import damaged_stream
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
@@ -179,7 +180,7 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
     framer, marker = Framer("p"), LineErrorMarker()
     chunk = Chunk("p", None, stream, ((0, len(stream)),) if line_error else ())
     marker.observe(chunk)
-    for row in marker.mark(framer.feed(chunk) + framer.flush()):
+    for row in marker.mark(in_columns(framer.feed(chunk), framer.flush())):
         shown = [field for field in dissect(row) if field.fault is not None]
         assert {field.fault for field in shown} == set(row.faults) - BESIDE_THE_BYTES
         assert all(field.note for field in shown)

@@ -43,8 +43,10 @@ def marked(chunks):
     framer, marker, rows = Framer("p"), LineErrorMarker(), []
     for chunk in chunks:
         marker.observe(chunk)
-        rows += marker.mark(framer.feed(chunk))
-    return rows + marker.mark(framer.flush())
+        framer.push(chunk)
+        rows += marker.mark(framer.drain())
+    framer.finish()
+    return [*rows, *marker.mark(framer.drain())]
 
 
 def hit(rows):

@@ -17,6 +17,7 @@ from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
+from tests.support.columns import in_columns
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000
@@ -63,11 +64,11 @@ def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
         PortEvent(START + 10**9, port, PortEventKind.CLOSED, ""),
     ]
     with RecordingWriter(path, [PortFacts(port, 115_200)], {"host": "bench"}) as writer:
-        writer.write_event(events[0])
+        writer.write(in_columns(events[0]))
         for start in range(0, len(rows), 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
-        writer.write_event(events[1])
+        writer.write(in_columns(events[1]))
     return path, rows, events
 
 

@@ -21,6 +21,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import CHUNK_ROWS, RecordingWriter
 from tests.recording.conftest import entries_in
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 
 MakeRows = Callable[..., list[Row]]
@@ -88,7 +89,7 @@ def test_messages_are_those_that_a_capture_writes(
 ) -> None:
     folder = tmp_path_factory.mktemp("both")
     with RecordingWriter(folder / "capture.mcap", PORTS) as writer:
-        writer.write(rows)
+        writer.write(in_columns(rows))
     write_recording(folder / "bulk.mcap", PORTS, [Rows.from_rows(rows)])
     assert _messages(folder / "bulk.mcap") == _messages(folder / "capture.mcap")
 

@@ -33,6 +33,7 @@ from tests.cli.conftest import ROOT, plain_environment
 from tests.cli.forked import Ended, Program
 from tests.examples import examples
 from tests.recording.conftest import START, some_rows, unprivileged
+from tests.support.columns import in_columns
 from tests.torture.damage import MAGIC
 from tests.torture.damage import records as _records
 
@@ -413,7 +414,7 @@ def _written(path: Path, rows: int, chunk: int) -> Path:
     with RecordingWriter(path, [PortFacts("/dev/ttyUSB0", 115_200)]) as writer:
         made = some_rows(rows)
         for start in range(0, rows, chunk):
-            writer.write(made[start : start + chunk])
+            writer.write(in_columns(made[start : start + chunk]))
             writer.flush()
     return path
 
@@ -534,7 +535,7 @@ def test_many_losses_are_summed_up(tmp_path: Path, make_rows: Callable[..., list
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         for number in range(100):
-            writer.write(make_rows(1, start=10**18 + number))
+            writer.write(in_columns(make_rows(1, start=10**18 + number)))
             writer.flush()
     content = bytearray(path.read_bytes())
     for opcode, start, end in _records(bytes(content)):
@@ -699,7 +700,7 @@ def test_rows_come_before_the_file_is_read_to_its_end(
     rows = make_rows(20_000)
     with RecordingWriter(path, []) as writer:
         for start in range(0, 20_000, 100):
-            writer.write(rows[start : start + 100])
+            writer.write(in_columns(rows[start : start + 100]))
             writer.flush()
     reader = RecordingReader(path)
     coming = iter(reader)

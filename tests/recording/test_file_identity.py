@@ -11,6 +11,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing, OutputPath
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import some_rows
+from tests.support.columns import in_columns
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
 PRECIOUS = b"precious"
@@ -18,7 +19,7 @@ PRECIOUS = b"precious"
 
 def _recorded(path: Path) -> FileIdentity:
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(some_rows())
+        writer.write(in_columns(some_rows()))
     assert writer.identity is not None
     return writer.identity
 

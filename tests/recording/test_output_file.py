@@ -21,6 +21,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
+from tests.support.columns import in_columns
 from tests.waiting import BOUND_S
 
 Rows = Callable[..., list[Row]]
@@ -44,11 +45,11 @@ def test_what_is_being_recorded_to_is_not_replaced(tmp_path: Path, make_rows: Ro
     rows = make_rows(20)
     for existing in (Existing.REFUSE, Existing.REPLACE):
         with RecordingWriter(path, [PORT], existing=existing) as writer:
-            writer.write(rows[:10])
+            writer.write(in_columns(rows[:10]))
             writer.flush()
             message = refused(path, Existing.REPLACE)
             assert "is being recorded to by another program; name another file" in message
-            writer.write(rows[10:])
+            writer.write(in_columns(rows[10:]))
         assert list(RecordingReader(path)) == rows
     with RecordingWriter(path, [PORT], existing=Existing.REPLACE):
         pass
@@ -146,7 +147,7 @@ def test_a_file_that_is_deleted_or_moved_is_detected(
     path.parent.mkdir()
     rows = make_rows(5)
     writer = RecordingWriter(path, [PORT])
-    writer.write(rows)
+    writer.write(in_columns(rows))
     writer.flush()
     happens(path)
     with pytest.raises(FileError, match=r"^recording stopped: ") as caught:
@@ -165,7 +166,7 @@ Rows = Callable[..., list[Row]]
 def _record(path: Path, rows: list[Row]) -> None:
     with RecordingWriter(path, [PortFacts(rows[0].port)]) as writer:
         for start in range(0, len(rows), 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
 
 
@@ -180,7 +181,7 @@ def test_a_named_pipe_brings_a_whole_recording(
     with RecordingWriter(pipe, [PortFacts(rows[0].port)]) as writer:
         assert writer.waits_for_reader == reader_is_late
         for start in range(0, 60, 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
         # All of it fits into a pipe.
         late = late or os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -221,7 +222,7 @@ def test_a_pipe_without_reader_ends_in_one_line(tmp_path: Path, make_rows: Rows)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     writer = RecordingWriter(pipe, [PortFacts("p")])
     os.close(reader)
-    writer.write(make_rows(5))
+    writer.write(in_columns(make_rows(5)))
     with pytest.raises(
         FileError, match=r"pipe: its reader is gone; .* ended after 0 rows"
     ) as caught:
@@ -240,10 +241,10 @@ def test_a_pipe_that_nobody_opens_is_reported(
     recorder = Recorder(pipe, [PortFacts("p")])
     if is_long:
         monkeypatch.setattr(append_file, "MAX_UNREAD", 1000)
-    recorder.write(make_rows(5))
+    recorder.write(in_columns(make_rows(5)))
     recorder.flush()
     assert (recorder.failure is not None) == is_long
-    recorder.write(make_rows(1000))
+    recorder.write(in_columns(make_rows(1000)))
     recorder.close()
     assert "1,005 rows and port events from" in str(recorder.failure)
     assert f"no program has opened {pipe} for reading" in str(recorder.failure)

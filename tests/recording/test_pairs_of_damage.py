@@ -30,6 +30,7 @@ from fte_sniff.recording.writer import BulkWriter, RecordingWriter
 from fte_sniff.session.scan import read, scan
 from tests.examples import examples
 from tests.recording.conftest import START, entry_of, some_rows
+from tests.support.columns import in_columns
 from tests.torture.damage import records
 
 SECTOR = 512
@@ -46,7 +47,7 @@ def _rows(count: int, ports: Sequence[PortFacts]) -> list[Row]:
 def _live(path: Path, rows: Sequence[Row], ports: Sequence[PortFacts], chunk: int = 40) -> None:
     with RecordingWriter(path, ports, FACTS) as writer:
         for start in range(0, len(rows), chunk):
-            writer.write(rows[start : start + chunk])
+            writer.write(in_columns(rows[start : start + chunk]))
             writer.flush()
 
 
@@ -78,7 +79,7 @@ def _under_way(path: Path) -> None:
     writer = RecordingWriter(path.with_suffix(".live"), [FIRST, SECOND], FACTS)
     rows = _rows(400, [FIRST, SECOND])
     for start in range(0, len(rows), 40):
-        writer.write(rows[start : start + 40])
+        writer.write(in_columns(rows[start : start + 40]))
         writer.flush()
     path.write_bytes(path.with_suffix(".live").read_bytes())
     writer.close()
@@ -98,7 +99,7 @@ def _rotated(path: Path) -> None:
     recorder = Recorder(path, [FIRST, SECOND], FACTS, options=options)
     rows = _rows(600, [FIRST, SECOND])
     for start in range(0, len(rows), 40):
-        recorder.write(rows[start : start + 40])
+        recorder.write(in_columns(rows[start : start + 40]))
         recorder.flush()
     recorder.close()
     path.write_bytes(path.with_stem(f"{path.stem}_00002").read_bytes())

@@ -39,6 +39,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
 from tests.recording.conftest import entries_in
+from tests.support.columns import in_columns
 from tests.waiting import BOUND_S
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -92,9 +93,9 @@ def _record(path: Path, batches: list[list[Entry]], ports: tuple[str, ...]) -> N
         for batch in batches:
             for entry in batch:
                 if isinstance(entry, PortEvent):
-                    writer.write_event(entry)
+                    writer.write(in_columns(entry))
                 else:
-                    writer.write([entry])
+                    writer.write(in_columns([entry]))
             writer.flush()
 
 
@@ -145,8 +146,8 @@ def test_rows_of_interleaved_ports_are_sorted_by_time(tmp_path: Path) -> None:
     right = [Frame("right", 10 * n, raw, 1010 + 20 * n) for n in range(5)]
     path = tmp_path / "two.mcap"
     with RecordingWriter(path, [PortFacts("left"), PortFacts("right")]) as writer:
-        writer.write(left)
-        writer.write(right)
+        writer.write(in_columns(left))
+        writer.write(in_columns(right))
     found = list(RecordingReader(path))
     assert [row.t_ns for row in found] == list(range(1000, 1100, 10))
     with path.open("rb") as file:
@@ -159,7 +160,7 @@ def test_a_row_that_comes_after_its_chunk_keeps_its_own_time(tmp_path: Path) -> 
     raw = encode(KINDS[0], {})
     path = tmp_path / "late.mcap"
     with RecordingWriter(path, []) as writer:
-        writer.write([Frame("a", 0, raw, 5000)])
+        writer.write(in_columns([Frame("a", 0, raw, 5000)]))
         writer.flush()
         writer.write([Frame("b", 0, raw, 4000)])
     assert [row.t_ns for row in RecordingReader(path)] == [5000, 4000]
@@ -211,7 +212,7 @@ def test_any_row_comes_back_as_it_was(
 ) -> None:
     path = tmp_path_factory.mktemp("bulk") / "any.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(rows)
+        writer.write(in_columns(rows))
     reader = RecordingReader(path)
     one_by_one = list(reader)
     found, _ = _columns(path)
@@ -235,8 +236,8 @@ def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeR
     two = make_rows(30_000, "two", one[0].t_ns)
     with RecordingWriter(path, [PortFacts("one"), PortFacts("two")]) as writer:
         for start in range(0, len(one), 1000):
-            writer.write(one[start : start + 1000])
-            writer.write(two[start : start + 1000])
+            writer.write(in_columns(one[start : start + 1000]))
+            writer.write(in_columns(two[start : start + 1000]))
     reader = RecordingReader(path)
     batches = list(reader.batches())
     assert len(batches) > 1
@@ -250,7 +251,7 @@ def test_reading_again_starts_no_further_threads(tmp_path: Path, make_rows: Make
     with RecordingWriter(path, [PortFacts("one")]) as writer:
         rows = make_rows(30_000, "one")
         for start in range(0, len(rows), 1000):
-            writer.write(rows[start : start + 1000])
+            writer.write(in_columns(rows[start : start + 1000]))
     threads: set[threading.Thread] = set()
     for _ in range(cores() + 1):
         for _ in RecordingReader(path).batches():
@@ -268,7 +269,7 @@ def test_a_forked_process_reads_with_threads_of_its_own(
     rows = make_rows(30_000, "one")
     with RecordingWriter(path, [PortFacts("one")]) as writer:
         for start in range(0, len(rows), 1000):
-            writer.write(rows[start : start + 1000])
+            writer.write(in_columns(rows[start : start + 1000]))
 
     def read_all() -> None:
         assert sum(len(batch) for batch in RecordingReader(path).batches()) == len(rows)
@@ -298,7 +299,7 @@ def test_a_message_that_only_looks_equally_long_is_not_misread(
         for even, odd in zip(rows[::2], late, strict=False):
             other = Frame("b", odd.offset, odd.raw, odd.t_ns, (), None)
             for row in (even, other):
-                writer.write([row])
+                writer.write(in_columns([row]))
                 writer.flush()
                 mixed.append(row)
     found, _ = _columns(path)
@@ -384,7 +385,7 @@ def test_no_thread_is_left_after_a_reader_is_closed_early(
 ) -> None:
     path = tmp_path / "left.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(make_rows(60_000, "p"))
+        writer.write(in_columns(make_rows(60_000, "p")))
     before = set(threading.enumerate())
     batches = RecordingReader(path).batches()
     next(batches)
@@ -400,7 +401,7 @@ def test_a_channel_that_a_skipped_chunk_defines_is_known(
     path = tmp_path / "unnamed.mcap"
     with RecordingWriter(path, []) as writer:
         for start in range(0, len(rows), 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
     found, _ = _columns(path, TimeRange(rows[45].t_ns or 0))
     assert found == rows[45:]

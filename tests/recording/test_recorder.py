@@ -34,6 +34,7 @@ from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, file_size_limit, some_rows, unprivileged
+from tests.support.columns import in_columns
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
 ALL = RecordingOptions(min_free_bytes=0)
@@ -64,7 +65,7 @@ def _files(folder: Path) -> list[Path]:
 
 def _record(recorder: Recorder, batches: Sequence[Sequence[Row]]) -> None:
     for batch in batches:
-        recorder.write(batch)
+        recorder.write(in_columns(batch))
         recorder.flush()
 
 
@@ -135,7 +136,7 @@ def test_a_file_that_rotates_by_time_ends_at_that_time(
     recorder = Recorder(folder / "x.mcap", [PORT], options=options)
     start = 0
     for size in sizes:
-        recorder.write(rows[start : start + size])
+        recorder.write(in_columns(rows[start : start + size]))
         start += size
         if flushes:
             recorder.flush()
@@ -147,9 +148,9 @@ def test_a_file_that_rotates_by_time_ends_at_that_time(
 
 def test_a_file_with_only_a_port_event_ends_at_its_time_too(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=replace(ALL, rotate_s=10 * STEP / 1e9))
-    recorder.write_event(PortEvent(START, PORT.name, PortEventKind.OPENED, ""))
+    recorder.write(in_columns(PortEvent(START, PORT.name, PortEventKind.OPENED, "")))
     rows = some_rows(25, start=START + 10 * STEP)
-    recorder.write(rows)
+    recorder.write(in_columns(rows))
     recorder.close()
     found = [_rows(file) for file in _files(tmp_path)]
     assert found == [[], rows[:10], rows[10:20], rows[20:]]
@@ -254,7 +255,7 @@ def test_a_file_that_another_program_cuts_off_leaves_a_gap(tmp_path: Path, left:
 
 def test_a_port_event_in_a_file_that_is_cut_off_is_reported(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
-    recorder.write_event(PortEvent(START, PORT.name, PortEventKind.OPENED, ""))
+    recorder.write(in_columns(PortEvent(START, PORT.name, PortEventKind.OPENED, "")))
     recorder.flush()
     os.truncate(tmp_path / "x.mcap", 0)
     recorder.close()
@@ -518,7 +519,7 @@ def test_a_trigger_keeps_exactly_its_window(
     options = replace(ALL, trigger_window=around)
     event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
     with_event = Recorder(path, [PORT], options=options, select=_matches)
-    with_event.write_event(event)
+    with_event.write(in_columns(event))
     start = 0
     for size in sizes:
         _record(with_event, [rows[start : start + size]])

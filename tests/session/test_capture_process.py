@@ -22,6 +22,7 @@ from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, WriteProgress
 from tests.beside import Work
 from tests.recording.conftest import entries_in
+from tests.support.columns import in_columns
 from tests.waiting import BOUND_S
 
 MS = 1_000_000
@@ -73,7 +74,7 @@ def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended
     events: list[PortEvent] = []
     while isinstance(message := theirs.recv(), RowsMessage):
         rows += message.rows
-        events += message.events
+        events += message.rows.events
     closing.ended()
     return rows, events, ended
 
@@ -206,15 +207,15 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
     event = PortEvent(1, "p", PortEventKind.OPENED, "")
-    outbox.put(events=[event])
+    outbox.put(in_columns(event))
     for start in range(0, 1000, 100):
-        outbox.put(rows(start, 100))
+        outbox.put(in_columns(rows(start, 100)))
     outbox.put(changes=[Change(None, FileError("full"))])
     outbox.put(changes=[Change(Path("x_00002.mcap"))])
     outbox.close(Ended("over"))
     *batches, end = received(theirs)
     assert [row for batch in batches for row in batch.rows] == rows(0, 1000)
-    assert [found for batch in batches for found in batch.events] == [event]
+    assert [found for batch in batches for found in batch.rows.events] == [event]
     changes = [change for batch in batches for change in batch.recording]
     assert [(change.path, str(change.failure)) for change in changes] == [
         (None, "full"),
@@ -231,7 +232,7 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
     # The first batch takes what waits then, at most all; it stays in the pipe.
     total = MOST_WAITING * 3
     for start in range(0, total, 1024):
-        outbox.put(rows(start, 1024))
+        outbox.put(in_columns(rows(start, 1024)))
     closing = Work(outbox.close, Ended())
     batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
     closing.ended()
@@ -247,6 +248,6 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     gone = threading.Event()
     outbox = Outbox(ours, gone.set)
     theirs.close()
-    outbox.put(rows(0, 1))
+    outbox.put(in_columns(rows(0, 1)))
     assert gone.wait(BOUND_S)
     outbox.close(Ended())

@@ -27,7 +27,11 @@ def batch(
     *changes: Change, rows: int = 0, leftover: int = 0, **events: PortEventKind
 ) -> RowsMessage:
     happened = [PortEvent(0, port, kind, "") for port, kind in events.items()]
-    return RowsMessage(NO_ROWS, happened, rows, 3, changes, leftover)
+    return RowsMessage(NO_ROWS.with_columns(events=happened), rows, 3, changes, leftover)
+
+
+def _reporting(*events: PortEvent) -> RowsMessage:
+    return replace(batch(), rows=NO_ROWS.with_columns(events=events))
 
 
 def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
@@ -91,5 +95,5 @@ def test_a_port_is_away_from_its_loss_until_it_is_found(happened: list) -> None:
     events = [PortEvent(0, port, kind, "") for port, kind in happened]
     last = dict(happened)
     away = {port for port, kind in last.items() if kind is PortEventKind.LOST}
-    assert after(replace(batch(), events=events)).lost == away
-    assert after(*(replace(batch(), events=[event]) for event in events)).lost == away
+    assert after(_reporting(*events)).lost == away
+    assert after(*map(_reporting, events)).lost == away

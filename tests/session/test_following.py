@@ -24,6 +24,7 @@ from fte_sniff.session.following import POLL_S, FollowedInput, Following
 from fte_sniff.session.input_reading import InputReading
 from tests.cli.processes import wait_until
 from tests.session.test_file_jobs import reset_at
+from tests.support.columns import in_columns
 
 PORTS = [PortFacts("a", 115_200)]
 FACTS = {"start": "2026-01-31T12:00:00.000000000Z", "host": "here"}
@@ -84,7 +85,7 @@ def test_a_long_capture_is_followed_without_keeping_its_files(tmp_path: Path) ->
     rows = [reset_at(number) for number in range(20)]
     with follower(recorder.path) as (following, future):
         for row in rows:
-            recorder.write([row])
+            recorder.write(in_columns([row]))
             recorder.flush()
         recorder.close()
         reading, found = future.result()
@@ -107,7 +108,7 @@ def test_the_gaps_of_a_trigger_come_with_their_rows(tmp_path: Path) -> None:
     )
     with follower(path) as (following, future):
         for number in range(50):
-            recorder.write([reset_at(number)])
+            recorder.write(in_columns([reset_at(number)]))
             recorder.flush()
         # The last gap is written at the end, after all rows were read.
         wait_until(lambda: following.rows == 6)
@@ -134,13 +135,13 @@ def test_a_next_file_that_comes_later_and_was_not_named_is_found(
     rows = [reset_at(number) for number in range(4)]
     first = RecordingWriter(tmp_path / "x.mcap", PORTS, FACTS)
     with follower(first.path) as (following, future):
-        first.write([OPENED, *rows[:2]])
+        first.write(in_columns([OPENED, *rows[:2]]))
         first.close()
         wait_until(lambda: len(searches) > 1)
         part = {"part": "2", "previous": "x.mcap"}
         with RecordingWriter(tmp_path / "x_00002.mcap", PORTS, FACTS | part) as second:
             wait_until(lambda: len(following.opened) == 2)
-            second.write([*rows[2:], CLOSED])
+            second.write(in_columns([*rows[2:], CLOSED]))
         assert future.result()[1] == rows
     assert following.ended == f"{second.path}: the program that recorded it has ended"
 
@@ -176,7 +177,7 @@ class OverwrittenAfterCheck(RecordingReader):
 
 def test_a_file_that_is_overwritten_during_a_check_is_reported(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
-        writer.write([reset_at(0)])
+        writer.write(in_columns([reset_at(0)]))
     reader = OverwrittenAfterCheck(tmp_path / "x.mcap", growing=True)
     reader.grow()
     with pytest.raises(FileError, match="was overwritten while it was followed"):
@@ -189,7 +190,7 @@ def test_to_read_a_growing_file_anew_takes_nothing_from_what_is_added(tmp_path: 
         reader = RecordingReader(tmp_path / "x.mcap", growing=True)
         added: list[Row] = []
         for row in rows:
-            writer.write([row])
+            writer.write(in_columns([row]))
             writer.flush()
             reader.grow()
             read = list(reader)

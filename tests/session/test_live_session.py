@@ -269,7 +269,7 @@ def is_behind(_plan: CapturePlan, view: Connection) -> None:
     view.recv()
     for total in range(15):
         view.poll(0.2)
-        view.send(RowsMessage(NO_ROWS, [], total, 0))
+        view.send(RowsMessage(NO_ROWS, total, 0))
     view.send(Ended())
 
 

@@ -103,7 +103,7 @@ def first_of(session: ReplaySession) -> list[Row]:
 def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
     lost = PortEvent(5, "f", PortEventKind.LOST, "")
     made = batches(2)
-    session = ReplaySession([made[0], InputBatch(made[1].rows, [lost])], "file")
+    session = ReplaySession([made[0], InputBatch(made[1].rows.with_columns(events=[lost]))], "file")
     events: list[PortEvent] = []
     for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()

@@ -23,6 +23,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import DEFAULT_MAX_INDEX_BYTES, RecordingOptions
 from tests.beside import running
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import PORTS, rows_a_second, rows_of
 
 _PACE_S = 0.02
@@ -64,7 +65,7 @@ def record(path: Path, every_s: float, max_index_bytes: int | None) -> None:
     for rows in ready if every_s else _endless(step * 50):
         count += len(rows)
         print("w", count, flush=True)
-        writer.write(rows)
+        writer.write(in_columns(rows))
         now = time.monotonic()
         if now - flushed >= every_s:
             writer.flush()

@@ -22,6 +22,7 @@ from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, KIND_BY_NAME, Chunk, Framer, Row, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
+from tests.support.columns import in_columns
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
@@ -51,7 +52,7 @@ def recording(variant: int, port: str = "/dev/ttyUSB0", most: int = 1500) -> byt
         writer = RecordingWriter(path, [PortFacts(port, DEFAULT_BAUD)])
         size = random.randrange(20, 400)
         for start in range(0, len(rows), size):
-            writer.write(rows[start : start + size])
+            writer.write(in_columns(rows[start : start + size]))
             writer.flush()
         writer.close()
         return path.read_bytes()

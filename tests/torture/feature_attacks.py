@@ -29,6 +29,7 @@ from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.notes import Note, Notes
+from tests.support.columns import in_columns
 from tests.torture.case import OUT_OF_MEMORY, Case, Started, promise
 from tests.torture.damage import START_NS, VARIANTS, damaged, numbered_frame, recording
 from tests.torture.file_attacks import (
@@ -163,10 +164,10 @@ def scan(case: Case) -> None:
     asked, made = random.randrange(len(counts)), 0
     with RecordingWriter(path, _PORTS) as writer, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        writer.write(_frames(0, made))
+        writer.write(in_columns(_frames(0, made)))
         query = fte_sniff.scan(path) if asked == 0 else None
         for number, count in enumerate(counts):
-            writer.write(_frames(made, count))
+            writer.write(in_columns(_frames(made, count)))
             writer.flush()
             made += count
             query = fte_sniff.scan(path) if number == asked else query
@@ -242,13 +243,13 @@ def follow(case: Case) -> None:
     made = 0
     for _ in range(random.randrange(1, 8)):
         count = random.randrange(1, 300)
-        recorder.write(_frames(made, count))
+        recorder.write(in_columns(_frames(made, count)))
         recorder.flush()
         made += count
         sleep(random.choice((0, 0.05, 0.3)))
     wait_until(lambda: program.has_ended or len(_whole_rows(table)) >= made, "rows are missing")
     count = random.randrange(1, 300)
-    recorder.write(_frames(made, count))
+    recorder.write(in_columns(_frames(made, count)))
     recorder.close()
     made += count
     run = program.wait()
@@ -351,9 +352,10 @@ def report_texts(case: Case) -> None:
             PortEvent(START_NS + 2 * 10**8, text, PortEventKind.FOUND_AGAIN, text),
         ]
         with RecordingWriter(path, [PortFacts(text, DEFAULT_BAUD)], {"host": text}) as writer:
-            writer.write([Frame(text, row.offset, row.raw, row.t_ns) for row in _frames(0, 300)])
-            for event in events:
-                writer.write_event(event)
+            writer.write(
+                in_columns([Frame(text, row.offset, row.raw, row.t_ns) for row in _frames(0, 300)])
+            )
+            writer.write(in_columns(events))
         saved = Notes([path])
         saved.set(Note(START_NS, text, 0, text))
         saved.save()

@@ -237,14 +237,6 @@ class ColumnPacker:
         self.early_ns: int | None = None
         """Time of a row before the first message; None without such a row."""
 
-    def pack_entries(self, entries: Sequence[Row | PortEvent], times: Array) -> McapBatch:
-        """The messages of one or more entries, in order, with their log times, never falling."""
-        rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
-        events = [entry for entry in entries if isinstance(entry, PortEvent)]
-        at = [at for at, entry in enumerate(entries) if isinstance(entry, PortEvent)]
-        columns = Rows.from_rows(rows, events=events)
-        return self.pack(columns, times, np.array(at, np.int64))
-
     def pack(self, rows: Rows, times: Array, events_at: Array) -> McapBatch:
         """The messages of the rows and of their events, one at least, each in order.
 

@@ -26,6 +26,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import is_whole
+from tests.support.columns import in_columns
 from tests.support.recording_kill import opened
 
 Rows = Callable[..., list[Row]]
@@ -119,7 +120,7 @@ def _flushes(
             before, start = bytearray(path.read_bytes()), sum(sizes[:number])
             steps: list[_Step] = []
             with _before_each_call(monkeypatch, steps.append):
-                writer.write(rows[start : start + size])
+                writer.write(in_columns(rows[start : start + size]))
                 writer.flush()
             yield before, steps, start, start + size
 
@@ -194,7 +195,7 @@ CALLS = 8
 def _flushed(path: Path, rows: list[Row]) -> RecordingWriter:
     writer = RecordingWriter(path, [PORT])
     for part in (rows[:500], rows[500:700]):
-        writer.write(part)
+        writer.write(in_columns(part))
         writer.flush()
     return writer
 
@@ -216,7 +217,7 @@ def test_after_calls_that_fail_from_one_on_the_file_opens_and_the_message_is_tru
         if calls > first and (fails or (step.barrier and "syncs" in failing)):
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    writer.write(rows[700:])
+    writer.write(in_columns(rows[700:]))
     with suppress(FileError), _before_each_call(monkeypatch, fail):
         writer.flush()
     expected = 900 if writer.failure is None else 700
@@ -251,7 +252,7 @@ def test_a_file_that_is_cut_off_before_any_call_is_reported(
 
     if not call:
         os.truncate(path, size + left if left < 0 else left)
-    writer.write(rows[700:])
+    writer.write(in_columns(rows[700:]))
     with suppress(FileError), _before_each_call(monkeypatch, cut):
         writer.flush()
         writer.close()

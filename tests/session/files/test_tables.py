@@ -28,6 +28,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
 from tests.recording.conftest import some_rows
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S
 
@@ -162,7 +163,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
 
     for path, part in ((late, rows[600:]), (early, rows[:600])):
         with RecordingWriter(path, [PortFacts("p")]) as writer:
-            writer.write(part)
+            writer.write(in_columns(part))
     offsets = [row.offset for row in rows]
     for paths in (tmp_path, tmp_path / "*.mcap", f"{tmp_path}/[ab].mcap", [late, early]):
         assert fte_sniff.read(paths)["offset"].to_list() == offsets
@@ -363,7 +364,7 @@ def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
     path = tmp_path / "late.mcap"
     with RecordingWriter(path, [PortFacts("p"), PortFacts("late")]) as writer:
         for row in (*rows, late, *rows[-1:]):
-            writer.write([row])
+            writer.write(in_columns([row]))
             writer.flush()
     whole = fte_sniff.read(path)
     time = whole.filter(pl.col("port") == "late")["time"][0]
@@ -379,7 +380,7 @@ def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
     path = folder / "chunks.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         for start in range(0, len(rows), 100):
-            writer.write(rows[start : start + 100])
+            writer.write(in_columns(rows[start : start + 100]))
             writer.flush()
     return path
 
@@ -496,7 +497,7 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
             continue
         with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
             for row in rows:
-                writer.write([row])
+                writer.write(in_columns([row]))
                 writer.flush()
     assert scan(folder).filter(wanted).collect().equals(read(folder).filter(wanted))
 
@@ -514,7 +515,7 @@ def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Pat
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
         for row in rows:
-            writer.write([row])
+            writer.write(in_columns([row]))
             writer.flush()
     assert RecordingReader(path).span_ns == (0, START + 9)
     at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
@@ -526,13 +527,13 @@ def test_a_query_reads_what_a_recording_has_when_it_runs(tmp_path: Path, is_clos
     path = tmp_path / "x.mcap"
     later, port = START + 10**12, "/dev/ttyUSB1"
     writer = RecordingWriter(path, [PortFacts("/dev/ttyUSB0")])
-    writer.write(some_rows(60))
+    writer.write(in_columns(some_rows(60)))
     writer.flush()
     table = scan(path)
     after = table.filter(pl.col("time") >= datetime.fromtimestamp(later // 10**9, UTC))
     other = table.filter(pl.col("port") == port)
     assert len(after.collect()) == len(other.collect()) == 0
-    writer.write(some_rows(202, port, later))
+    writer.write(in_columns(some_rows(202, port, later)))
     writer.flush()
     if is_closed:
         writer.close()
@@ -544,7 +545,7 @@ def test_a_query_reads_the_file_that_has_the_name_when_it_runs(tmp_path: Path) -
     path, other = tmp_path / "x.mcap", tmp_path / "other"
     for name, port in ((path, "a"), (other, "b")):
         with RecordingWriter(name, [PortFacts(port)]) as writer:
-            writer.write(some_rows(60, port))
+            writer.write(in_columns(some_rows(60, port)))
     table = scan(path).filter(pl.col("port") == "b")
     assert len(table.collect()) == 0
     other.replace(path)

@@ -1,4 +1,4 @@
-# Appended to recording/writer.py: at the end, every second entry that waits is forgotten.
+# Appended to recording/writer.py: at the end, every second batch that waits is forgotten.
 _close = RecordingWriter.close
 
 

@@ -30,10 +30,10 @@ from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.records import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.input_reading import InputReading, TimedInput, merged_by_time
 from fte_sniff.session.inputs import InputBatch, RecordingInput
 from fte_sniff.session.replay import RecordingPages
-from fte_sniff.session.time_merge import TimedInput, merged_by_time
+from tests.support.columns import in_columns
 
 START = 1_770_000_000_000_000_000
 SPEED = encode(KINDS[0], {field.name: field.low for field in KINDS[0].fields})
@@ -47,10 +47,9 @@ def batch_of(rows: Sequence[Row], *, at: int) -> InputBatch:
         events.append(PortEvent(t_ns, rows[0].port, PortEventKind.OPENED, str(at)))
         gap = Gap(GapKind.DAMAGE, rows=rows[-1].offset, port=rows[-1].port)
         changes.append(StreamChange(len(rows) - 1, gap))
-    batch = Rows.from_rows(rows)
+    batch = Rows.from_rows(rows, events=events)
     return InputBatch(
         batch,
-        events,
         reload=lambda: batch,
         changes=changes,
         origin=int(rows[0].port) if rows else 0,
@@ -220,7 +219,7 @@ def recorded(
     ]
     with RecordingWriter(path, [PortFacts(port, 115_200)], facts or {}) as writer:
         for at in range(0, len(rows), 50):
-            writer.write(rows[at : at + 50])
+            writer.write(in_columns(rows[at : at + 50]))
             writer.flush()
     return rows
 

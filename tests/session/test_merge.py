@@ -1,4 +1,4 @@
-"""Merging ports by time, and wires that carry the wrong direction."""
+"""Merging ports by time."""
 
 from __future__ import annotations
 
@@ -11,20 +11,51 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import SimulationParameters, simulate
-from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, PortEvent, PortEventKind, Row
-from fte_sniff.session.port_merge import (
+from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.session.capture_process import (
+    DRAIN_EVERY_NS,
     MOST_HELD_NS,
     REACH_NS,
-    SETTLED,
-    UNEXPECTED,
-    Entry,
-    PortMerge,
-    WiringWatch,
+    Wire,
+    watermark_ns,
 )
+from fte_sniff.session.merge import Merge, MergeLane
+from tests.support.columns import in_columns
 
 MS = 1_000_000
 FRAME = bytes.fromhex("AA0000000000000000EE")
 START_NS = 10**18
+Entry = Row | PortEvent
+
+
+class PortLanes:
+    """The lanes of some ports, fed with single rows and events."""
+
+    def __init__(self, uncertainty_ns: dict[str, int]) -> None:
+        self.merge = Merge(marks=True)
+        self.lanes = {port: MergeLane(ns) for port, ns in uncertainty_ns.items()}
+        self.merge.lanes += self.lanes.values()
+        self._now_ns = 0
+
+    def put(self, *entries: Entry) -> None:
+        for entry in entries:
+            self.lanes[entry.port].put(in_columns(entry))
+
+    def advance(self, port: str, t_ns: int, waits_ns: int | None, *, data: bool) -> None:
+        """Reads of a port up to a time; the last one had bytes or not."""
+        self._now_ns, lane = max(self._now_ns, t_ns), self.lanes[port]
+        reached = watermark_ns(t_ns if data else 0, t_ns, waits_ns) - lane.uncertainty_ns
+        lane.reached = max(lane.reached, (reached,))
+
+    def ready(self, *, final: bool = False) -> list[Entry]:
+        taken = self.merge.take(least=self._now_ns - MOST_HELD_NS, final=final)
+        return [] if taken is None else in_order(taken.rows)
+
+
+def in_order(rows: Rows) -> list[Entry]:
+    """Rows and events by time."""
+    return sorted([*rows, *rows.events], key=lambda entry: entry.t_ns or 0)
 
 
 def row(port: str, ms: float) -> Frame:
@@ -35,20 +66,15 @@ def event(port: str, ms: float) -> PortEvent:
     return PortEvent(round(ms * MS), port, PortEventKind.LOST, "")
 
 
-def put(order: PortMerge, *entries: Entry) -> None:
-    for entry in entries:
-        order.put(entry.port, [entry])
-
-
 def test_one_port_waits_for_nothing() -> None:
-    order = PortMerge({"a": 0})
-    put(order, row("a", 1), event("a", 2), row("a", 3))
+    order = PortLanes({"a": 0})
+    order.put(row("a", 1), event("a", 2), row("a", 3))
     assert order.ready() == [row("a", 1), event("a", 2), row("a", 3)]
 
 
 def test_a_row_waits_until_the_other_port_is_past_it() -> None:
-    order = PortMerge({"a": 0, "b": 0})
-    put(order, row("a", 100))
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(row("a", 100))
     order.advance("a", 101 * MS, None, data=True)
     order.advance("b", 110 * MS, None, data=False)
     assert order.ready() == []
@@ -57,25 +83,25 @@ def test_a_row_waits_until_the_other_port_is_past_it() -> None:
 
 
 def test_a_read_with_bytes_is_past_all_that_came_before_it() -> None:
-    order = PortMerge({"a": 0, "b": 0})
-    put(order, row("a", 100))
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(row("a", 100))
     order.advance("b", 101 * MS, None, data=True)
     assert order.ready() == [row("a", 100)]
 
 
 def test_a_port_with_undecided_bytes_is_waited_for_from_the_first_of_them() -> None:
-    order = PortMerge({"a": 0, "b": 0})
-    put(order, row("a", 100), row("a", 150))
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(row("a", 100), row("a", 150))
     order.advance("b", 500 * MS, 120 * MS, data=True)
     assert order.ready() == [row("a", 100)]
-    put(order, row("b", 120))
+    order.put(row("b", 120))
     order.advance("b", 510 * MS, None, data=False)
     assert order.ready() == [row("b", 120), row("a", 150)]
 
 
 def test_no_port_holds_up_another_for_ever() -> None:
-    order = PortMerge({"a": 0, "b": 0})
-    put(order, row("a", 100))
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(row("a", 100))
     order.advance("b", 101 * MS, 50 * MS, data=True)
     order.advance("a", 100 * MS + MOST_HELD_NS - 1, None, data=False)
     assert order.ready() == []
@@ -84,9 +110,9 @@ def test_no_port_holds_up_another_for_ever() -> None:
 
 
 def test_events_stand_where_they_happened() -> None:
-    order = PortMerge({"a": 0, "b": 0})
-    put(order, event("a", 5), row("b", 4), row("b", 6))
-    assert order.drain() == [row("b", 4), event("a", 5), row("b", 6)]
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(event("a", 5), row("b", 4), row("b", 6))
+    assert order.ready(final=True) == [row("b", 4), event("a", 5), row("b", 6)]
 
 
 @pytest.mark.parametrize(
@@ -105,11 +131,11 @@ def test_events_stand_where_they_happened() -> None:
 def test_what_two_ports_cannot_tell_apart_is_marked(
     uncertain: dict[str, int], times: list[tuple[str, float]], marked: list[bool]
 ) -> None:
-    order = PortMerge({port: ms * MS for port, ms in uncertain.items()})
+    order = PortLanes({port: ms * MS for port, ms in uncertain.items()})
     for port, ms in times:
-        put(order, row(port, ms))
+        order.put(row(port, ms))
         order.advance(port, round(ms * MS) + MS, None, data=True)
-    found = order.ready() + order.drain()
+    found = order.ready() + order.ready(final=True)
     assert [(r.port, (r.t_ns or 0) / MS) for r in found] == times
     assert [isinstance(r, Frame) and r.order_uncertain for r in found] == marked
 
@@ -161,86 +187,27 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
     for port, chunks in read.items():
         beats = range((chunks[-1].t_ns or 0) + 10 * MS, until_ns, 10 * MS)
         chunks += [Chunk(port, t_ns, b"") for t_ns in beats]
-    framers = {port: Framer(port) for port in read}
-    order = PortMerge(dict.fromkeys(read, MS))
+    merge = Merge(marks=True)
+    merge.lanes += [MergeLane(MS) for _ in read]
+    lanes = zip(read, merge.lanes, strict=True)
+    ports = {port: Wire(Framer(port), lane) for port, lane in lanes}
     made: dict[str, list[Row]] = {port: [] for port in read}
-    found: list[Entry] = []
-
-    def take(port: str, rows: list[Row]) -> None:
-        made[port] += rows
-        order.put(port, rows)
-
+    found: list[Row] = []
+    drain_ns = 0
     for chunk in heapq.merge(*read.values(), key=lambda chunk: chunk.t_ns):
-        framer = framers[chunk.port]
-        take(chunk.port, framer.feed(chunk))
-        waits = framer.pending_since_ns
-        order.advance(chunk.port, chunk.t_ns or 0, waits, data=bool(chunk.data))
-        found += order.ready()
-    for port, framer in framers.items():
-        take(port, framer.flush())
-    found += order.drain()
+        ports[chunk.port].push(chunk)
+        if chunk.t_ns >= drain_ns:
+            drain_ns = chunk.t_ns + DRAIN_EVERY_NS
+            for port, own in ports.items():
+                made[port] += own.drain()
+            if (taken := merge.take()) is not None:
+                found += taken.rows
+    for port, own in ports.items():
+        own.framer.finish()
+        made[port] += own.drain()
+    if (taken := merge.take(final=True)) is not None:
+        found += taken.rows
     for a, b in itertools.pairwise(found):
         assert (a.t_ns or 0) <= (b.t_ns or 0), (a, b)
     for port, rows in made.items():
-        assert [entry for entry in found if entry.port == port] == rows
-
-
-CONTROL = bytes.fromhex("AA0000000000000000EE")
-FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
-
-
-def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) -> list[PortEvent]:
-    return [
-        told
-        for number in range(count)
-        for told in watch.observe(port, [Frame(port, 10 * number, raw, number, **more)])  # type: ignore[arg-type]
-    ]
-
-
-def test_a_wire_each_is_as_it_should_be() -> None:
-    watch = WiringWatch(["a", "b"])
-    assert look(watch, "a", CONTROL, 1000) == []
-    assert look(watch, "b", FEEDBACK, 1000) == []
-
-
-def test_one_port_may_carry_both() -> None:
-    watch = WiringWatch(["a"])
-    assert look(watch, "a", CONTROL, 100) + look(watch, "a", FEEDBACK, 100) == []
-
-
-def test_the_others_header_is_pointed_out_once() -> None:
-    watch = WiringWatch(["a", "b"])
-    look(watch, "a", CONTROL, SETTLED)
-    look(watch, "b", FEEDBACK, SETTLED)
-    assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
-    (told,) = look(watch, "a", FEEDBACK, 50)
-    assert (told.port, told.kind) == ("a", PortEventKind.WIRING)
-    assert told.detail.startswith("feedback frames on the wire that carries control frames")
-    (told,) = look(watch, "b", CONTROL, 50)
-    assert told.port == "b"
-    assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", CONTROL, 50) == []
-
-
-def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
-    watch = WiringWatch(["a", "b"])
-    assert look(watch, "a", FEEDBACK, SETTLED) == []
-    (told,) = look(watch, "b", FEEDBACK, 100)
-    assert "on a too" in told.detail
-    assert look(watch, "a", FEEDBACK, 100) == []
-
-
-def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixed_too() -> None:
-    watch = WiringWatch(["a", "b"])
-    look(watch, "a", FEEDBACK, SETTLED)
-    assert len(look(watch, "b", FEEDBACK, SETTLED)) == 1
-    (told,) = look(watch, "b", CONTROL, 50)
-    assert "swapped or mixed wiring" in told.detail
-    assert look(watch, "b", CONTROL, 50) + look(watch, "b", FEEDBACK, 50) == []
-
-
-@pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
-def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
-    watch = WiringWatch(["a", "b"])
-    look(watch, "a", CONTROL, SETTLED)
-    assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
-    assert watch.observe("a", [Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,))]) == []
+        assert [row for row in found if row.port == port] == rows
