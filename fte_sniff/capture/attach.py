@@ -155,7 +155,7 @@ class AttachSource(ThreadedSource):
 
     def __init__(self, wanted: Attachment, strace: Strace, wires: WireEvents) -> None:
         """Read a strace that watches the programs; it is ended at the end."""
-        super().__init__(strace, wanted.port, wires, wires.clock, None)
+        super().__init__(strace, wanted.port, wires.queue, wires.clock, None)
         self._wanted = wanted
         self._strace = strace
         self._wires = wires

@@ -10,7 +10,6 @@ opened -> forward -> stopped: closed
 from __future__ import annotations
 
 import fcntl
-import heapq
 import termios
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +21,7 @@ from urllib.parse import urlencode
 
 import serial
 
-from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
+from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue, Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
 from fte_sniff.capture.port_errors import one_line
@@ -39,7 +38,7 @@ from fte_sniff.capture.serial_port import (
     request_low_latency,
     writer_of,
 )
-from fte_sniff.capture.source import Item, ThreadedSource
+from fte_sniff.capture.source import ThreadedSource
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 
@@ -102,7 +101,7 @@ def open_simulated(
 
 
 class BridgeSource(ThreadedSource):
-    """The chunks and events of both directions, ordered by time; iterate once.
+    """The chunks and events of both directions, each in order; iterate once.
 
     Forwarding starts when the source is entered as a context, or iterated, so that a recorder can
     be ready first. The host's wire has an event `opened` whenever a host program opens the
@@ -125,7 +124,7 @@ class BridgeSource(ThreadedSource):
 
         `detail` is the text of the port's event `opened`; without `reopen` a lost port is the end.
         """
-        super().__init__(port, wires.port, wires, wires.clock, reopen)
+        super().__init__(port, wires.port, wires.queue, wires.clock, reopen)
         self.device: str = host.name
         self._host = host
         self._wires = wires
@@ -212,7 +211,7 @@ class WireTimes:
 
 
 class WireEvents:
-    """The items of both wires, merged by time; put from two threads, iterated by one.
+    """The items of both wires; put from two threads, iterated by one.
 
     The chunks of the host's wire hold what was written to the port. Their time stamp is when their
     last byte leaves the line, so that row times are computed like those of received bytes.
@@ -223,41 +222,23 @@ class WireEvents:
         self.clock = clock
         self._baud = baud
         self._times = WireTimes(baud)
-        self._queues = {wire: ChunkQueue(wire, capacity) for wire in (port, HOST)}
-
-    def __iter__(self) -> Iterator[Item]:
-        return heapq.merge(*self._queues.values(), key=lambda item: item.t_ns or 0)
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes of both wires that wait for the consumer."""
-        return sum(queue.waiting for queue in self._queues.values())
-
-    def drop(self) -> None:
-        """Replace the waiting bytes of each wire by one overrun that counts them."""
-        for queue in self._queues.values():
-            queue.drop()
-
-    def close(self) -> None:
-        """End the iteration after the items that wait now."""
-        for queue in self._queues.values():
-            queue.close()
+        self.queue = ChunkQueue(port, HOST, capacity=capacity)
 
     def put_feedback(self, t_ns: int, data: bytes) -> None:
         """Append bytes that were read from the port at `t_ns`; empty for silence."""
-        self._queues[self.port].put(Chunk(self.port, t_ns, data))
+        self.queue.put(Chunk(self.port, t_ns, data))
 
     def put_control(self, data: bytes, now_ns: int | None = None) -> None:
         """Append bytes that the host program wrote at `now_ns`, or just now; empty for silence."""
         t_ns = self._times.write(len(data), self.clock.now_ns() if now_ns is None else now_ns)
-        self._queues[HOST].put(Chunk(HOST, t_ns, data))
+        self.queue.put(Chunk(HOST, t_ns, data))
 
     def put_event(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
         """Append an event of a wire, stamped with the time now."""
         t_ns = self.clock.now_ns()
         if wire == HOST:
             t_ns = max(t_ns, self._times.free_ns)
-        self._queues[wire].put_event(PortEvent(t_ns, wire, kind, detail, count))
+        self.queue.put_event(PortEvent(t_ns, wire, kind, detail, count))
 
     def baud_requested(self, baud: int) -> None:
         """The host program set the speed of both wires, bits per second."""
@@ -273,7 +254,7 @@ class WireEvents:
         if baud != self._baud:
             self._set_baud(baud)
             detail = TranslatableText("it begins again with {baud} baud", baud=baud)
-            for wire in self._queues:
+            for wire in (self.port, HOST):
                 self.put_event(wire, PortEventKind.BAUD_CHANGED, detail, baud)
 
     def _set_baud(self, baud: int) -> None:

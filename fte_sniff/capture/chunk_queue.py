@@ -1,6 +1,7 @@
-"""Bounded queue of chunks between the reader thread and its consumer.
+"""Bounded queue of chunks between the reader threads of one or more ports and their consumer.
 
-When the consumer is too slow, chunks are dropped, and one `overrun` event counts their bytes.
+When the consumer is too slow, chunks are dropped, and one `overrun` event for each port counts
+their bytes.
 """
 
 from __future__ import annotations
@@ -8,12 +9,14 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
+from typing import TypeAlias
 
-from fte_sniff.capture.source import Item
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+Item: TypeAlias = Chunk | PortEvent
 
 CAPACITY = 32 * 2**20
 """Default limit of the bytes that wait, bookkeeping included."""
@@ -25,26 +28,49 @@ _HELD_UP_NS = 250_000_000
 """Time between two reads that shows that the reader did not run: it waits much shorter."""
 
 
-class ChunkQueue:
-    """Queue of chunks and events: put from any thread, iterated by one."""
+@dataclass(slots=True)
+class _PortState:
+    """What a port has in the queue, and what was dropped of it."""
 
-    def __init__(self, port: str, capacity: int = CAPACITY) -> None:
-        self._port = port
+    put_cost: int = 0
+    put_bytes: int = 0
+    # Only the consumer writes these, so reading needs no lock.
+    taken_cost: int = 0
+    taken_bytes: int = 0
+    dropped: int = 0
+    dropped_at_ns: int = 0
+    is_full: bool = False
+    read_ns: float = inf
+    unseen: bool = False
+
+    def was_held_up(self, t_ns: int) -> bool:
+        """Whether the reader did not run before this time, so that bytes may have waited for it."""
+        before_ns, self.read_ns = self.read_ns, t_ns
+        return t_ns - before_ns > _HELD_UP_NS
+
+
+class ChunkQueue:
+    """Queue of chunks and events: put from any thread, iterated by one.
+
+    The items of each port keep their order.
+    """
+
+    def __init__(self, *ports: str, capacity: int = CAPACITY, readers: int = 1) -> None:
+        """Create it for these ports; `capacity` limits the bytes of each that wait.
+
+        It ends when each of the `readers` has closed it.
+        """
+        self._ports = {port: _PortState() for port in ports}
         self._capacity = capacity
+        self._open = readers
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._put_cost = self._put_bytes = 0
-        # Only the consumer writes these, so reading needs no lock.
-        self._taken_cost = self._taken_bytes = 0
-        self._dropped = self._dropped_at_ns = 0
-        self._full = self._unwanted = False
-        self._read_ns: float = inf
-        self._unseen = False
+        self._unwanted = False
 
     @property
     def waiting(self) -> int:
         """Number of bytes that wait for the consumer."""
-        return self._put_bytes - self._taken_bytes
+        return sum(port.put_bytes - port.taken_bytes for port in self._ports.values())
 
     def __iter__(self) -> Iterator[Item]:
         while (item := self._next()) is not None:
@@ -61,28 +87,24 @@ class ChunkQueue:
         After a pause of the reader it is ignored too: bytes may have arrived since it was read.
         """
         with self._lock:
-            held_up = self._was_held_up(chunk.t_ns or 0)
-            if chunk.data and (held_up or self._unseen):
+            port = self._ports[chunk.port]
+            held_up = port.was_held_up(chunk.t_ns or 0)
+            if chunk.data and (held_up or port.unseen):
                 chunk = replace(chunk, is_late=True)
-            self._unseen = held_up and not (chunk.data or chunk.line_errors)
-            if self._unseen:
+            port.unseen = held_up and not (chunk.data or chunk.line_errors)
+            if port.unseen:
                 return
-            waiting = self._put_cost - self._taken_cost
+            waiting = port.put_cost - port.taken_cost
             if waiting and not (chunk.data or chunk.line_errors):
                 return
             # Hysteresis: once full, wait until half is free. Each overrun cuts frames apart.
-            limit = self._capacity // 2 if self._full else self._capacity
-            self._full = waiting + _cost(chunk) > limit
-            if self._full:
-                self._dropped_at_ns = self._dropped_at_ns or chunk.t_ns or 0
-                self._dropped += len(chunk.data)
+            limit = self._capacity // 2 if port.is_full else self._capacity
+            port.is_full = waiting + _cost(chunk) > limit
+            if port.is_full:
+                port.dropped_at_ns = port.dropped_at_ns or chunk.t_ns or 0
+                port.dropped += len(chunk.data)
                 return
             self._append(chunk)
-
-    def _was_held_up(self, t_ns: int) -> bool:
-        """Whether the reader did not run before this time, so that bytes may have waited for it."""
-        before_ns, self._read_ns = self._read_ns, t_ns
-        return t_ns - before_ns > _HELD_UP_NS
 
     def put_event(self, event: PortEvent) -> None:
         """Append an event; events are never dropped."""
@@ -90,57 +112,69 @@ class ChunkQueue:
             self._append(event)
 
     def drop(self) -> None:
-        """After the last `put`: replace the waiting bytes by one overrun that counts them."""
+        """After the last `put`: replace the waiting bytes by overruns that count them."""
         self._unwanted = True
 
     def close(self) -> None:
-        """End the iteration after the items that wait now."""
-        self._queue.put(None)
+        """End the iteration after the items that wait now, once all readers have closed it."""
+        with self._lock:
+            self._open -= 1
+            if self._open <= 0:
+                self._queue.put(None)
 
     def _append(self, item: Item) -> None:
-        if self._dropped:
+        port = self._ports[item.port]
+        if port.dropped:
             reason = TranslatableText("they arrived faster than they were processed")
-            self._put(self._overrun(self._dropped_at_ns, self._dropped, reason))
-            self._dropped = self._dropped_at_ns = 0
+            self._put(_overrun(item.port, port.dropped_at_ns, port.dropped, reason))
+            port.dropped = port.dropped_at_ns = 0
         self._put(item)
 
     def _put(self, item: Item) -> None:
-        self._put_cost += _cost(item)
-        self._put_bytes += _length(item)
+        port = self._ports[item.port]
+        port.put_cost += _cost(item)
+        port.put_bytes += _length(item)
         self._queue.put(item)
 
     def _next(self) -> Item | None:
         item = self._queue.get()
         if item is not None:
-            self._taken_cost += _cost(item)
-            self._taken_bytes += _length(item)
+            port = self._ports[item.port]
+            port.taken_cost += _cost(item)
+            port.taken_bytes += _length(item)
         return item
 
     def _without_bytes(self, item: Item | None) -> Iterator[Item]:
-        events: list[PortEvent] = []
-        left = lost = first_ns = 0
+        waiting: dict[str, list[Item]] = {port: [] for port in self._ports}
         while item is not None:
-            if isinstance(item, PortEvent) and item.kind is not PortEventKind.OVERRUN:
-                events.append(item)
-            else:
-                if not (left or lost):
-                    yield from events
-                    events, first_ns = [], item.t_ns or 0
-                left += _length(item)
-                lost += item.count if isinstance(item, PortEvent) else 0
+            waiting[item.port].append(item)
             item = self._next()
-        if left or lost:
-            reason = TranslatableText(
-                "{left} were not yet written at the end, {lost} arrived too fast before",
-                left=left,
-                lost=lost,
-            )
-            yield self._overrun(first_ns, left + lost, reason)
-        yield from events
+        for port, items in waiting.items():
+            yield from _counted(port, items)
 
-    def _overrun(self, t_ns: int, count: int, reason: str) -> PortEvent:
-        detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
-        return PortEvent(t_ns, self._port, PortEventKind.OVERRUN, detail, count)
+
+def _counted(port: str, items: list[Item]) -> Iterator[Item]:
+    """The events of a port, and one overrun in place of its bytes and overruns."""
+    lost = [one for one in items if isinstance(one, Chunk) or one.kind is PortEventKind.OVERRUN]
+    left = sum(map(_length, lost))
+    before = sum(one.count for one in lost if isinstance(one, PortEvent))
+    reason = TranslatableText(
+        "{left} were not yet written at the end, {lost} arrived too fast before",
+        left=left,
+        lost=before,
+    )
+    is_first = bool(left or before)
+    for one in items:
+        if one not in lost:
+            yield one
+        elif is_first and (_length(one) or isinstance(one, PortEvent)):
+            is_first = False
+            yield _overrun(port, one.t_ns or 0, left + before, reason)
+
+
+def _overrun(port: str, t_ns: int, count: int, reason: str) -> PortEvent:
+    detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
+    return PortEvent(t_ns, port, PortEventKind.OVERRUN, detail, count)
 
 
 def _length(item: Item) -> int:

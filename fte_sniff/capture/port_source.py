@@ -1,11 +1,10 @@
-"""Sources of serial ports that are only read: one port, or several merged by time.
+"""Sources of serial ports that are only read: one port, or several.
 
-reader thread:  read -> stamp -> bounded queue ->  consumer: for item in source
+a reader thread for each port:  read -> stamp -> bounded queue ->  consumer: for item in source
 """
 
 from __future__ import annotations
 
-import heapq
 import os
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 
 import serial
 
-from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
+from fte_sniff.capture.chunk_queue import ChunkQueue, Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
 from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, reopener
@@ -28,7 +27,7 @@ from fte_sniff.capture.serial_port import (
     reader_of,
     request_capabilities,
 )
-from fte_sniff.capture.source import Item, Source, SourceEnd, ThreadedSource
+from fte_sniff.capture.source import Source, SourceEnd, ThreadedSource
 from fte_sniff.capture.uart_errors import LineWatch
 from fte_sniff.errors import TranslatableText, UsageError, printable
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
@@ -55,15 +54,16 @@ class PortGroup:
 
     def open(self, clock: Clock) -> Source:
         """Open all ports and start to read; raises PortError, with none open, if one fails."""
+        queue = ChunkQueue(*self.names, readers=len(self.names))
         with ExitStack() as opened:
             sources = [
                 opened.enter_context(
-                    open_source(name, self.settings, clock, reconnect=self.reconnect)
+                    open_source(name, self.settings, clock, queue, reconnect=self.reconnect)
                 )
                 for name in self.names
             ]
             opened.pop_all()
-        return sources[0] if len(sources) == 1 else MergedSource(sources)
+        return sources[0] if len(sources) == 1 else SourceGroup(sources, queue)
 
 
 def _target_of(name: str) -> str:
@@ -72,9 +72,14 @@ def _target_of(name: str) -> str:
 
 
 def open_source(
-    name: str, settings: PortSettings, clock: Clock, *, reconnect: bool = False
+    name: str,
+    settings: PortSettings,
+    clock: Clock,
+    queue: ChunkQueue | None = None,
+    *,
+    reconnect: bool = False,
 ) -> PortSource:
-    """Open a port and start to read it; with `reconnect`, wait for it when it is lost.
+    """Open a port and start to read it into a queue; with `reconnect`, wait for it when it is lost.
 
     Raises PortError if it cannot be opened.
     """
@@ -91,6 +96,7 @@ def open_source(
             shared=sharing_note(device_of(port)),
         ),
         capabilities=capabilities,
+        queue=queue,
         uncertainty_ns=max_latency_ns(port),
         reopen=reopener(name, settings, port) if reconnect else None,
     )
@@ -114,7 +120,7 @@ class PortSource(ThreadedSource):
         *,
         detail: str = "",
         capabilities: PortCapabilities | None = None,
-        capacity: int = CAPACITY,
+        queue: ChunkQueue | None = None,
         uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
     ) -> None:
@@ -123,11 +129,11 @@ class PortSource(ThreadedSource):
         Args:
             detail: text of the event `opened`.
             capabilities: None to request them here.
-            capacity: limit of the bytes that wait for the consumer.
+            queue: receives the items; None for a queue of this port alone.
             uncertainty_ns: how much earlier than their time stamp bytes may have arrived.
             reopen: opens the port again when it is lost; None to end then.
         """
-        self._queue = ChunkQueue(name, capacity)
+        self._queue = queue or ChunkQueue(name)
         super().__init__(port, name, self._queue, clock, reopen)
         self._capabilities = capabilities or request_capabilities(port)
         self._line: LineWatch = self._capabilities.line
@@ -190,14 +196,14 @@ class PortSource(ThreadedSource):
         self._queue.put(Chunk(self.name, self._clock.now_ns(), b""))
 
 
-class MergedSource:
-    """The items of several sources, ordered by time; when one is lost for good, all end."""
+class SourceGroup:
+    """Several sources with one queue; when one is lost for good, all end."""
 
     device = None
     """No host program opens any of them."""
 
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self._sources = tuple(sources)
+    def __init__(self, sources: Sequence[Source], queue: ChunkQueue) -> None:
+        self._sources, self._queue = tuple(sources), queue
 
     @property
     def end(self) -> SourceEnd | None:
@@ -219,7 +225,7 @@ class MergedSource:
 
     def __iter__(self) -> Iterator[Item]:
         try:
-            for item in heapq.merge(*self._sources, key=lambda item: item.t_ns or 0):
+            for item in self._queue:
                 yield item
                 lost = isinstance(item, PortEvent) and item.kind is PortEventKind.LOST
                 if lost and any(source.end is SourceEnd.LOST for source in self._sources):
@@ -227,7 +233,7 @@ class MergedSource:
         finally:
             self.close()
 
-    def __enter__(self) -> MergedSource:
+    def __enter__(self) -> SourceGroup:
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -246,12 +252,11 @@ class MergedSource:
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded, of all sources."""
-        return sum(source.waiting for source in self._sources)
+        return self._queue.waiting
 
     def drop(self) -> None:
         """After all ended: replace the waiting bytes of each by one overrun."""
-        for source in self._sources:
-            source.drop()
+        self._queue.drop()
 
     def close(self) -> None:
         """Stop all sources, wait for their reader threads, and close their ports."""

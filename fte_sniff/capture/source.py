@@ -12,16 +12,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
 from math import inf
-from typing import Protocol, Self, TypeAlias
+from typing import Protocol, Self
 
+from fte_sniff.capture.chunk_queue import ChunkQueue, Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.reconnect import FIRST_WAIT_S, OpenedPort, Reconnector, Reopen
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import FileError, TranslatableText
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
-
-Item: TypeAlias = Chunk | PortEvent
+from fte_sniff.protocol import PortEventKind
 
 
 class SourceEnd(StrEnum):
@@ -32,7 +31,7 @@ class SourceEnd(StrEnum):
 
 
 class Source(Protocol):
-    """Open ports as one iterable of chunks and events, ordered by time; iterate once.
+    """Open ports as one iterable of chunks and events, those of each port in order; iterate once.
 
     The first item of each port is the event `opened`. A silent port yields empty chunks several
     times a second. Where an event `lost` or `overrun` is, bytes are missing.
@@ -110,25 +109,6 @@ class Wiring(Protocol):
         ...
 
 
-class ItemQueue(Protocol):
-    """Items between a reader thread and the consumer."""
-
-    def __iter__(self) -> Iterator[Item]: ...
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes that wait."""
-        ...
-
-    def drop(self) -> None:
-        """Replace the waiting bytes by overruns that count them."""
-        ...
-
-    def close(self) -> None:
-        """End the iteration after the items that wait now."""
-        ...
-
-
 class Closable(Protocol):
     """What a source reads: a port, or a program that watches one."""
 
@@ -152,7 +132,7 @@ class ThreadedSource(ABC):
         self,
         port: Closable,
         name: str,
-        items: ItemQueue,
+        items: ChunkQueue,
         clock: Clock,
         reopen: Reopen | None,
     ) -> None:
