@@ -660,7 +660,7 @@ def triggered(path: Path) -> Path:
         path,
         [PortFacts("p")],
         options=RecordingOptions(trigger_window=TriggerWindow(0, 0)),
-        select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
+        select=lambda given: given.field("rpm")[0] // 100 % 2 == 0,
     )
     recorder.write(in_columns(rows_of(0, 500)))
     recorder.close()
