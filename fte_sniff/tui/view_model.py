@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from time import monotonic, monotonic_ns
+from time import monotonic, monotonic_ns, thread_time
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.counters import Rate
@@ -306,6 +306,13 @@ class HitStatus:
 WAKE_INTERVAL_S: Final = 1 / 25
 """Shortest time between two wake-ups, seconds; a live feed sends batches less often."""
 
+SHARE_OF_CORE: Final = 0.15
+"""Processor time that new rows may take on the screen, as a share of a core; if a frame takes
+longer, the next rows wait."""
+
+LONGEST_INTERVAL_S: Final = 0.25
+"""Longest time that they wait for that, seconds."""
+
 
 TICK_S: Final = 1 / 20
 """Interval at which the clock polls the feed, seconds."""
@@ -330,6 +337,9 @@ class PollInterval:
         """Ticks of the clock since the last poll, at rest."""
         self._last_input_ns = monotonic_ns()
         self._last_key_ns = monotonic_ns() - KEY_PAUSE_NS
+        self._used_s = thread_time()
+        """Processor time of the event loop's thread up to the last wake-up."""
+        self._rests_until_s = 0.0
         self._stop_listening: Callable[[], object] = lambda: None
 
     def start(self, callback: Callable[[], object]) -> None:
@@ -345,15 +355,24 @@ class PollInterval:
         def on_readable() -> None:
             # The descriptor stays readable until the feed, which has its own pace, reads it.
             loop.remove_reader(descriptor)
-            self._stop_listening = loop.call_later(WAKE_INTERVAL_S, listen).cancel
+            self._stop_listening = loop.call_later(self._interval_s(), listen).cancel
             self._woken = True
             callback()
 
         listen()
 
+    def _interval_s(self) -> float:
+        """The time until the next wake-up, by what the frames since the last one took."""
+        before_s, self._used_s = self._used_s, thread_time()
+        needed_s = (self._used_s - before_s) / SHARE_OF_CORE
+        interval_s = max(WAKE_INTERVAL_S, min(needed_s, LONGEST_INTERVAL_S))
+        self._rests_until_s = monotonic() + interval_s
+        return interval_s
+
     def stop(self) -> None:
         """Make no more calls; may be called again."""
         self._stop_listening()
+        self._rests_until_s = 0.0
 
     def on_clock(self, *, at_rest: bool = False) -> bool:
         """Whether to poll at this tick of the clock: not where the feed woke the screen since.
@@ -364,7 +383,7 @@ class PollInterval:
         if at_rest and monotonic_ns() - self._last_input_ns > INPUT_PAUSE_NS:
             self._skipped = (self._skipped + 1) % REST_TICKS
             return self._skipped == 0
-        return not woken
+        return not woken and monotonic() >= self._rests_until_s
 
     def on_input(self) -> None:
         """Note a key or a move of the mouse."""

@@ -191,6 +191,32 @@ def test_a_feed_cannot_hurry_the_screen_and_the_clock_skips_a_tick_after_a_wake(
     asyncio.run(scenario())
 
 
+@pytest.mark.parametrize("share", [1e-12, 1e12])
+def test_rows_wait_if_drawing_takes_more_than_its_share_of_a_core(
+    monkeypatch: pytest.MonkeyPatch, waking_feed: WakingFeed, share: float
+) -> None:
+    monkeypatch.setattr(view_model, "SHARE_OF_CORE", share)
+    monkeypatch.setattr(view_model, "LONGEST_INTERVAL_S", 3600.0)
+
+    async def scenario() -> None:
+        interval, woken = PollInterval(waking_feed), asyncio.Event()
+        waking_feed.call()
+        interval.start(woken.set)
+        await asyncio.wait_for(woken.wait(), BOUND_S)
+        assert not interval.on_clock()
+        if share > 1:
+            woken.clear()
+            await asyncio.wait_for(woken.wait(), BOUND_S)
+        else:
+            await asyncio.sleep(2 * WAKE_INTERVAL_S)
+            assert not interval.on_clock()
+        interval.stop()
+        interval.on_clock()
+        assert interval.on_clock()
+
+    asyncio.run(scenario())
+
+
 def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
     feed.state = replace(feed.state, live=False)
 

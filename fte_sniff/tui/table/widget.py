@@ -158,6 +158,10 @@ class RowTable(ScrollView):
         self._lines: Sequence[TableLine] = ()
         self._latest_painter: Painter | None = None
         self._drawn: tuple[object, ...] = ()
+        self._line_painter: Painter | None = None
+        self._strips: Mapping[tuple[RowCell, Style], Strip] = {}
+        """Rows as they were drawn last; most are the same after a key, or with few new rows."""
+        self._new_strips: dict[tuple[RowCell, Style], Strip] = {}
 
     @property
     def cursor_row(self) -> Row | None:
@@ -402,17 +406,24 @@ class RowTable(ScrollView):
     def render_lines(self, crop: Region) -> list[Strip]:
         """Lines of a part of the window."""
         # Once for all lines: `rich_style` combines all styles of the parents at each call.
-        self._line_painter, self._base = self._painter, self.rich_style
-        return super().render_lines(crop)
+        painter, self._base = self._painter, self.rich_style
+        if painter is not self._line_painter:
+            self._line_painter, self._strips = painter, {}
+        self._new_strips = {}
+        lines = super().render_lines(crop)
+        self._strips = self._new_strips
+        return lines
 
     def render_line(self, y: int) -> Strip:
         """A row, an event, a blank line, or the text of an empty table."""
-        width, base = self.scrollable_size.width, self._base
-        if y < len(self._lines):
+        width, base, painter = self.scrollable_size.width, self._base, self._line_painter
+        if painter is not None and y < len(self._lines):
             cell = self._lines[y].cell
             if isinstance(cell, str):
-                return self._line_painter.event(cell, base)
-            return self._line_painter.row(cell, self._line_style(self._lines[y]))
+                return painter.event(cell, base)
+            key = cell, self._line_style(self._lines[y])
+            self._new_strips[key] = self._strips.get(key) or painter.row(*key)
+            return self._new_strips[key]
         if not self.viewport.count and y == self.viewport.height // 2:
             indent = " " * ((width - cell_len(self._empty_text)) // 2)
             return Strip([Segment(fit(indent + self._empty_text, width), base)], width)
