@@ -2,6 +2,7 @@
 
     python -m benchmarks.framer_speed [--megabytes 2] [--sizes 1 10 100] [--live] [--slowest]
 
+"re" is one compiled regular expression that finds sound frames, and numpy; it labels no damage.
 "Bulk" is the path of `stats` and `decode` on files: the framer's rows are drained as `Rows`, in
 pieces of the commands' size, and numpy reads the kind and every field of each row. All decoders get
 the same bytes in the same run (the slow ones a part of them); each number is the best of three, in
@@ -17,7 +18,7 @@ from collections.abc import Callable
 from random import Random
 from time import process_time
 
-from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
+from benchmarks.rival_decoders import with_construct, with_kaitai, with_pattern, with_state_machine
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from tests.support.faults import damaged_stream
@@ -71,18 +72,20 @@ def in_bulk(data: bytes) -> None:
 
 def compare(size: int) -> None:
     print(f"MB in a second of a core, {size / 1e6:g} MB")
-    print(f"{'':14}{'bulk':>9}{'state m.':>10}{'construct':>10}{'kaitai':>9}{'copy':>9}   bulk/…")
+    names = ("bulk", "re", "state m.", "construct", "kaitai", "copy")
+    print(f"{'':14}{''.join(f'{name:>10}' for name in names)}   bulk/…")
     for name, data in streams(size).items():
         part = data[:SLOW_PART]
         bulk = speed(in_bulk, data)
+        pattern = speed(with_pattern, data)
         machine = speed(with_state_machine, part)
         slow = speed(with_construct, part, 1)
         kaitai = speed(with_kaitai, part, 1)
         copy = speed(bytearray, data)
+        speeds = "".join(f"{one:10.3g}" for one in (bulk, pattern, machine, slow, kaitai, copy))
         print(
-            f"{name:14}{bulk:9.2f}{machine:10.2f}{slow:10.3f}{kaitai:9.3f}{copy:9.0f}"
-            f"   machine {bulk / machine:.2f}x  construct {bulk / slow:.1f}x"
-            f"  copy 1/{copy / bulk:.0f}",
+            f"{name:14}{speeds}   re {bulk / pattern:.2f}x  machine {bulk / machine:.2f}x"
+            f"  construct {bulk / slow:.1f}x  copy 1/{copy / bulk:.0f}",
             flush=True,
         )
 
