@@ -24,7 +24,7 @@ ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 
 
 @given(ROWS)
-def test_a_frame_tells_what_the_records_of_the_rows_tell(rows: list[Row]) -> None:
+def test_a_frame_has_the_values_of_the_records(rows: list[Row]) -> None:
     plain = row_frame(Rows.from_rows(rows)).with_columns(
         pl.col("time").cast(pl.Int64),
         *(

@@ -105,7 +105,7 @@ def test_every_row_with_a_time_is_in_its_series(rows: list[Row], size: int) -> N
     )
 
 
-def test_kinds_have_what_the_frame_table_says() -> None:
+def test_kinds_have_the_fields_of_the_frame_table() -> None:
     frames = [
         Frame(PORTS[0], 0, bytes([kind.header, kind.cmds[0], 1, *bytes(6), 0xEE]), 7, (), 0)
         for kind in KINDS

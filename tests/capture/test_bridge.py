@@ -165,7 +165,7 @@ def test_a_terminal_that_echoed_is_raw_again_for_the_next(bridges, pty, until):
 
 
 @pytest.mark.parametrize("baud", [9600, 250_000, 3_000_000])
-def test_the_baud_of_the_host_program_is_followed_and_told(bridges, pty, until, baud):
+def test_the_baud_of_the_host_program_is_followed_and_reported(bridges, pty, until, baud):
     kept = bridges()
     assert speed_of(pty.near) == 115200
     with opened(kept, baud) as host:
@@ -201,7 +201,7 @@ def is_change(item):
     return isinstance(item, PortEvent) and item.kind is PortEventKind.BAUD_CHANGED
 
 
-def test_a_baud_that_the_port_refuses_is_told_and_the_old_one_stays(tmp_path, until):
+def test_a_baud_that_the_port_refuses_is_reported_and_the_old_one_stays(tmp_path, until):
     wiring = Bridge("sim://?host=off&rate=1000", link=tmp_path / "link", reconnect=False)
     kept = Kept(wiring.open(CLOCK))
     with opened(kept, 300):
@@ -212,7 +212,7 @@ def test_a_baud_that_the_port_refuses_is_told_and_the_old_one_stays(tmp_path, un
     assert "300 baud is refused by the port" in change.detail
 
 
-def test_a_hang_up_of_the_host_program_is_told(bridges, pty, until):
+def test_a_hang_up_of_the_host_program_is_reported(bridges, pty, until):
     kept = bridges(dtr="on")
     with opened(kept) as host:
         attributes = termios.tcgetattr(host.fileno())
@@ -222,7 +222,7 @@ def test_a_hang_up_of_the_host_program_is_told(bridges, pty, until):
         assert speed_of(pty.near) == 115200
 
 
-def test_a_host_program_that_does_not_read_holds_up_nothing_and_is_told(bridges, pty, until):
+def test_a_host_program_that_does_not_read_holds_up_nothing_and_is_reported(bridges, pty, until):
     kept = bridges()
     with opened(kept) as host:
         until(lambda: kept.kinds(HOST) == ["opened"])
@@ -263,7 +263,7 @@ def test_a_port_that_takes_nothing_holds_up_the_host_program_and_no_end(bridges,
     assert kept.data(HOST).startswith(line)
 
 
-def test_a_lost_port_is_told_and_hangs_up_the_host_program(bridges, pty, until, tmp_path):
+def test_a_lost_port_is_reported_and_hangs_up_the_host_program(bridges, pty, until, tmp_path):
     kept = bridges()
     with opened(kept) as host:
         until(lambda: kept.kinds(HOST) == ["opened"])
@@ -342,7 +342,7 @@ def test_control_is_timed_no_earlier_than_it_was_written(bridges, pty):
     assert chunk.t_ns - 10 * byte_time_ns(115200) >= before_ns
 
 
-def test_silence_is_told_on_both_wires(bridges, pty, until):
+def test_silence_is_reported_on_both_wires(bridges, pty, until):
     kept = bridges()
     until(lambda: {i.port for i in list(kept.items) if isinstance(i, Chunk)} == {HOST, pty.device})
 

@@ -5,7 +5,7 @@ import pytest
 from fte_sniff.capture.clock import Clock, ClockWatch
 
 
-def test_the_clock_never_falls_and_tells_utc():
+def test_the_clock_never_falls_and_is_utc():
     clock = Clock.tied()
     before_ns = time.time_ns()
     times = [clock.now_ns() for _ in range(10_000)]
@@ -26,7 +26,7 @@ def test_the_tie_knows_how_good_it_is():
     assert min(differ(Clock.tied(), Clock.tied()) for _ in range(16)) <= 0
 
 
-def test_the_clock_goes_on_from_its_tie_whatever_the_system_says():
+def test_the_clock_goes_on_from_its_tie_if_the_system_clock_is_set():
     tied = Clock.tied()
     elsewhere = Clock(0, tied.steady_at_tie_ns, 0)
     now_ns = elsewhere.now_ns()

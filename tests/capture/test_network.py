@@ -146,7 +146,7 @@ def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, comma
     assert "dict_values" not in str(refused.value)
 
 
-def test_a_server_that_hangs_up_at_once_is_told_from_none():
+def test_a_server_that_hangs_up_at_once_is_distinguished_from_an_absent_one():
     with server_socket() as listening:
         url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"
 

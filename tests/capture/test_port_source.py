@@ -81,7 +81,7 @@ def test_items_carry_the_clocks_time_and_it_never_falls(pty, source_of):
 
 
 @pytest.mark.parametrize("name", ["pty", "sim://?host=off&rate=1", "loop://"])
-def test_silence_is_told_every_ten_milliseconds_or_so(pty, source_of, name):
+def test_silence_is_reported_about_every_ten_milliseconds(pty, source_of, name):
     source = source_of(pty.device if name == "pty" else name)
     source.stop_at(CLOCK.now_ns() + 60 * 10**9)
     beats = (item for item in source if isinstance(item, Chunk))
@@ -201,7 +201,7 @@ def test_a_consumer_that_breaks_off_leaves_the_port_free(pty):
     open_port(pty.device).close()
 
 
-def test_what_a_slow_consumer_cannot_take_is_told_never_silent(pty, until):
+def test_bytes_that_a_slow_consumer_cannot_take_are_reported(pty, until):
     source = PortSource(
         open_port(pty.device), "slow", CLOCK, queue=ChunkQueue("slow", capacity=4000)
     )
@@ -217,7 +217,7 @@ def test_what_a_slow_consumer_cannot_take_is_told_never_silent(pty, until):
     assert events_of(items) == ["opened", "overrun", "closed"]
 
 
-def test_an_overrun_is_told_where_it_happened_and_reading_goes_on(pty, until):
+def test_an_overrun_is_reported_where_it_happened_and_reading_goes_on(pty, until):
     source = PortSource(
         open_port(pty.device), "slow", CLOCK, queue=ChunkQueue("slow", capacity=2000)
     )

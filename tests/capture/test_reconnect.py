@@ -272,7 +272,7 @@ def test_another_program_beside_the_known_one_is_named_alone(new_pty, adapter, l
         lost.until_event(PortEventKind.FOUND_AGAIN)
 
 
-def test_a_port_that_is_back_but_busy_is_told(new_pty, adapter, opened):
+def test_a_port_that_is_back_but_busy_is_reported(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
     received = Received(opened(adapter.name))

@@ -120,7 +120,7 @@ def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, told):
 
 
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-def test_a_server_that_is_not_there_is_told_once(scheme):
+def test_an_absent_server_is_reported_once(scheme):
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         name = f"{scheme}://127.0.0.1:{unused.getsockname()[1]}"
@@ -178,7 +178,7 @@ def test_a_busy_port_names_who_has_it(pty):
         ([Holder(7, "cat"), Holder(8, "od")], "cat (pid 7) and od (pid 8) have it open"),
     ],
 )
-def test_who_has_it_open_is_said_of_one_and_of_several(holders, told):
+def test_the_holders_of_a_port_are_named(holders, told):
     assert holders_text(holders) == told
 
 
@@ -195,7 +195,7 @@ def somebody():
     os.setegid(0)
 
 
-def test_a_port_that_is_forbidden_says_what_mends_it(pty, request):
+def test_a_forbidden_port_is_reported_with_the_fix(pty, request):
     os.chmod(pty.device, 0o000)  # noqa: PTH101
     request.getfixturevalue("somebody")
     message = message_of(pty.device)

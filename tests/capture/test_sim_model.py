@@ -89,7 +89,7 @@ def test_the_sign_of_a_limit_means_nothing_and_a_limit_of_zero_holds():
     assert (round(backward.pulses), held.pulses) == (1000, 0)
 
 
-def test_a_motor_that_goes_offline_runs_down_and_then_does_what_it_was_told():
+def test_a_motor_that_goes_offline_runs_down_and_then_obeys_its_target():
     motor = Motor()
     motor.turn(1000)
     passed(motor, 2)

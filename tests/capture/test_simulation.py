@@ -157,7 +157,7 @@ def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses(seed
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_what_a_host_says_can_be_encoded(seed):
+def test_the_frames_of_a_host_can_be_encoded(seed):
     from random import Random
 
     host = SimulatedHost(Random(seed))
@@ -167,7 +167,7 @@ def test_what_a_host_says_can_be_encoded(seed):
         assert len(encode(*command)) == 10
 
 
-def test_the_controller_can_be_told_what_to_do_between_two_frames():
+def test_the_controller_takes_a_command_between_two_frames():
     from fte_sniff.capture.simulation import Simulation
     from fte_sniff.protocol import KIND_BY_NAME
 

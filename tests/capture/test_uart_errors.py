@@ -121,7 +121,7 @@ def test_opening_again_without_marks_leaves_no_marks(pty):
     assert raw == b"\xff\x00A"
 
 
-def test_marked_and_counted_errors_are_placed_and_told_by_kind():
+def test_marked_and_counted_errors_are_placed_and_reported_by_kind():
     counters = Counting(framing=7)
     watch = UartWatch(counters)
     assert watch.feed(b"abc") == (b"abc", ())
@@ -151,7 +151,7 @@ def test_errors_that_are_only_marked_are_counted_by_their_marks():
     assert watch.report(0) == LineErrorCounts(framing=1, breaks=1)
 
 
-def test_many_errors_are_told_once_a_second():
+def test_many_errors_are_reported_once_a_second():
     counters = Counting()
     watch = UartWatch(counters)
     told = []
@@ -163,7 +163,7 @@ def test_many_errors_are_told_once_a_second():
     assert sum(counts.total for counts in told if counts) + watch.flush().total == 7500
 
 
-def test_a_source_tells_of_errors_and_marks_the_bytes(pty):
+def test_a_source_reports_errors_and_marks_the_bytes(pty):
     counters = Counting()
     port = open_port(pty.device)
     enable_error_marks(port.fileno())

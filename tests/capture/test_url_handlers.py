@@ -119,7 +119,7 @@ def test_what_is_reset_is_not_read(opened, until):
 
 
 @pytest.mark.parametrize("ending", ["cancel_read", "close"])
-def test_a_blocked_read_ends_when_another_thread_says_so(opened, ending, until):
+def test_a_blocked_read_ends_when_another_thread_cancels_it(opened, ending, until):
     port = opened("host=off&rate=0.01")
     got = []
 
@@ -133,7 +133,7 @@ def test_a_blocked_read_ends_when_another_thread_says_so(opened, ending, until):
     assert got in ([b""], [])
 
 
-def test_a_closed_port_says_so(opened):
+def test_a_read_of_a_closed_port_raises(opened):
     port = opened("")
     port.close()
     port.close()

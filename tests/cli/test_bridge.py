@@ -80,7 +80,7 @@ def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_
     assert not (tmp_path / "motors").is_symlink()
 
 
-def test_a_change_of_baud_is_told_and_dates_the_rows_behind_it(environment, tmp_path: Path):
+def test_a_change_of_baud_is_reported_and_dates_the_rows_after_it(environment, tmp_path: Path):
     with (
         bridged(environment, tmp_path, "--count", "2", "-o", "x.mcap") as (process, far, name),
         opened(tmp_path, baud=1200) as host,
@@ -168,7 +168,7 @@ def test_a_host_program_in_front_of_a_simulated_controller(environment, tmp_path
         assert ended(process)[0] == 0
 
 
-def test_a_simulated_controller_says_where_it_answers_as_the_docs_show(environment, tmp_path: Path):
+def test_a_simulated_controller_prints_its_device_as_the_docs_show(environment, tmp_path: Path):
     docs = (Path(__file__).parents[2] / "docs" / "develop.md").read_text("utf-8")
     shown = docs.partition("$ fte-sniff simulate --link ./controller\n")[2].partition("```")[0]
     with started(environment, tmp_path, "simulate", "--link", "./controller") as process:

@@ -199,7 +199,7 @@ def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
     assert f"were not recorded: recording stopped: {what}" in last
 
 
-def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
+def test_a_recording_that_stops_is_reported_at_once_and_the_rows_go_on(
     run, environment, tmp_path: Path
 ) -> None:
     with (
@@ -520,7 +520,7 @@ def closed_folder(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-def test_a_disk_that_fills_up_is_told_at_once_and_the_rows_go_on(
+def test_a_disk_that_fills_up_is_reported_at_once_and_the_rows_go_on(
     run, environment, small_disk: Path
 ) -> None:
     with started(environment, small_disk, "live", SIM, "-o", "x.mcap") as process:

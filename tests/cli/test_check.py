@@ -59,7 +59,7 @@ def test_the_table(run, samples: Path) -> None:
     assert needs == "    needs a matching row with the field"
 
 
-def test_a_rate_without_times_fails_and_says_what_it_needs(run, samples: Path) -> None:
+def test_a_rate_without_times_fails_and_names_its_need(run, samples: Path) -> None:
     arguments = ["check", samples / "clean.raw", "--expect", "rate(feedback) != 0", "--format"]
     text, told, suites = (run(*arguments, form) for form in ("text", "json", "junit"))
     assert {text.returncode, told.returncode, suites.returncode} == {1}

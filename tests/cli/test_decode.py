@@ -130,7 +130,7 @@ def test_summary_names_faults_and_the_time_covered(run, samples: Path) -> None:
     assert "nothing malformed" in run("decode", samples / "clean.raw").stderr
 
 
-def test_several_files_are_told_apart(run, samples: Path) -> None:
+def test_several_files_are_distinguished(run, samples: Path) -> None:
     done = run("decode", samples / "idle.raw", samples / "idle.hex")
     assert "idle.raw" in done.stdout
     assert "idle.hex" in done.stdout
@@ -280,7 +280,7 @@ def test_standard_input_is_named_once(run, samples: Path) -> None:
     assert "once" in done.stderr
 
 
-def test_what_is_lost_inside_a_recording_is_told(run, tmp_path: Path, samples: Path) -> None:
+def test_losses_inside_a_recording_are_reported(run, tmp_path: Path, samples: Path) -> None:
     with (samples / "clean.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -460,7 +460,7 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
         ("x.parquet", ["--format", "table"], b"time "),
     ],
 )
-def test_the_end_of_the_output_says_the_form(
+def test_the_suffix_of_the_output_chooses_the_format(
     run, samples: Path, tmp_path: Path, name: str, options: list[str], begins: bytes
 ) -> None:
     done = run("decode", samples / "clean.mcap", "-o", tmp_path / name, *options)
@@ -469,7 +469,7 @@ def test_the_end_of_the_output_says_the_form(
 
 
 @pytest.mark.parametrize("name", ["x.json", "x.log", "rows.pcap"])
-def test_an_end_that_says_nothing_is_refused_before_anything_is_read(
+def test_an_unknown_suffix_is_refused_before_anything_is_read(
     run, samples: Path, tmp_path: Path, name: str
 ) -> None:
     done = run("decode", samples / "clean.mcap", "-o", name)
@@ -579,7 +579,7 @@ def test_a_day_or_zone_that_is_none(run, samples: Path, option: str, value: str)
     assert value in done.stderr
 
 
-def test_a_log_that_swaps_the_directions_is_told(run) -> None:
+def test_a_log_that_swaps_the_directions_is_reported(run) -> None:
     swapped = SSCOM.replace("发→◇", "x").replace("收←◆", "发→◇").replace("x", "收←◆")
     told = run("decode", "-", stdin=swapped).stderr
     assert "stdin: 2 of 2 frames go the other way than the log says (received, header AA" in told
@@ -795,7 +795,7 @@ def test_the_screen_takes_the_baud_from_the_recording(tmp_path: Path) -> None:
         (["--limit", "100"], []),
     ],
 )
-def test_a_copy_tells_what_was_left_out_among_its_rows(
+def test_a_copy_names_the_gaps_between_its_rows(
     run, tmp_path: Path, options: list[str], expected: list[tuple[int | None, int, int]]
 ) -> None:
     triggered(tmp_path / "a.mcap")
@@ -810,7 +810,7 @@ def test_a_copy_tells_what_was_left_out_among_its_rows(
         assert abs((one.end_ns or 0) - (START + last * STEP)) <= STEP
 
 
-def test_a_selection_says_so(run, tmp_path: Path) -> None:
+def test_a_selection_is_reported(run, tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", rows_of(0, 60))
     assert run("decode", "a.mcap", "--filter", "rpm < 50", "-o", "b.mcap").returncode == 0
     assert run("decode", "b.mcap", "--filter", "rpm > 10", "-o", "c.mcap").returncode == 0

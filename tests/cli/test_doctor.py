@@ -152,7 +152,7 @@ def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
     assert [baud for baud in line.bauds_set if baud != 38_400] == [115_200]
 
 
-def test_a_dead_wire_is_told_and_nothing_is_written_to_it(run: Run) -> None:
+def test_a_dead_wire_is_reported_and_nothing_is_written_to_it(run: Run) -> None:
     with wire() as (far, port):
         code, said = doctor(run, port, "--seconds", "0.3", "--probe")
         poll = select.poll()
@@ -177,7 +177,7 @@ def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None
     ]
 
 
-def test_a_busy_port_says_who_has_it_and_exits_with_3(run: Run) -> None:
+def test_a_busy_port_is_reported_with_its_holder_and_exit_code_3(run: Run) -> None:
     code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
     with wire() as (_, port):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -210,7 +210,7 @@ def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Ru
 
 
 @pytest.mark.parametrize("name", ["/dev/null", "/tmp"])
-def test_nobody_is_told_to_kill_what_has_something_else_open(run: Run, name: str) -> None:
+def test_no_fix_kills_a_program_that_has_something_else_open(run: Run, name: str) -> None:
     done = run("doctor", name)
     assert done.returncode == 3
     assert "or: kill" not in done.stdout

@@ -122,7 +122,7 @@ def test_a_file_name_is_recognised(run, tmp_path) -> None:
     assert "fte-sniff decode log.hex" in done.stderr
 
 
-def test_doubt_and_damage_are_told(run) -> None:
+def test_ambiguity_and_damage_are_explained(run) -> None:
     done = run("hex", "55 01 01 03 E8 00 01 80 8F EE 99")
     assert "suspect (undefined_flags,reserved_nonzero)" in done.stdout
     assert "expected 00 00 as in the protocol, found 00 01" in done.stdout
@@ -153,7 +153,7 @@ def test_standard_input_without_end_is_taken_apart_as_it_comes(environment, tmp_
         process.kill()
 
 
-def test_a_dump_is_read_and_what_is_doubtful_told(run) -> None:
+def test_a_dump_is_read_and_its_doubts_are_reported(run) -> None:
     dump = f"00000000  {FRAME.lower()}  |......'.|\n"
     assert "may be" not in run("hex", dump).stderr
     bare = run("hex", f"0000: {FRAME}")
@@ -187,7 +187,7 @@ def test_one_byte_is_one_byte(run) -> None:
     assert "no header (AA or 55) in these 2 bytes" in run("hex", "01 02").stdout
 
 
-def test_words_between_frames_are_told_on_standard_error(run) -> None:
+def test_words_between_frames_are_reported_on_standard_error(run) -> None:
     frames = ("AA 01 01 00 64 00 00 00 00 EE", "55 01 01 00 64 00 00 00 0F EE")
     done = run("hex", f"{frames[0]} 收到 {frames[1]}", "--format", "jsonl")
     assert done.returncode == 0

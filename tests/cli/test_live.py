@@ -79,7 +79,7 @@ def test_doctor_finds_a_line_silent_where_nobody_is_ever_heard(run) -> None:
     assert "nothing came" in run("doctor", SILENT, "--seconds", "0.4").stdout
 
 
-def test_the_default_recording_is_named_after_the_time_and_told(run, tmp_path: Path) -> None:
+def test_the_default_recording_is_named_after_the_time_and_reported(run, tmp_path: Path) -> None:
     done = run("live", "sim://?rate=1000", "--count", "3")
     (recording,) = tmp_path.iterdir()
     assert recording.name.startswith("fte-sniff-20")
@@ -186,7 +186,7 @@ def test_a_killed_view_leaves_a_closed_file(run, environment, tmp_path: Path) ->
     assert done.stdout.count("\n") > 1
 
 
-def test_a_killed_capture_is_told_and_its_file_opens(run, environment, tmp_path: Path) -> None:
+def test_a_killed_capture_is_reported_and_its_file_opens(run, environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         (capture,) = holding(tmp_path / "x.mcap")

@@ -100,7 +100,9 @@ def test_an_error_in_the_middle_leaves_no_part_of_a_file(run, tmp_path: Path, na
     assert (tmp_path / name).read_bytes() == b"precious"
 
 
-def test_what_was_written_when_ctrl_c_came_stays_and_is_told(environment, tmp_path: Path) -> None:
+def test_rows_that_were_written_before_ctrl_c_stay_and_are_counted(
+    environment, tmp_path: Path
+) -> None:
     words = ("decode", "-", "--input", "hex", "-o", "part.csv")
     with started(environment, tmp_path, *words, stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
@@ -218,7 +220,7 @@ def test_our_own_parquet_is_read_back(run, samples: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["--duration", "--flush-every"])
-def test_a_time_that_is_none_says_how_to_write_one(run, option: str) -> None:
+def test_an_invalid_time_is_reported_with_a_valid_one(run, option: str) -> None:
     refused(run("live", "sim://", option, "1x"), 2, "'1x' is not a time; use for example 100ms")
 
 
@@ -228,19 +230,19 @@ def test_a_port_where_a_file_is_read_leads_to_live(run, command: str) -> None:
     refused(run(command, "sim://?seed=1"), 2, words)
 
 
-def test_view_says_that_it_reads_no_standard_input(run, samples: Path) -> None:
+def test_view_refuses_standard_input(run, samples: Path) -> None:
     done = run("view", "-", stdin=(samples / "clean.mcap").read_bytes())
     refused(done, 2, "files only", "fte-sniff decode -")
 
 
-def test_turns_that_lines_do_not_show_are_told(run) -> None:
+def test_turns_that_lines_do_not_show_are_reported(run) -> None:
     words = ("live", "sim://", "--plain", "--no-record", "--count", "2", "--resolution", "500")
     done = run(*words)
     assert done.returncode == 0
     assert done.stderr.count("in pulses; only the screen shows turns") == 1
 
 
-def test_two_wires_in_one_raw_file_are_told(run, samples: Path) -> None:
+def test_two_wires_in_one_raw_file_are_reported(run, samples: Path) -> None:
     files = samples / "clean.mcap", samples / "damaged.mcap"
     done = run("decode", *files, "-o", "both.raw")
     assert done.returncode == 0
@@ -300,7 +302,7 @@ def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
     refused(run("decode", "other.mcap"), 4, "other.mcap", "/imu")
 
 
-def test_a_name_that_tells_nothing(run, tmp_path: Path) -> None:
+def test_a_name_without_a_known_suffix(run, tmp_path: Path) -> None:
     (tmp_path / "capture.dat").write_bytes(b"\xaa\x00")
     refused(run("decode", "capture.dat"), 2, "capture.dat", "--input")
 
@@ -363,7 +365,7 @@ def test_escapes_in_names_are_shown_not_obeyed(run, tmp_path: Path, samples: Pat
         ["repair", "x.mcap", "-o", ""],
     ],
 )
-def test_an_empty_name_is_said_to_be_one(run, arguments: list[str]) -> None:
+def test_an_empty_name_is_reported_as_empty(run, arguments: list[str]) -> None:
     done = run(*arguments)
     assert (done.returncode, done.stdout) == (2, "")
     assert "the name is empty" in done.stderr
@@ -377,5 +379,5 @@ def test_a_folder_is_nothing_to_repair(run) -> None:
 
 
 @pytest.mark.parametrize("given", ["x", "1.5", ""])
-def test_a_number_that_is_none_is_said_in_plain_words(run, given: str) -> None:
+def test_an_invalid_number_is_reported_in_plain_words(run, given: str) -> None:
     refused(run("decode", "x.mcap", "--limit", given), 2, f"'{given}' is not a whole number")

@@ -126,7 +126,7 @@ def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(
     assert f"0 of {FILES} files were read" in line
 
 
-def test_a_cluster_without_a_worker_says_so_and_waits_for_one(
+def test_a_cluster_without_a_worker_is_reported_and_waited_for(
     environment: dict[str, str], tmp_path: Path, recordings: Path
 ) -> None:
     with (

@@ -53,7 +53,7 @@ def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
 
 
 @pytest.mark.parametrize("since", ["20:00:05", "2026-01-31 20:00:05", "12:00:05Z"])
-def test_a_time_without_zone_is_of_the_zone_that_is_said(since: str) -> None:
+def test_a_time_without_zone_is_of_the_given_zone(since: str) -> None:
     zone = timezone(timedelta(hours=8))
     span = time_range(since, "20:00:10", [(FIRST, LAST)], zone)
     assert (span.first_ns, span.end_ns) == (FIRST + 4_500_000_000, FIRST + 9_500_000_000)
@@ -237,7 +237,7 @@ def test_times_relative_to_a_log(
     assert f"rows       {count}, " in done.stdout
 
 
-def test_a_log_whose_times_are_not_known_before_says_why(run, tmp_path: Path) -> None:
+def test_a_log_whose_times_are_not_known_before_gives_the_reason(run, tmp_path: Path) -> None:
     (tmp_path / "undated.log").write_text(UNDATED)
     done = run("decode", tmp_path / "undated.log", "--from", "+5s")
     assert done.returncode == 0
@@ -306,7 +306,7 @@ def test_an_unreadable_recording_of_a_folder_hides_no_other(
     assert line.startswith(f"fte-sniff: {folder / 'bad.mcap'} is ")
 
 
-def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
+def test_an_empty_folder_is_reported(run, tmp_path: Path) -> None:
     done = run("decode", tmp_path)
     assert done.returncode == 4
     assert "there is no recording (*.mcap) in it" in done.stderr

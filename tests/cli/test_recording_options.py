@@ -103,7 +103,7 @@ def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
     assert f"recorded {len(kept)} of 900 rows (1 event) to x.mcap" in done.stderr
 
 
-def test_a_trigger_that_never_fired_is_told(run, tmp_path: Path) -> None:
+def test_a_trigger_that_never_fired_is_reported(run, tmp_path: Path) -> None:
     done = run("live", SIM, "--plain", "-o", "x.mcap", "--trigger", "rpm > 30000", "--count", "90")
     assert done.returncode == 0
     assert "recorded 0 of 90 rows (--trigger never fired) to x.mcap" in done.stderr
@@ -188,14 +188,14 @@ def test_what_cannot_be_kept_so_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_too_little_room_is_told_before_the_first_row(run, tmp_path: Path) -> None:
+def test_too_little_room_is_reported_before_the_first_row(run, tmp_path: Path) -> None:
     done = run("live", SIM, "--count", "1", "--min-free", "100000TB")
     assert done.returncode == 4
     assert "--min-free" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
+def test_the_bound_of_a_forgotten_capture_is_reported_at_once_and_the_rows_go_on(
     environment, tmp_path: Path
 ) -> None:
     options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")

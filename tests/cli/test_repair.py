@@ -51,7 +51,7 @@ def test_where_only_the_index_is_damaged_nothing_is_called_lost(
     assert "lost" not in done.stderr
 
 
-def test_where_rows_are_lost_their_number_is_told(run, tmp_path: Path, samples: Path) -> None:
+def test_the_number_of_lost_rows_is_reported(run, tmp_path: Path, samples: Path) -> None:
     whole = bytearray((samples / "damaged.mcap").read_bytes())
     whole[20_500] ^= 0xFF
     (tmp_path / "x.mcap").write_bytes(whole)

@@ -528,7 +528,7 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
 
 
 @pytest.mark.parametrize("most_points", [9, 10])
-def test_a_page_without_every_row_says_so(tmp_path, most_points: int) -> None:
+def test_a_page_without_every_row_is_marked(tmp_path, most_points: int) -> None:
     frames = [feedback(number, 5) for number in range(10)]
     timeline = Timeline(most_points)
     timeline.observe(Rows.from_rows(frames))
@@ -544,7 +544,7 @@ def test_rows_without_times_have_no_plots(run, tmp_path, samples) -> None:
     assert "truncated" in text
 
 
-def test_a_report_of_no_rows_says_so(run, tmp_path, samples) -> None:
+def test_a_report_without_rows_is_marked(run, tmp_path, samples) -> None:
     done = run("report", samples / "clean.mcap", "--filter", "motor = 9", "-o", "r.html")
     assert done.returncode == 0
     assert "none of them matches the filter: motor = 9" in done.stderr
@@ -571,7 +571,7 @@ def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
         (["clean.mcap", "-o", "r-1.5"], 2, "is not one of .html .htm; name it r-1.5.html"),
     ],
 )
-def test_one_line_says_what_is_wrong(run, tmp_path, samples, arguments, code, message) -> None:
+def test_one_line_names_the_mistake(run, tmp_path, samples, arguments, code, message) -> None:
     (tmp_path / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
     (tmp_path / "old.html").write_text("old")
     done = run("report", *arguments)

@@ -85,11 +85,11 @@ def written(file: Path, text: str) -> Path:
     return file
 
 
-def test_no_file_says_nothing(file: Path) -> None:
+def test_without_a_file_nothing_is_printed(file: Path) -> None:
     assert read_settings(file) == Settings()
 
 
-def test_everything_that_can_be_said(file: Path) -> None:
+def test_all_settings_are_read(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
     assert settings.screen == {
         "theme": "textual-light",
@@ -146,7 +146,7 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ("[colour]\n", "unknown name 'colour'"),
     ],
 )
-def test_what_cannot_be_is_left_out_and_said(file: Path, text: str, says: str) -> None:
+def test_an_invalid_setting_is_left_out_and_reported(file: Path, text: str, says: str) -> None:
     settings = read_settings(written(file, text))
     (fault,) = settings.faults
     assert says in fault
@@ -411,7 +411,7 @@ def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
     assert line.endswith(way_on)
 
 
-def test_the_screen_tells_what_is_wrong_in_the_settings_file(
+def test_the_screen_shows_the_mistakes_of_the_settings_file(
     environment, settings_file: Path, tmp_path: Path
 ) -> None:
     settings_file.write_text('[screen]\ntheme = "pink"\n')
@@ -445,7 +445,7 @@ def test_live_opens_the_ports_of_the_settings(run, settings_file: Path) -> None:
     assert done.stdout.count("\n") == 2
 
 
-def test_live_without_a_port_says_where_to_get_one(run, settings_file: Path) -> None:
+def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_file: Path) -> None:
     done = run("live")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
@@ -465,7 +465,7 @@ finally:
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads the baud of a terminal")
 @pytest.mark.parametrize(("option", "baud"), [((), 9600), (("--baud", "57600"), 57_600)])
-def test_a_port_has_the_baud_of_the_settings_unless_an_option_says_otherwise(
+def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
     environment, settings_file: Path, tmp_path: Path, option: tuple[str, ...], baud: int
 ) -> None:
     import subprocess

@@ -397,7 +397,7 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert "no row is between" in between.stderr
 
 
-def test_a_cut_recording_is_told_of_as_far_as_it_goes(run, samples: Path, tmp_path: Path) -> None:
+def test_a_cut_recording_is_reported_as_far_as_it_goes(run, samples: Path, tmp_path: Path) -> None:
     whole = (samples / "clean.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
     done = run("stats", "cut.mcap", "--format", "json")

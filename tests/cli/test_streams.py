@@ -76,14 +76,14 @@ def test_a_full_output_is_one_line(bash, command: str) -> None:
 
 
 @pytest.mark.parametrize("command", [*WRITERS, "F ports", "F doctor", "F decode clean.raw"])
-def test_what_cannot_be_told_does_not_fail_what_is_done(bash, command: str) -> None:
+def test_a_message_that_cannot_be_written_does_not_fail_the_command(bash, command: str) -> None:
     plain, expected, _ = bash(command)
     codes, output, _ = bash(f"{command} 2>/dev/full")
     free = r"[\d.]+ \w+ free"  # other programs write too
     assert (codes, re.sub(free, "", output)) == (plain, re.sub(free, "", expected))
 
 
-def test_help_that_cannot_be_told_ends_as_ever(bash) -> None:
+def test_help_that_cannot_be_written_ends_as_ever(bash) -> None:
     assert bash("F 2>/dev/full")[0] == bash("F")[0] == "2"
 
 

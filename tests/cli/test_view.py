@@ -25,7 +25,7 @@ from tests.waiting import BOUND_S
 
 
 @pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])
-def test_live_shows_rows_and_leaving_says_where_the_recording_lies(
+def test_live_shows_rows_and_names_the_recording_at_the_end(
     run, environment, tmp_path: Path, size: tuple[int, int]
 ) -> None:
     with terminal(environment, tmp_path, "live", "sim://?rate=500", size=size) as screen:
@@ -114,9 +114,7 @@ def test_view_shows_that_a_file_is_damaged(
         assert screen.ended() == 0
 
 
-def test_view_tells_what_cannot_be_read_before_the_screen_opens(
-    environment, tmp_path: Path
-) -> None:
+def test_view_reports_unreadable_files_before_the_screen_opens(environment, tmp_path: Path) -> None:
     with terminal(environment, tmp_path, "view", "none.mcap") as screen:
         assert screen.ended() == 4
     assert screen.drawn.count(b"\n") == 1
@@ -442,7 +440,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
             assert screen.ended() == 0
 
 
-def test_a_capture_is_told_apart_and_its_notes_are_kept(environment, tmp_path: Path) -> None:
+def test_a_capture_is_recognized_and_its_notes_are_kept(environment, tmp_path: Path) -> None:
     arguments = ("live", "sim://?seed=1", "-o", "x.mcap", "--alert", "motor = 1")
     with terminal(environment, tmp_path, *arguments) as screen:
         screen.until("● REC 0:0", "rows match the alert")

@@ -66,7 +66,7 @@ def test_bytes_that_are_no_text() -> None:
         hex_bytes(b"\xaa\x01\x02\xee" * 20)
 
 
-def test_a_name_that_says_nothing_leaves_it_to_the_first_bytes(tmp_path: Path) -> None:
+def test_the_first_bytes_decide_where_the_name_does_not(tmp_path: Path) -> None:
     path = tmp_path / "minicom.cap"
     path.write_text("[12:00:01] RX: 55 01 01 03 E8 00 00 00 0F EE\n")
     assert kind_of_file(path) is InputKind.HEX

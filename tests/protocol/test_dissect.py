@@ -167,7 +167,7 @@ def test_missing_and_extra_bytes_are_located() -> None:
     assert "2 bytes too many" in extra.meaning
 
 
-def test_noise_says_why_its_headers_begin_no_frame() -> None:
+def test_noise_explains_why_its_headers_begin_no_frame() -> None:
     noise = named(damage("AA 77 01 02 03 04 05 06 07 08 09", Fault.NOISE), "noise")
     assert "no tail EE 9 bytes on (found 08)" in noise.note
 
@@ -212,7 +212,9 @@ def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> N
         ),
     ],
 )
-def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, field: str, note: str) -> None:
+def test_damage_explains_why_it_is_not_a_frame(
+    text: str, fault: Fault, field: str, note: str
+) -> None:
     found = named(damage(text, fault), field)
     assert (found.fault, note in found.note) == (fault, True), found.note
 

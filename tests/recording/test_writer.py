@@ -370,7 +370,7 @@ def test_a_killed_writer_leaves_what_was_flushed(tmp_path: Path, flushes: int) -
     assert flushed <= len(offsets) <= flushed + 50
 
 
-def test_the_message_records_are_what_the_format_says(tmp_path: Path, make_rows: Rows) -> None:
+def test_the_message_records_have_the_form_of_the_format(tmp_path: Path, make_rows: Rows) -> None:
     """Offsets in the message index point at the opcode of a message of that time and channel."""
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:

@@ -227,7 +227,7 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     assert end == Ended("over")
 
 
-def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() -> None:
+def test_a_view_that_does_not_poll_loses_the_oldest_rows_and_gets_their_number() -> None:
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
     # The first batch takes what waits then, at most all; it stays in the pipe.

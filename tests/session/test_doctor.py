@@ -73,7 +73,7 @@ def test_a_baud_is_named_as_surely_as_it_is_known(
     assert finding.fix == fix
 
 
-def test_a_probe_that_found_nothing_says_so() -> None:
+def test_a_probe_without_a_result_is_reported() -> None:
     assert "no common baud gives frames" in probe_finding("/dev/p", None, None).what
 
 
@@ -101,7 +101,7 @@ def test_a_folder_that_is_gone_or_forbidden_is_bad(
         ({"TERM": "dumb"}, "ANSI_X3.4-1968", ["warn", "warn"]),
     ],
 )
-def test_a_terminal_that_cannot_show_the_screen_is_told(
+def test_a_terminal_that_cannot_show_the_screen_is_reported(
     environment: dict[str, str], encoding: str, levels: list[str]
 ) -> None:
     assert [finding.level for finding in terminal_findings(environment, encoding)] == levels
@@ -190,7 +190,7 @@ def test_usb_through_a_virtual_machine_is_pointed_out(tmp_path):
         ("10c4", "ea60", None, "sudo modprobe cp210x"),
     ],
 )
-def test_an_adapter_that_is_no_port_is_told_with_the_driver_it_wants(
+def test_an_adapter_without_a_port_is_reported_with_the_driver_it_needs(
     tmp_path, vid, pid, driver, wanted
 ):
     plug_in(tmp_path, "1-2", vid, pid, driver=driver)
@@ -222,7 +222,7 @@ def test_adapters_that_are_ports_and_other_devices_are_not_stray(tmp_path):
     assert stray_adapters(tmp_path / "none") == []
 
 
-def test_a_program_that_opens_adapters_is_told_with_what_stops_it(tmp_path):
+def test_a_program_that_opens_adapters_is_reported_with_the_command_that_stops_it(tmp_path):
     write(tmp_path, {"proc/12/comm": "ModemManager\n", "proc/13/comm": "bash\n"})
     assert running_programs(tmp_path) == {"ModemManager", "bash"}
     (finding,) = adapter_findings(tmp_path)
@@ -241,7 +241,7 @@ def test_this_process_is_among_the_running():
 
 
 @pytest.mark.parametrize(("state", "level"), [(0, "ok"), (1, "ok"), (5, "warn"), (None, "ok")])
-def test_a_clock_that_nothing_keeps_right_is_told(state, level):
+def test_a_clock_that_is_not_synchronized_is_reported(state, level):
     finding = clock_finding(state)
     assert finding.level == level
     assert ("timedatectl set-ntp" in (finding.fix or "")) is (level == "warn")
@@ -332,7 +332,7 @@ def test_silence_is_heard_for_as_long_as_was_asked(pty):
         assert listener.listen(0.05, 1).data == b""
 
 
-def test_line_errors_are_told_with_what_was_heard(pty):
+def test_line_errors_are_reported_with_the_received_bytes(pty):
     counted = [LineErrorCounts(framing=3), LineErrorCounts(framing=3), LineErrorCounts(framing=5)]
     counters = iter([*counted, *[counted[-1]] * 10_000])
     with LineListener(pty.device, SETTINGS) as listener:

@@ -75,7 +75,7 @@ def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
     assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
 
 
-def test_the_end_is_told() -> None:
+def test_the_end_is_reported() -> None:
     notes: list[str] = []
     rows_of(LogInput([Chunk("f", None, FRAME * 3000 + FRAME[:4])], "f"), notes)
     assert notes == CUT

@@ -170,7 +170,7 @@ def test_ctrl_c_means_nothing_to_the_capture_process(tmp_path: Path) -> None:
         assert session.poll().state.running
 
 
-def test_a_killed_capture_is_told(tmp_path: Path) -> None:
+def test_a_killed_capture_is_reported(tmp_path: Path) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         session._process.kill()
@@ -180,7 +180,7 @@ def test_a_killed_capture_is_told(tmp_path: Path) -> None:
     list(RecordingReader(tmp_path / "x.mcap"))
 
 
-def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
+def test_a_lost_port_ends_it_and_is_reported(tmp_path: Path) -> None:
     with running(plan(tmp_path / "x.mcap", port=f"{SIM}&frames=30")) as session:
         rows = to_the_end(session)
         assert isinstance(session.state.error, PortError)
@@ -201,7 +201,7 @@ def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
     assert (tmp_path / "x.mcap").read_bytes() == b""
 
 
-def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path: Path) -> None:
+def test_a_recording_that_fails_is_reported_at_once_and_the_capture_goes_on(tmp_path: Path) -> None:
     with file_size_limit(20_000):
         session = LiveSession(plan(tmp_path / "x.mcap"))
     with running(session):
@@ -214,7 +214,7 @@ def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path
     assert told["port.1.granted"] == "no low latency setting; line errors unavailable"
 
 
-def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
+def test_a_recording_that_is_deleted_is_reported_at_once_and_the_capture_goes_on(
     tmp_path: Path,
 ) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
@@ -232,9 +232,7 @@ def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
     assert not (tmp_path / "x.mcap").exists()
 
 
-def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
-    tmp_path: Path, quickly_overdue: float
-) -> None:
+def test_a_stuck_capture_is_killed_and_reported(tmp_path: Path, quickly_overdue: float) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
         wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
         os.kill(session.capture_pid, signal.SIGSTOP)
@@ -323,7 +321,7 @@ def test_stop_while_the_port_is_not_open_yet_ends_it(
 
 
 @pytest.mark.parametrize("existing", [Existing.REFUSE, Existing.REPLACE])
-def test_a_capture_whose_view_went_before_it_began_says_and_leaves_nothing(
+def test_a_capture_whose_view_went_before_it_began_writes_and_leaves_nothing(
     tmp_path: Path, existing: Existing
 ) -> None:
     if existing is Existing.REPLACE:

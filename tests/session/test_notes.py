@@ -194,7 +194,7 @@ def test_a_note_of_before_that_names_no_capture_is_found_and_replaced(recording:
     ]
 
 
-def test_the_file_of_notes_is_said_once_and_again_where_it_changes(recording: Path) -> None:
+def test_the_file_of_notes_is_named_once_and_again_where_it_changes(recording: Path) -> None:
     notes = Notes([recording])
     assert notes.news() == beside(recording)
     notes.set(Note(T_NS, "p", 0))

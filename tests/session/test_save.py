@@ -110,7 +110,7 @@ def test_an_abandoned_parquet_file_is_written_no_more(tmp_path: Path, pieces: in
     assert not any(thread.name == "writes Parquet" for thread in threading.enumerate())
 
 
-def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_path: Path) -> None:
+def test_an_existing_file_is_named_and_replaced_only_with_force(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_text("mine")
     with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
@@ -156,7 +156,7 @@ def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
         ("~nobody-here/rows.csv", FileError, "does not exist"),
     ],
 )
-def test_what_cannot_be_saved_to_is_told_before(
+def test_an_unwritable_output_is_reported_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, error: type[Exception], said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

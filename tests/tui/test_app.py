@@ -94,7 +94,7 @@ def test_the_help_is_shown_and_put_away(feed: Any) -> None:
     play(feed, scenario, (80, 40))
 
 
-def test_the_help_moves_to_its_ends_and_says_how_much_more_there_is(feed: Any) -> None:
+def test_the_help_moves_to_its_ends_and_counts_the_lines_below(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await rush(app, pilot, "question_mark", "end")
         await pilot.pause()
@@ -140,7 +140,7 @@ def test_every_key_of_the_help_does_something(feed: Any) -> None:
     play(feed, scenario)
 
 
-def test_an_ended_feed_says_why_and_can_still_be_looked_at(feed: Any, speed_rows: Rows) -> None:
+def test_an_ended_feed_shows_the_reason_and_can_still_be_read(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(1001))
         feed.end("/dev/ttyUSB0 was pulled out")
@@ -154,7 +154,9 @@ def test_an_ended_feed_says_why_and_can_still_be_looked_at(feed: Any, speed_rows
     play(feed, scenario)
 
 
-def test_a_recording_that_stops_is_told_while_the_rows_go_on(feed: Any, speed_rows: Rows) -> None:
+def test_a_recording_that_stops_is_reported_while_the_rows_go_on(
+    feed: Any, speed_rows: Rows
+) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
         feed.state = replace(feed.state, recording=None, trouble="recording stopped: disk full")
@@ -298,7 +300,7 @@ def test_text_from_outside_is_shown_and_never_obeyed(feed: Any, speed_rows: Rows
     play(feed, scenario, (200, 60))
 
 
-def test_each_row_says_its_port_where_there_are_two(feed: Any, speed_rows: Rows) -> None:
+def test_each_row_shows_its_port_where_there_are_two(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         assert "port" not in lines(app)[1]
         feed.give(speed_rows(3, port="/dev/ttyUSB1"))

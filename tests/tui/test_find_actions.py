@@ -102,7 +102,7 @@ def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
         ("12:00:00", ""),
     ],
 )
-def test_a_time_outside_the_rows_is_said_to_be_outside(feed: Any, goal: str, said: str) -> None:
+def test_a_time_outside_the_rows_is_reported(feed: Any, goal: str, said: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         table(app).jump(499)
         await enter_line(app, pilot, "colon", goal)
@@ -136,7 +136,7 @@ def test_goes_to_rows_times_and_distances(feed: Any, goal: str, cursor: int) -> 
     play(feed, scenario, rows=1000)
 
 
-def test_a_goal_that_is_none_is_told(feed: Any) -> None:
+def test_an_invalid_goal_is_reported(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "colon", "x", "enter")
         await pilot.pause()
@@ -209,7 +209,7 @@ def test_every_way_around_the_end_is_reported(
     play(feed, scenario, options=StartOptions(row_filter=wanted, zone=UTC), rows=1000)
 
 
-def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: Rows) -> None:
+def test_the_line_of_numbers_shows_the_number_of_the_hit(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "g")
         await look_for(app, pilot, "rpm=50")
@@ -237,7 +237,7 @@ def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: 
     play(feed, scenario, rows=1000)
 
 
-def test_the_filter_s_line_says_how_words_are_completed_and_come_back(feed: Any) -> None:
+def test_the_hint_of_the_filter_names_the_keys_of_completion_and_history(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f")
         await settle(app, pilot)
@@ -295,7 +295,7 @@ def test_search_without_a_hit_goes_on_following(feed: Any, speed_rows: Rows) -> 
     play(feed, scenario, rows=10)
 
 
-def test_a_port_is_looked_at_only_where_a_column_tells_it(feed: Any, speed_rows: Rows) -> None:
+def test_a_port_is_searched_only_where_a_column_shows_it(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(20, port="sim://?noise=0.02"))
         await settle(app, pilot)
@@ -331,7 +331,7 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
     play(feed, scenario)
 
 
-def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
+def test_a_long_search_shows_its_progress_and_is_ended_by_esc(
     feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(search, "SEARCH_BLOCK_S", -1.0)
@@ -460,7 +460,7 @@ def test_goes_to_shares_bytes_and_dates(feed: Any, goal: str, cursor: int) -> No
     play(feed, scenario, rows=1000)
 
 
-def test_a_byte_that_is_not_there_is_told(feed: Any) -> None:
+def test_an_absent_byte_is_reported(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "colon")
         app.rows.field.line.value = "@100"

@@ -181,7 +181,7 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
 
 
 @pytest.mark.parametrize("text", [text for text, _fragments in MISTAKES], ids=ascii_id)
-def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
+def test_every_mistake_in_a_filter_is_shown_in_chinese(text: str) -> None:
     set_language("zh")
     with pytest.raises(FilterError) as caught:
         RowFilter.parse(text)
@@ -191,7 +191,7 @@ def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
     assert str(caught.value).isascii() or not text.isascii()
 
 
-def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
+def test_port_events_are_shown_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         lost = TranslatableText("{error}; waiting for it to come back", error="EIO")
         feed.emit(PortEvent(0, "p", PortEventKind.LOST, lost))
@@ -205,7 +205,7 @@ def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
     play_chinese(feed, scenario)
 
 
-def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
+def test_the_end_of_a_feed_is_shown_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.end(TranslatableText("{port} was lost: {why}", port="ttyUSB0", why="EIO"))
         await settle(app, pilot)
@@ -255,7 +255,7 @@ def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffE
         *(errno.ENAMETOOLONG, errno.ECONNREFUSED, errno.ECONNRESET, errno.ETIMEDOUT),
     ],
 )
-def test_the_system_s_reasons_are_its_own_in_english_and_told_in_chinese(number: int) -> None:
+def test_reasons_of_the_system_are_unchanged_in_english_and_shown_in_chinese(number: int) -> None:
     error = OSError(number, os.strerror(number))
     assert reason_of(error) == error.strerror
     assert one_line(error) == str(error)
@@ -291,7 +291,7 @@ GONE = (
         (SerialException("socket disconnected"), "套接字已断开"),
     ],
 )
-def test_what_befalls_a_port_is_told_in_chinese(error: OSError, chinese: str) -> None:
+def test_events_of_a_port_are_shown_in_chinese(error: OSError, chinese: str) -> None:
     told = one_line(error)
     assert told == str(error).replace("(5, 'Input/output error')", "[Errno 5] Input/output error")
     set_language("zh")
@@ -357,7 +357,7 @@ def test_the_example_of_a_note_and_the_keys_of_the_help_are_chinese(
     play_chinese(feed, scenario)
 
 
-def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, samples: Path) -> None:
+def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, samples: Path) -> None:
     """Whatever bytes are altered: but for names, no English word is left."""
     content = (samples / "clean.mcap").read_bytes()
     path, chance = tmp_path / "x.mcap", random.Random(1)

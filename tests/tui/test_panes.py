@@ -582,7 +582,7 @@ def feedback(at_ms: int, motor: int, error: int = 0, online: int = 0x0F) -> Row:
     return Frame("p", 10 * at_ms, raw, NOON_NS + at_ms * 1_000_000)
 
 
-def test_what_flag_bytes_told_of_a_motor_is_told_as_stats_does() -> None:
+def test_flags_of_a_motor_are_shown_as_in_stats() -> None:
     rows = [feedback(at, 1 + at % 4) for at in range(100)]
     assert FLAGS_IN_ORDER in _page(rows, 100).text.plain
     rows += [feedback(at, 1 + at % 4, 8 if at % 4 == 3 else 0, 7) for at in range(100, 123)]
@@ -610,17 +610,17 @@ def test_the_use_of_the_line_is_a_share_of_the_whole_line(step_ms: int, cell: st
     assert set(line.split(" ")[-1]) == {cell}
 
 
-def test_where_nothing_was_told_back_nothing_is_said_of_flags(speed_rows: Rows) -> None:
+def test_without_feedback_no_flags_are_shown(speed_rows: Rows) -> None:
     assert "ONLINE" not in _page(speed_rows(10), 100).text.plain
 
 
-def test_without_times_it_says_so_and_tells_no_rates() -> None:
+def test_without_times_no_rates_are_shown() -> None:
     text = _page([Damage("p", 0, b"x", None, (Fault.NOISE,))], 100, None).text.plain
     assert "no times" in text
     assert "%" not in text
 
 
-def test_port_events_and_what_is_still_to_be_read_are_told(speed_rows: Rows) -> None:
+def test_port_events_and_unread_rows_are_shown(speed_rows: Rows) -> None:
     told = _page(speed_rows(10), 100, behind=speed_rows(1234, start=10))
     event = PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "parity")
     told.models.statistics.observe_events([event] * 3)
@@ -672,7 +672,7 @@ def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
     assert spaced_hex(odd_rows[3].raw[5:9]) in text
 
 
-def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
+def test_flags_are_shown_bit_by_bit_where_there_is_room() -> None:
     from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
 
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
@@ -727,7 +727,7 @@ def test_the_grid_is_as_wide_as_there_is_room_and_has_every_motor(
         assert len(lines) <= max(size[1], 28)
 
 
-def test_a_card_tells_what_was_asked_and_what_is_told() -> None:
+def test_a_card_shows_target_and_feedback() -> None:
     page = grid(_look(_drive(), 9.97), 199, 37, DARK).plain
     assert "motor 1 online error 00 bit 2 cleared 12:00:09 " in page
     assert "target speed 1000 RPM" in page
@@ -738,14 +738,14 @@ def test_a_card_tells_what_was_asked_and_what_is_told() -> None:
     assert "target position -5000 pulses 600 RPM" in page
 
 
-def test_a_bit_is_said_to_be_set_or_cleared() -> None:
+def test_a_bit_is_shown_as_set_or_cleared() -> None:
     rows = [_row("speed_feedback", at, motor=1, rpm=0, error=8 * (at > 1)) for at in (0, 1, 2, 3)]
     assert "error 08 bit 3 set 12:00:02.000" in grid(_look(rows, 3), 199, 37, DARK).plain
     assert "error 08 b3=1 12:00:02" in grid(_look(rows, 3), 79, 15, DARK).plain
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 7])
-def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: int) -> None:
+def test_a_target_is_dated_by_its_first_command_wherever_batches_are_cut(cut: int) -> None:
     rows = [
         _row("speed", 0, motor=1, rpm=0),
         _row("speed", 1, motor=1, rpm=500),
@@ -778,7 +778,7 @@ def test_a_low_and_narrow_pane_uses_all_its_lines(height: int) -> None:
         assert "target speed 1000 RPM since 12:00:00.0" in lines
 
 
-def test_what_was_never_told_is_a_dash() -> None:
+def test_an_unknown_value_is_a_dash() -> None:
     page = grid(_look([_row("reset", 0)], 0.5), 199, 37, DARK).plain
     assert page.count("– RPM") == page.count("– pulses") == 4
     assert page.count("online – error –") == 4
@@ -794,13 +794,13 @@ def test_a_rate_that_is_not_known_is_no_dash_before_the_commands() -> None:
     assert not re.search("– (commands|feedback)", page)
 
 
-def test_what_is_old_says_how_old_and_a_command_without_answer_how_long() -> None:
+def test_an_old_value_shows_its_age_and_an_open_command_its_wait() -> None:
     page = grid(_look(_drive(), 12.0), 199, 37, DARK).plain
     assert "now    991 RPM 2.05 s ago" in page
     assert "no answer for 2.04 s" in page
 
 
-def test_pulses_are_turns_too_where_the_bench_tells_how_many() -> None:
+def test_pulses_are_turns_too_where_the_line_setup_has_the_number() -> None:
     rows = [_row("position_feedback", 1, motor=3, pulses=10_000)]
     page = grid(_look(rows, 1, LineSetup(resolution=500, gear_ratio=20)), 199, 37, DARK).plain
     assert "10000 pulses 1.000 turns" in page
@@ -961,7 +961,7 @@ def test_a_key_plots_the_full_range_and_the_usual_one_again(feed: Any) -> None:
     play(feed, scenario, (120, 40), rows=50)
 
 
-def test_what_is_told_is_held_for_a_second_and_what_is_asked_until_something_else_is() -> None:
+def test_feedback_is_held_for_a_second_and_a_target_until_the_next() -> None:
     told = _drawn(_curves({0: (5, 5)}, {}))[2][8:]
     assert told[:5].strip()
     assert not told[6:].strip()
@@ -1163,7 +1163,7 @@ def test_the_panes_begin_where_they_were(feed: Any) -> None:
     play(feed, scenario, (200, 40), options=StartOptions(choices=Choices(panes=layout)))
 
 
-def test_a_narrow_terminal_says_from_which_width_a_pane_is_beside(feed: Any) -> None:
+def test_a_narrow_terminal_shows_from_which_width_a_pane_is_beside(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "M", "L")
         assert "from 160 columns on" in page(app)

@@ -217,7 +217,7 @@ def test_rows_wait_if_drawing_takes_more_than_its_share_of_a_core(
     asyncio.run(scenario())
 
 
-def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
+def test_port_events_of_a_file_are_reported_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
     feed.state = replace(feed.state, live=False)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -289,7 +289,7 @@ def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
     play(feed, scenario)
 
 
-def test_what_a_file_tells_of_its_ports_is_told_in_chinese(feed: Any, speed_rows: Rows) -> None:
+def test_port_events_of_a_file_are_shown_in_chinese(feed: Any, speed_rows: Rows) -> None:
     feed.state = replace(feed.state, live=False)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:

@@ -91,7 +91,7 @@ def test_the_cursor_stays_on_its_row_when_a_filter_comes_and_goes(feed: Any) -> 
     play(feed, scenario, rows=1000)
 
 
-def test_a_filter_that_hides_everything_says_so(feed: Any, speed_rows: Rows) -> None:
+def test_a_filter_that_hides_everything_is_named(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await settle(app, pilot)
         assert "nothing came yet" in page(app)
@@ -271,13 +271,13 @@ def test_a_goal_is_understood(text: str, goal: Goal) -> None:
 @pytest.mark.parametrize(
     "text", ["", "x", "24:00", "12:60", "12:00:61", "2s", "--1s", "1.5", "٣", "+1y"]
 )
-def test_what_is_no_goal_is_told_with_examples(text: str) -> None:
+def test_an_invalid_goal_is_reported_with_examples(text: str) -> None:
     with pytest.raises(InputTextError, match=r"1200.*12:00:03\.5.*-50ms"):
         parse_goal(text)
 
 
 @pytest.mark.parametrize("text", ["+5", "-50", "+0.5"])
-def test_a_distance_without_a_unit_is_told_with_units(text: str) -> None:
+def test_a_distance_without_a_unit_is_reported_with_units(text: str) -> None:
     with pytest.raises(InputTextError, match=re.escape(f"{text}s, {text}ms")):
         parse_goal(text)
 
@@ -499,9 +499,7 @@ async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
 
 
 @pytest.mark.parametrize("selecting", [False, True])
-def test_a_saved_recording_tells_what_is_not_in_it(
-    feed: Any, tmp_path: Path, selecting: bool
-) -> None:
+def test_a_saved_recording_names_its_gaps(feed: Any, tmp_path: Path, selecting: bool) -> None:
     """What was left out among the rows that are saved, and which of them the filter chose."""
     first, last = (
         Gap(GapKind.LEFT_OUT, 5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1)
@@ -620,9 +618,7 @@ def test_a_save_is_ended_by_esc_and_leaves_nothing(
     play(feed, scenario, (140, 24))
 
 
-def test_it_is_told_at_once_that_a_save_has_begun(
-    feed: Any, speed_rows: Rows, tmp_path: Path
-) -> None:
+def test_the_begin_of_a_save_is_shown_at_once(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
         await settle(app, pilot)

@@ -80,7 +80,7 @@ def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, wid
         ("C", ("enter Apply", "esc Back", "space Show"), "columns"),
     ],
 )
-def test_the_bottom_line_tells_the_keys_of_what_is_open(
+def test_the_bottom_line_shows_the_keys_of_the_open_page(
     feed: Any, opener: str, told: Sequence[str], words: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -225,7 +225,7 @@ def test_after_the_end_no_rate_is_shown_as_current() -> None:
         assert shown not in status_text(NUMBERS, width)
 
 
-def test_the_title_tells_how_many_rows_wait() -> None:
+def test_the_title_counts_the_waiting_rows() -> None:
     assert title_text(LIVE, Mode.PAUSED, 1234, 80).endswith(" PAUSED, 1,234 new ")
 
 
@@ -268,7 +268,7 @@ def test_the_numbers_stand_still_while_they_grow() -> None:
     assert len({line.index("malformed") for line in lines}) == 1
 
 
-def test_rows_that_came_too_fast_are_told() -> None:
+def test_rows_that_came_too_fast_are_reported() -> None:
     assert "7 line errors" in status_text(replace(NUMBERS, line_errors=7), 120)
     assert "7 too fast to show" in status_text(replace(NUMBERS, not_shown=7), 120)
 
@@ -324,7 +324,7 @@ class Telling:
         """Nothing goes on."""
 
 
-def test_line_errors_are_summed_from_what_the_ports_told() -> None:
+def test_line_errors_are_summed_from_port_events() -> None:
     first = PortEvent(1, "a", PortEventKind.LINE_ERROR, "2 framing", 2)
     second = PortEvent(2, "b", PortEventKind.LINE_ERROR, "3 break", 3)
     lost = PortEvent(3, "b", PortEventKind.OVERRUN, "900 bytes", 900)
@@ -337,7 +337,7 @@ def test_line_errors_are_summed_from_what_the_ports_told() -> None:
 WITHOUT_EVENT_LINES = StartOptions(choices=Choices(events=False), zone=UTC)
 
 
-def test_port_events_are_told_and_put_away(feed: Any) -> None:
+def test_port_events_are_shown_and_dismissed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.emit(PortEvent(0, "/dev/ttyUSB0", PortEventKind.LOST, "it was pulled out"))
         await settle(app, pilot)
@@ -368,7 +368,9 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
         (("t",), "row"),
     ],
 )
-def test_what_a_key_told_goes_with_the_next_key(feed: Any, keys: Sequence[str], told: str) -> None:
+def test_the_notice_of_a_key_ends_with_the_next_key(
+    feed: Any, keys: Sequence[str], told: str
+) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         notice = app.query_one(NoticeLine)
         await press(app, pilot, *(key.replace("at", "@") if key == "at" else key for key in keys))
@@ -428,9 +430,7 @@ def test_what_still_holds_comes_back_and_goes_when_it_holds_no_more(feed: Any) -
         PortEvent(0, "one", PortEventKind.LINE_ERROR, "2 framing", 2),
     ],
 )
-def test_a_graver_notice_is_told_at_once_and_then_what_a_key_did(
-    feed: Any, passing: PortEvent
-) -> None:
+def test_a_graver_notice_is_shown_before_the_answer_to_a_key(feed: Any, passing: PortEvent) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.emit(passing)
         await settle(app, pilot)
@@ -524,7 +524,7 @@ LONG = (
 
 
 @pytest.mark.parametrize("size", [(80, 24), (40, 20), (40, 12), (200, 60)])
-def test_a_long_notice_says_what_is_wrong_and_the_way_out(feed: Any, size: tuple[int, int]) -> None:
+def test_a_long_notice_keeps_the_mistake_and_the_fix(feed: Any, size: tuple[int, int]) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         app.query_one(NoticeLine).warn(LONG)
         await settle(app, pilot)

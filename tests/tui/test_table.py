@@ -149,7 +149,7 @@ def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
     )
 
 
-def test_a_suspect_row_says_why_in_words_at_eighty_cells(odd_rows: list[Row]) -> None:
+def test_a_suspect_row_names_its_faults_at_eighty_cells(odd_rows: list[Row]) -> None:
     suspect = next(row for row in odd_rows if row.status is Status.SUSPECT)
     assert painted(suspect, 79) == (
         "? 12:00:00.000 speed       reserved_nonzero M1 1 AA 01 01 00 01 00 00 07 00 EE "
@@ -177,7 +177,7 @@ def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
     assert short_values(row) in painted(row, 128)
 
 
-def test_ports_are_told_apart_by_their_ends() -> None:
+def test_ports_are_distinguished_by_their_ends() -> None:
     names = tuple(f"/home/ana/captures/run-{n}.mcap" for n in (1, 2))
     columns = layout_for(80, TableView(names)).columns
     [port] = [column for column in columns if column.name == "port"]
@@ -193,7 +193,7 @@ def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: li
     assert wide.count("AA 01 01 00 01 00 00 00 00 EF") == wide.count("bad_tail") == 1
 
 
-def test_of_long_damage_the_length_is_told(odd_rows: list[Row]) -> None:
+def test_long_damage_is_shown_by_its_length(odd_rows: list[Row]) -> None:
     assert "1024 bytes" in painted(odd_rows[5], 110)
 
 
@@ -210,7 +210,7 @@ def test_damaged_rows_name_their_fault_at_every_width(odd_rows: list[Row], width
         assert any(row.faults[0][:8] in part for part in text.split()), text
 
 
-def test_the_head_says_where_there_is_more() -> None:
+def test_the_head_shows_on_which_side_there_are_more_columns() -> None:
     def head(hidden: int) -> str:
         return Painter(layout_for(79, TableView()), DARK, 79, hidden).head(Style.null()).text
 
@@ -223,9 +223,7 @@ def test_the_head_says_where_there_is_more() -> None:
 
 
 @given(ANY_ROW, st.integers(0, 240), st.integers(0, 6))
-def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
-    row: Row, width: int, hidden: int
-) -> None:
+def test_a_cell_at_the_edge_is_whole_or_marked_as_cut(row: Row, width: int, hidden: int) -> None:
     seen = layout_for(width, TableView()).without(hidden).within(width)
     assert seen.width <= max(width, 1)
     values = {**record(row), VALUES: short_values(row), DELTA: row.t_ns}
@@ -251,7 +249,7 @@ def test_an_offset_is_never_another_number(width: int, offset: str) -> None:
         ("AA0204000000000807EE", " "),
     ],
 )
-def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str, sign: str) -> None:
+def test_a_sound_frame_with_raised_flags_has_a_sign(raw: str, sign: str) -> None:
     row = Frame("p", 0, bytes.fromhex(raw), 1)
     assert painted(row, 80)[0] == sign
     assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
@@ -280,7 +278,7 @@ def test_the_clock_is_utc() -> None:
     assert clock_text(1_769_860_800_123_456_789, 9) == "12:00:00.123456789"
 
 
-def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_means() -> None:
+def test_a_row_whose_order_is_not_certain_has_a_sign_that_the_pane_explains() -> None:
     row = Frame("p", 0, bytes.fromhex("AA0000000000000000EE"), 1, order_uncertain=True)
     assert painted(row, 80)[0] == ORDER_MARK
     assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == LOOKS[Status.SUSPECT].mark
@@ -300,13 +298,13 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
         (3, "M2 -863 -863"),
     ],
 )
-def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) -> None:
+def test_values_have_the_longest_form_that_fits(width: int, text: str) -> None:
     raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
     assert short_values(Frame("p", 0, raw, None), width) == text
 
 
 @given(KIND_FRAMES, st.integers(0, 60))
-def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int) -> None:
+def test_values_are_found_in_every_form(row: Frame, width: int) -> None:
     assert row.kind is not None
     text = short_values(row, width)
     short = short_kind(row.kind.name, max(width, 11))
@@ -318,7 +316,7 @@ def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int)
     ("width", "text"),
     [(17, "position_feedback"), (11, "position fb"), (8, "posit fb"), (3, " fb"), (0, "")],
 )
-def test_a_kind_that_is_cut_still_says_that_it_is_feedback(width: int, text: str) -> None:
+def test_a_kind_that_is_cut_is_still_marked_as_feedback(width: int, text: str) -> None:
     assert short_kind("position_feedback", width) == text
     assert short_kind("position", 6) == "posit…"
 
@@ -362,7 +360,7 @@ def test_short_port_names_fit_and_are_not_alike(names: list[str], width: int) ->
         (["COM7"], 12, ["COM7"]),
     ],
 )
-def test_port_names_keep_what_tells_them_apart(
+def test_port_names_keep_the_part_that_differs(
     names: list[str], width: int, short: list[str]
 ) -> None:
     assert list(short_names(names, width).values()) == short

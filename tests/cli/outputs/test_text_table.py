@@ -25,7 +25,7 @@ def tables(draw: st.DrawFn) -> list[list[str]]:
 
 
 @given(tables())
-def test_without_a_width_everything_is_told(lines: list[list[str]]) -> None:
+def test_without_a_width_nothing_is_cut(lines: list[list[str]]) -> None:
     told = [text.plain for text in table_of(lines).lines(None)]
     assert len(told) == len(lines)
     for text, cells in zip(told, lines, strict=True):

@@ -325,7 +325,7 @@ NOTHING = {
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_a_text_without_frames_is_refused_and_says_what_was_looked_for(name: str) -> None:
+def test_a_text_without_frames_is_refused_with_the_known_forms(name: str) -> None:
     with pytest.raises(FteSniffError, match=r"no frames found in [\d,]+ lines, in any form"):
         rows_of(NOTHING[name].encode())
 

@@ -232,7 +232,7 @@ def test_a_time_before_1970_is_that_of_1970() -> None:
     assert times_of(text) == [0] * 5
 
 
-def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
+def test_a_head_holds_for_the_lines_below_it() -> None:
     head = "[2026-01-31 10:00:0{}.5]# RECV HEX>"
     text = "".join(f"{head.format(second)}\n{BYTES}\n" for second in range(2))
     assert [(time or "")[17:21] for time in times_of(text)] == ["00.5", "01.5"]

@@ -230,7 +230,7 @@ See docs/reference/protocol.md, "Why frames are hard to find".
 """
 
 
-def test_the_undecidable_stream_says_so() -> None:
+def test_the_undecidable_stream_is_marked() -> None:
     framer = Framer("p")
     rows = framer.feed(Chunk("p", None, UNDECIDABLE * 30)) + framer.flush()
     assert len(rows) == 30
@@ -315,7 +315,7 @@ def test_what_is_both_one_frame_and_two_truncated_ones_is_read_by_what_is_before
     assert told(b"\x00\x00" + TWO_READINGS) == [(6, (Fault.NOISE,)), (6, (Fault.TRUNCATED,))]
 
 
-def test_silence_tells_one_frame_from_two_truncated_ones() -> None:
+def test_silence_distinguishes_one_frame_from_two_truncated_ones() -> None:
     framer = Framer("p")
     rows = framer.feed(Chunk("p", 10**18, b"\x00\x00"))
     rows += framer.feed(Chunk("p", 10**18 + 25_000_000, TWO_READINGS)) + framer.flush()
@@ -332,7 +332,7 @@ def test_endless_stubs_of_frames_become_noise(unit: str) -> None:
     assert len(rows) < 10
 
 
-def test_stubs_are_told_again_after_a_frame() -> None:
+def test_stubs_are_recognized_again_after_a_frame() -> None:
     framer = Framer("p")
     stub, frame = bytes.fromhex("55 02"), bytes.fromhex(SPEED)
     rows = framer.feed(Chunk("p", None, (frame * 3 + stub) * 8 + frame * 3)) + framer.flush()

@@ -91,7 +91,7 @@ def _never_clear(line: Oracle) -> set[str]:
 
 @for_each_line
 @pytest.mark.parametrize("name", OF_A_FRAME)
-def test_a_frame_has_the_shape_that_is_said(name: str, line: Oracle) -> None:
+def test_a_frame_has_the_stated_shape(name: str, line: Oracle) -> None:
     has, pattern = OF_A_FRAME[name], _pattern(line, name)
     answers: Counter[tuple[str, bool]] = Counter()
 
@@ -179,7 +179,7 @@ NOTHING_TO_LEARN = bytes([tables.EXACT]) * len(KINDS)
 
 @for_each_line
 @pytest.mark.parametrize("name", RUNS)
-def test_a_run_ends_where_it_is_said(name: str, line: Oracle) -> None:
+def test_a_run_ends_at_the_stated_offset(name: str, line: Oracle) -> None:
     calm, pattern = RUNS[name], _pattern(line, f"{name}_run")
     lengths: Counter[int] = Counter()
 
@@ -223,7 +223,7 @@ def test_a_run_has_one_frame_after_the_first_that_can_teach() -> None:
     assert run(speed * 3 + reset[:9]) == (30, -1)
 
 
-def test_a_payload_divides_a_frame_where_it_is_said() -> None:
+def test_a_payload_divides_a_frame_at_the_stated_offset() -> None:
     answers: Counter[tuple[bool, bool]] = Counter()
 
     def same(data: bytes) -> None:

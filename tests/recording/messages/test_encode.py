@@ -94,7 +94,7 @@ def test_each_message_of_a_batch_has_the_bytes_that_protobuf_makes(
             assert (batch.channels[number], batch.times[number]) == (channel, time)
 
 
-def test_sequence_numbers_wrap_as_the_format_says() -> None:
+def test_sequence_numbers_wrap_as_in_the_format() -> None:
     packer = ColumnPacker(lambda _port, _topic: 1)
     packer._sequences[1] = 2**32 - 1
     kinds = (PortEventKind.OPENED, PortEventKind.CLOSED)

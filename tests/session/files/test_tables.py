@@ -54,7 +54,7 @@ def _without_facts(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
-def test_a_table_says_what_the_rows_say(path: Path) -> None:
+def test_a_table_has_the_values_of_the_rows(path: Path) -> None:
     frame = fte_sniff.read(path)
     assert frame.schema == TABLE_SCHEMA
     assert _records(frame) == [record(row) for row in _rows(path)]
@@ -179,7 +179,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
         ("text.mcap", "is not an MCAP recording"),
     ],
 )
-def test_what_cannot_be_read_is_told_at_once(tmp_path: Path, name: str, told: str) -> None:
+def test_an_unreadable_file_is_reported_at_once(tmp_path: Path, name: str, told: str) -> None:
     if name == "text.mcap":
         (tmp_path / name).write_text("AA 01 and so on")
     for use in (fte_sniff.scan, fte_sniff.read):
@@ -199,7 +199,7 @@ def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
     assert fte_sniff.scan(path).collect().height == 0
 
 
-def test_a_damaged_recording_is_read_with_a_warning_that_says_what_is_lost(tmp_path: Path) -> None:
+def test_a_damaged_recording_is_read_with_a_warning_that_names_the_loss(tmp_path: Path) -> None:
     whole = (SAMPLES / "clean.mcap").read_bytes()
     cut, flipped = tmp_path / "cut.mcap", tmp_path / "flipped.mcap"
     cut.write_bytes(whole[: len(whole) // 2])
