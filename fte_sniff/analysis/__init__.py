@@ -11,6 +11,7 @@ Modules:
     landmarks     Port events and gaps between rows; where faults and flags are.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
+    model         What all models share: observe, merge, copy.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
     relations     Streams of frames, and what changed between them; commands and their answers.
@@ -20,7 +21,7 @@ Modules:
     series        Numbers over time in windows, by group: totals, extremes, last values.
     statistics    Statistics of ports, streams and faults.
     summary       Statistics of all rows of one or more inputs.
-    tally         Counts of rows by port and faults; RowModel.
+    tally         Counts of rows by port and faults.
     time_text     Times and durations that a user types.
     timeline      Commands, feedback, flags and faults over time, for reports.
     traces        Targets and feedback of the motors over time, for plots.

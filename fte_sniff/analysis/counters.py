@@ -16,6 +16,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from fte_sniff.analysis.model import Model
 from fte_sniff.protocol.rows import Ints
 
 PER_OCTAVE: Final = 1024
@@ -23,7 +24,7 @@ PER_OCTAVE: Final = 1024
 _Floats: TypeAlias = npt.NDArray[np.float64]
 
 
-class Durations:
+class Durations(Model):
     """Histogram of durations, 0 ns or longer."""
 
     def __init__(self) -> None:
@@ -129,14 +130,14 @@ RATE_WINDOW_NS: Final = 2_000_000_000
 """Window of a rate, nanoseconds."""
 
 
-class RecentValues:
+class RecentValues(Model):
     """Ring buffer of the latest values."""
 
     def __init__(self, size: int = RECENT) -> None:
         """`size` is at least 1."""
         self._size = size
         self.values: npt.NDArray[np.int64] = np.empty(0, np.int64)
-        """The latest last; never changed in place, so that copies may share it."""
+        """The latest last."""
 
     def update(self, values: npt.NDArray[np.int64]) -> None:
         """Append values."""

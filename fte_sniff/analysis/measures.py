@@ -10,7 +10,6 @@ import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, NamedTuple, Self
@@ -18,6 +17,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
+from fte_sniff.analysis.model import Ends, Model
 from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, MOTORS, Direction
@@ -133,7 +133,7 @@ class RowPosition(NamedTuple):
     """The input's name, text from outside; empty during a capture."""
 
 
-class _FirstRows:
+class _FirstRows(Model):
     """The first rows by time, at most `most`."""
 
     def __init__(self, most: int) -> None:
@@ -173,7 +173,7 @@ class _FirstRows:
         return self._rows[-1] if self._rows and len(self._rows) == self._most else None
 
 
-class Measure(ABC):
+class Measure(Model, ABC):
     """One measure of the rows so far."""
 
     def __init__(self, rule: Rule) -> None:
@@ -218,7 +218,7 @@ class Measure(ABC):
     def value(self, total: RowCount) -> float | None:
         """The measure, in its unit; None if it has no value. `total` counts all rows."""
 
-    def interrupt(self, port_lost: bool | None = None) -> None:  # noqa: B027
+    def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here; see `Gap.port_lost`."""
 
     @property
@@ -348,8 +348,8 @@ def _numbers(rows: Rows, name: str) -> tuple[Array, Bools]:
     return values, np.ones(len(rows), np.bool_) if known is None else known
 
 
-@dataclass(slots=True)
-class _Run:
+@dataclass
+class _Run(Model):
     """Rows with times without a gap between them."""
 
     start: RowPosition
@@ -450,15 +450,14 @@ class _MaxGap(Measure):
         if not later._opens:
             self.interrupt()
         for number, run in enumerate(later._runs):
-            self._append(run, continues=self._continues and not number)
+            self._append(run.copy(), continues=self._continues and not number)
         if later._runs:
             self._continues = later._continues
         self._port_lost = later._port_lost
 
     def _whole(self) -> _MaxGap:
         """With the runs at both ends, as no rows precede and follow."""
-        whole = copy(self)
-        whole._first = copy(self._first)
+        whole = self.copy()
         for run in self._runs:
             whole._measure_edges(run)
         return whole
@@ -587,11 +586,8 @@ class _OnlineShare(Measure):
         self._motor = int(rule.argument)
         self._own = self._frames = self._frames_on = 0
         self._known_ns = self._on_ns = 0
-        self._interrupted = False
-        self._first_bit: tuple[int, bool] | None = None
-        """Time and bit of the first feedback, if no gap is before it."""
-        self._last_bit: tuple[int, bool] | None = None
-        """Time and bit of the last feedback, if no gap is after it."""
+        self._ends = Ends[tuple[int, bool]]()
+        """Time and bit of the first and the last feedback."""
 
     def _least_violating(self) -> int:
         return int(self._too_small[0] > -math.inf)
@@ -609,34 +605,27 @@ class _OnlineShare(Measure):
         t_ns, bits = rows.t_ns[feedback][timed], bits[timed]
         if not len(t_ns):
             return
-        first, last = (int(t_ns[0]), bool(bits[0])), (int(t_ns[-1]), bool(bits[-1]))
-        self._continue(first)
+        first, last = ((int(t_ns[at]), bool(bits[at])) for at in (0, -1))
+        if (before := self._ends.append(first, last)) is not None:
+            self._hold(before, first)
         held_ns = np.maximum(np.diff(t_ns), 0)
         self._known_ns += int(held_ns.sum())
         self._on_ns += int(held_ns[bits[:-1]].sum())
-        self._last_bit = last
 
-    def _continue(self, first: tuple[int, bool] | None) -> None:
-        """Feedback follows, without a gap before it."""
-        if first is None:
-            return
-        if self._last_bit is not None:
-            held_ns = max(first[0] - self._last_bit[0], 0)
-            self._known_ns += held_ns
-            self._on_ns += held_ns * self._last_bit[1]
-        if self._first_bit is None and not self._interrupted:
-            self._first_bit = first
+    def _hold(self, before: tuple[int, bool], after: tuple[int, bool]) -> None:
+        """A bit held until the next feedback."""
+        held_ns = max(after[0] - before[0], 0)
+        self._known_ns += held_ns
+        self._on_ns += held_ns * before[1]
 
     def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here: what the motor was until the next one is unknown."""
-        self._last_bit, self._interrupted = None, True
+        self._ends.interrupt()
 
     def merge(self, later: Self) -> None:
         super().merge(later)
-        self._continue(later._first_bit)
-        if later._interrupted:
-            self.interrupt()
-        self._last_bit = later._last_bit or self._last_bit
+        if (adjacent := self._ends.merge(later._ends)) is not None:
+            self._hold(*adjacent)
         self._own += later._own
         self._frames += later._frames
         self._frames_on += later._frames_on

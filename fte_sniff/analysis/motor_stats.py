@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations, extent
+from fte_sniff.analysis.model import Ends, Model
 from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
@@ -17,8 +18,8 @@ from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
 
 
-@dataclass(slots=True)
-class FlagStats:
+@dataclass
+class FlagStats(Model):
     """The flags of one motor."""
 
     motor: int
@@ -37,26 +38,20 @@ class FlagStats:
         self.times_lost += other.times_lost
 
 
-class FlagCounts:
+class FlagCounts(Model):
     """The flags of all motors so far."""
 
     def __init__(self) -> None:
         self._motors = {number: FlagStats(number) for number in MOTORS}
-        self._first_online: int | None = None
-        self._online: int | None = None
-        """The ONLINE byte of the last feedback."""
+        self._online = Ends[int]()
+        """The ONLINE bytes of the first and the last feedback."""
 
     def merge(self, later: FlagCounts) -> None:
         """Add the flags of the rows that follow."""
-        lost = (self._online or 0) & ~(later._first_online or 0)
+        before, after = self._online.merge(later._online) or (0, 0)
         for number, motor in self._motors.items():
             motor.merge(later._motors[number])
-            if later._first_online is not None:
-                motor.times_lost += lost >> motor_bit(number) & 1
-        if self._first_online is None:
-            self._first_online = later._first_online
-        if later._online is not None:
-            self._online = later._online
+            motor.times_lost += (before & ~after) >> motor_bit(number) & 1
 
     def observe(self, rows: Rows, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
@@ -74,9 +69,8 @@ class FlagCounts:
                 _count(motor.error_bits.setdefault(bit, RowCount()), t_ns[having])
 
     def _count_online(self, online: Ints, t_ns: Ints) -> None:
-        if self._first_online is None:
-            self._first_online = int(online[0])
-        before = online[0] if self._online is None else self._online
+        before = self._online.append(int(online[0]), int(online[-1]))
+        before = int(online[0]) if before is None else before
         lost = np.concatenate(([before], online[:-1])) & ~online
         always = int(np.bitwise_and.reduce(online))
         for number, motor in self._motors.items():
@@ -84,7 +78,6 @@ class FlagCounts:
             if not always >> bit & 1:
                 _count(motor.offline, t_ns[(online >> bit & 1) == 0])
                 motor.times_lost += int((lost >> bit & 1).sum())
-        self._online = int(online[-1])
 
     def stats(self) -> list[FlagStats]:
         """By motor."""
@@ -151,8 +144,8 @@ def from_to(first_ns: int, last_ns: int | None, time_text: TimeText) -> str:
     return TranslatableText("{start} to {end}", start=time_text(first_ns), end=time_text(last_ns))
 
 
-@dataclass(slots=True)
-class AnswerStats:
+@dataclass
+class AnswerStats(Model):
     """The commands to one motor, and their answers."""
 
     motor: int
@@ -170,7 +163,7 @@ class AnswerStats:
         return self.commands - self.pairing.answered - self.pairing.unanswered
 
 
-class Answers:
+class Answers(Model):
     """The commands and answers of all motors so far."""
 
     def __init__(self) -> None:

@@ -7,14 +7,14 @@ any row can be computed from an earlier copy and the rows between.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
+from fte_sniff.analysis.model import Model
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
 from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NUM_OFFSET, Role
@@ -100,30 +100,6 @@ def _frames(cmds_and_times: Sequence[tuple[int, int]], after: int = 0) -> MotorF
     return MotorFrames(np.arange(len(columns)) + after, columns[:, 0], columns[:, 1])
 
 
-class _Copyable:
-    """A model that can be copied; what never changes in place is shared by the copies."""
-
-    def copy(self) -> Self:
-        """An independent copy."""
-        other = copy(self)
-        for name, value in vars(self).items():
-            setattr(other, name, _copied(value))
-        return other
-
-
-def _copied(value: object) -> object:
-    match value:
-        case _Copyable():
-            return value.copy()
-        case RecentValues():
-            return copy(value)
-        case dict():
-            return {key: _copied(one) for key, one in value.items()}
-        case list():
-            return [_copied(one) for one in value]
-    return value
-
-
 _COMMAND: Final = "command"
 _GAP: Final = "gap"
 
@@ -150,7 +126,7 @@ class DecidedCommands:
 _NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE)
 
 
-class Pairing(_Copyable):
+class Pairing(Model):
     """Matches the commands to one motor with its feedback.
 
     The answer of a command is the first feedback with the same CMD before the next command and the
@@ -355,7 +331,7 @@ class AnsweredCommands:
     """Median of the latest answer times."""
 
 
-class _Answers(_Copyable):
+class _Answers(Model):
     def __init__(self) -> None:
         self._answered = self._unanswered = 0
         self._delays = RecentValues()
@@ -409,7 +385,7 @@ class MotorState:
     """By CMD of the commands, without those that never came."""
 
 
-class _FlagByte(_Copyable):
+class _FlagByte(Model):
     def __init__(self) -> None:
         self.byte: int | None = None
         self._changed: list[int | None] = [None for _ in BITS]
@@ -437,7 +413,7 @@ _SUBJECTS: Final = [
 ]
 
 
-class _Motor(_Copyable):
+class _Motor(Model):
     def __init__(self, number: int) -> None:
         self.number = number
         self.commands = self.feedback = 0
@@ -523,7 +499,7 @@ class _Motor(_Copyable):
         )
 
 
-class Motors(_Copyable):
+class Motors(Model):
     """Models of all motors."""
 
     def __init__(self) -> None:

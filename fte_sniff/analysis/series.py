@@ -11,7 +11,6 @@ gives the series of a single pass, however the rows were divided between them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple, Self, TypeAlias
@@ -19,6 +18,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from fte_sniff.analysis.model import Model
 from fte_sniff.protocol.rows import Ints
 
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -72,7 +72,7 @@ class EnvelopeColumns:
     last: Floats
 
 
-class _Level:
+class _Level(Model):
     """The latest windows of one duration."""
 
     def __init__(self, window_ns: int, keep: Sequence[Keep], first: int = 0) -> None:
@@ -92,11 +92,6 @@ class _Level:
     def end(self) -> int:
         """The number after that of the last window."""
         return self.first + self.shape[1]
-
-    def copy(self) -> _Level:
-        other = copy(self)
-        other.kept = {keep: kept.copy() for keep, kept in self.kept.items()}
-        return other
 
     def spanned(self, first_ns: int, last_ns: int) -> range:
         """The windows with which this level would cover another span too."""
@@ -150,7 +145,7 @@ class _Level:
         return found
 
 
-class Series:
+class Series(Model):
     """Numbers over time by group (0, 1, ...), all groups in the same windows."""
 
     def __init__(
@@ -202,20 +197,15 @@ class Series:
         """
         if later.first_ns is None or later.last_ns is None:
             return
-        own = np.arange(later._levels[0].shape[0]) if groups is None else np.array(groups)
+        known = later._levels[0].shape[0]
+        own = np.arange(known) if groups is None else np.array(groups[:known])
         while len(self._levels) < len(later._levels):
             self._lengthen()
         while self._levels[-1].window_ns < later._levels[-1].window_ns:
             self._lengthen()
-        self._cover(later.first_ns, later.last_ns, int(own.max(initial=-1)) + 1)
+        self._cover(later.first_ns, later.last_ns, int(own.max()) + 1)
         for number, level in enumerate(self._levels):
             level.include(later._levels[min(number, len(later._levels) - 1)], own)
-
-    def copy(self) -> Self:
-        """An independent copy."""
-        other = copy(self)
-        other._levels = [level.copy() for level in self._levels]
-        return other
 
     def _cover(self, first_ns: int, last_ns: int, groups: int) -> None:
         """Make room for values of a span; windows at its start may remain uncovered."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.counters import Durations, RecentValues
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.model import Ends, Model, RowModel
 from fte_sniff.analysis.relations import (
     KEYS_PER_PORT,
     NO_STREAM,
@@ -64,8 +65,8 @@ class LineSetup:
 DEFAULT_SETUP: Final = LineSetup()
 
 
-@dataclass(slots=True)
-class EventStats:
+@dataclass
+class EventStats(Model):
     """The events of one kind on a port, such as line errors."""
 
     kind: PortEventKind
@@ -83,7 +84,7 @@ class EventStats:
         self.last_ns = later.last_ns
 
 
-class PortStats:
+class PortStats(Model):
     """Statistics of one port so far."""
 
     def __init__(self, port: str, baud: int, *, interrupted: bool = False) -> None:
@@ -240,18 +241,15 @@ class StreamStats:
         return None if low is None or high is None else high - low
 
 
-class _Stream:
+class _Stream(Model):
     def __init__(self, *, interrupted: bool) -> None:
         """`interrupted` is whether frames are missing before the first one."""
-        self._interrupted = interrupted
-        self._first_ns: int | None = None
-        """Time of the first frame, unless a gap is before it."""
         self.count = 0
         self.periods = Durations()
         self.recent = RecentValues()
         self.ranges: dict[str, tuple[int, int]] = {}
-        self._last_ns: int | None = None
-        """Time of the frame before, unless a gap is after it."""
+        self._ends = Ends[int](interrupted=interrupted)
+        """Times of the first and the last frame."""
         self._measured = self._measured_ns = 0
         self.latest: tuple[bytes, ...] = ()
         self.last_ns: int | None = None
@@ -264,15 +262,15 @@ class _Stream:
         t_ns = t_ns[t_ns != NO_TIME]
         if not len(t_ns):
             return
-        if self._first_ns is None and not self._interrupted:
-            self._first_ns = int(t_ns[0])
-        times = t_ns if self._last_ns is None else np.concatenate(([self._last_ns], t_ns))
+        before = self._ends.append(int(t_ns[0]), int(t_ns[-1]))
+        self._measure(t_ns if before is None else np.concatenate(([before], t_ns)))
+        self.recent.update(t_ns)
+
+    def _measure(self, times: Ints) -> None:
         periods, ends = np.diff(times), times[1:]
         self.periods.update(periods[periods >= 0], ends[periods >= 0])
         self._measured += len(periods)
         self._measured_ns += int(periods.sum())
-        self._last_ns = int(t_ns[-1])
-        self.recent.update(t_ns)
 
     def update_range(self, name: str, low: int, high: int) -> None:
         if name in self.ranges:
@@ -281,22 +279,15 @@ class _Stream:
 
     def interrupt(self) -> None:
         """Frames are missing here: no period and no rate spans the gap."""
-        self._last_ns, self.recent, self._interrupted = None, RecentValues(), True
+        self._ends.interrupt()
+        self.recent = RecentValues()
 
     def merge(self, later: _Stream) -> None:
         """Add the frames that follow."""
-        first_ns = later._first_ns
-        if first_ns is not None and self._last_ns is not None:
-            period = np.array([first_ns - self._last_ns])
-            self.periods.update(period[period >= 0], np.array([first_ns])[period >= 0])
-            self._measured += 1
-            self._measured_ns += int(period[0])
-        if not self._interrupted and self._first_ns is None:
-            self._first_ns = first_ns
-        if later._interrupted:
-            self.interrupt()
-        if later._last_ns is not None:
-            self._last_ns = later._last_ns
+        if later._ends.interrupted:
+            self.recent = RecentValues()
+        if (adjacent := self._ends.merge(later._ends)) is not None:
+            self._measure(np.array(adjacent))
         self.recent.merge(later.recent)
         self.latest, self.last_ns = (*later.latest, *self.latest)[:2], later.last_ns
         self.count += later.count
@@ -323,7 +314,7 @@ def _ranges(
     return found
 
 
-class Streams:
+class Streams(Model):
     """The streams so far, by port and number of the stream."""
 
     def __init__(self) -> None:
@@ -417,7 +408,7 @@ class FaultStats:
     """Rows with the fault that have a time."""
 
 
-class Statistics:
+class Statistics(RowModel):
     """Statistics of all rows so far."""
 
     def __init__(self, setup: LineSetup) -> None:
@@ -430,16 +421,13 @@ class Statistics:
             Series(shortest_ns=SHORTEST_NS, windows=WINDOWS) for _ in range(2)
         )
 
-    def observe(self, rows: Rows) -> None:
-        """Add the next rows."""
-        if not len(rows):
-            return
+    def _observe(self, rows: Rows) -> None:
         self._observe_ports(rows)
         self._streams.update(rows)
         self._observe_faults(rows)
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
-        """Add events of ports."""
+        """Count port events."""
         for event in events:
             self._port(event.port).on_event(event)
 
@@ -453,7 +441,7 @@ class Statistics:
                 if change.port in (None, name):
                     port.interrupt()
 
-    def merge(self, later: Statistics) -> None:
+    def merge(self, later: Self) -> None:
         """Add the statistics of the rows that follow, as if they had been observed here.
 
         Each port must begin there with the baud that it has here.

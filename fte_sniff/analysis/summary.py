@@ -8,16 +8,17 @@ from itertools import pairwise
 from typing import Self
 
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.model import Model, RowModel
 from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import LineSetup, Statistics
-from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, PortEvent
 from fte_sniff.protocol.rows import Rows
 
 
-@dataclass(frozen=True, slots=True)
-class RowSource:
+@dataclass
+class RowSource(Model):
     """One input."""
 
     name: str
@@ -41,7 +42,8 @@ class StatisticsSummary(RowModel):
         """Start the next input."""
         self.sources.append(RowSource(name))
 
-    def _observe_events(self, events: Sequence[PortEvent]) -> None:
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Count port events."""
         self.statistics.observe_events(events)
 
     def observe_change(self, change: Gap | BaudChange) -> None:

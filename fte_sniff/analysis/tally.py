@@ -1,24 +1,20 @@
-"""Counts of rows by port and fault; the base of models that can merge.
+"""Counts of rows by port and fault.
 
 Not part of `counters`, so that commands count the rows of a short log without loading numpy.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self
 
-from fte_sniff.protocol import Fault, Gap, PortEvent, Rows, Status, status_of
+from fte_sniff.analysis.model import Model
+from fte_sniff.protocol import Fault, Rows, Status, status_of
 from fte_sniff.protocol.rows import NO_TIME
 
-if TYPE_CHECKING:
-    from fte_sniff.analysis.feed import BaudChange, StreamChange
 
-
-@dataclass(slots=True)
-class RowCount:
+@dataclass
+class RowCount(Model):
     """Number of rows and bytes, and the range of their times."""
 
     rows: int = 0
@@ -59,46 +55,7 @@ class RowCount:
         return None if self.times is None else self.times[1] - self.times[0]
 
 
-class RowModel(ABC):
-    """What counts consecutive rows, and those of another model that counted the rows after them."""
-
-    def begin(self, name: str) -> None:  # noqa: B027
-        """Start the next input."""
-
-    def observe(
-        self,
-        rows: Rows,
-        events: Sequence[PortEvent] = (),
-        changes: Sequence[StreamChange] = (),
-    ) -> None:
-        """Add the next rows, and the port events and changes among them."""
-        start = 0
-        for change in changes:
-            if change.index > start:
-                self._observe(rows[start : change.index])
-            self.observe_change(change.what)
-            start = change.index
-        if len(rows) > start:
-            self._observe(rows[start:])
-        self._observe_events(events)
-
-    @abstractmethod
-    def _observe(self, rows: Rows) -> None:
-        """Add rows, at least one."""
-
-    def _observe_events(self, events: Sequence[PortEvent]) -> None:  # noqa: B027
-        """Add port events."""
-
-    @abstractmethod
-    def observe_change(self, change: Gap | BaudChange) -> None:
-        """Apply a change before the next rows."""
-
-    @abstractmethod
-    def merge(self, later: Self) -> None:
-        """Add the rows that follow, as if they had been observed here."""
-
-
-@dataclass(slots=True)
+@dataclass
 class Tally(RowCount):
     """Counts of rows by port and faults; its own count is that of all rows."""
 

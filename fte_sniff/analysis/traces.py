@@ -6,6 +6,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from fte_sniff.analysis.model import Model
 from fte_sniff.analysis.series import EnvelopeColumns, Keep, Series
 from fte_sniff.protocol import KINDS, MOTORS, Direction
 from fte_sniff.protocol.rows import Bools, Rows
@@ -49,7 +50,7 @@ _KINDS_TO_ALL: Final = [
 ]
 
 
-class Traces:
+class Traces(Model):
     """Commands and feedback of every motor over time; rows without a time are ignored."""
 
     def __init__(self) -> None:

@@ -14,7 +14,8 @@ from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.measures import RowPosition, Rule
-from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.analysis.model import RowModel
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows

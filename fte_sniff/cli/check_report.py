@@ -79,7 +79,8 @@ def verdict_lines(
     for one in verdicts:
         expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
         cells = [printable(one.rule.name), measured_text(one), expected, _word(one)]
-        table.append(cells, LOOKS[_STATUS[one.result]].style, "! " if one.refuses else "  ")
+        mark = f"{LOOKS[Status.MALFORMED if one.refuses else Status.OK].mark} "
+        table.append(cells, LOOKS[_STATUS[one.result]].style, mark)
     head, *lines = table.lines(width)
     yield head
     for one, line in zip(verdicts, lines, strict=True):

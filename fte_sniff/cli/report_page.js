@@ -229,8 +229,8 @@
         drawnLine(`${plot.name}-target`, target, plot.limits, others.concat(gaps), true),
         drawnLine(`${plot.name}-actual`, actual, plot.limits, gaps.concat(silences(actual)), false),
       ],
-      error: intervals(errors[plot.motor - 1], 0),
-      offline: intervals(online[plot.motor - 1], 1),
+      error: intervals(errors[plot.number - 1], 0),
+      offline: intervals(online[plot.number - 1], 1),
       times,
     };
   });

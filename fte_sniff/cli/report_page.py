@@ -296,7 +296,7 @@ class _Plots:
         feedback = [one for one in traces if one not in commands and one.field == name]
         self.meta.append({
             "name": plot,
-            "motor": motor,
+            "number": motor,
             "target": self._numbered(targets),
             "others": self._numbered(others),
             "actual": self._numbered(feedback),

@@ -26,7 +26,7 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.session.stats_json import COUNTED, line_use
+from fte_sniff.session.stats_json import COUNTED, MOTOR, line_use
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerStats
@@ -96,7 +96,7 @@ STREAM: Final = "kind and motor"
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _MARKED: Final = "  "
 _DAY_NS: Final = 86_400 * 1_000_000_000
-_WORRY: Final = LOOKS[Status.MALFORMED].style
+_WORRY: Final = LOOKS[Status.MALFORMED]
 
 
 def report_lines(
@@ -278,7 +278,7 @@ def _stream_name(stream: StreamStats) -> str:
 
 def _motors(summary: StatisticsSummary) -> TextTable:
     heads = ["commands", "feedback", "answered", "unanswered", "neither"]
-    table = TextTable(["motor", *heads, "delay", "99 %", "longest"])
+    table = TextTable([MOTOR, *heads, "delay", "99 %", "longest"])
     for one in summary.answers.stats():
         table.append([str(one.motor), *_answers(one, summary)])
     return table
@@ -305,7 +305,7 @@ def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
     if not any(one.feedback for one in summary.answers.stats()):
         return
     warnings = list(flag_texts(summary.flags.stats(), when, in_order=summary.in_order))
-    yield from (Text(f"! {words}", _WORRY) for words in warnings)
+    yield from (Text(f"{_WORRY.mark} {words}", _WORRY.style) for words in warnings)
     if not warnings:
         yield Text(FLAGS_IN_ORDER)
 

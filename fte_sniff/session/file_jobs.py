@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from fte_sniff.analysis.feed import BaudChange, StreamChange
-from fte_sniff.analysis.tally import RowModel
+from fte_sniff.analysis.model import RowModel
 from fte_sniff.errors import FileError, FteSniffError, RecordingWarning, printable
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.input_reading import ANOTHER, InputReading, ReadingCounts

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 VERSION = 1
 
+MOTOR = "motor"
+"""The key of a motor's number."""
+
 COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
 """Port events whose count means errors or bytes."""
 
@@ -120,7 +123,7 @@ def _event(event: EventStats) -> Json:
 def _stream(stream: StreamStats) -> Json:
     return {
         "kind": stream.kind.name,
-        "motor": stream.motor,
+        MOTOR: stream.motor,
         "frames": stream.count,
         "frames_per_s": stream.per_s,
         "period": _durations(stream.periods),
@@ -137,7 +140,7 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
         return number if in_order else None
 
     return {
-        "motor": answers.motor,
+        MOTOR: answers.motor,
         "commands": answers.commands,
         "feedback": answers.feedback,
         "answered": known(answers.pairing.answered),

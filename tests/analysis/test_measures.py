@@ -64,6 +64,10 @@ def test_any_pieces_of_a_capture_give_the_verdicts_of_a_single_pass(
         merged.merge(pickle.loads(pickle.dumps(part)))
     assert merged.verdicts() == whole.verdicts()
     assert state_of(merged._measures) == state_of(whole._measures)
+    copied = whole.copy()
+    copied.merge(merged)
+    observe(copied, steps)
+    assert state_of(merged._measures) == state_of(whole._measures)
 
 
 def measured(steps: Sequence[Step], text: str) -> float | None:

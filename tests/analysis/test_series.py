@@ -144,7 +144,7 @@ def test_groups_can_get_other_numbers_when_they_merge() -> None:
     series, later = Series(shortest_ns=10), Series(shortest_ns=10)
     series.observe(np.array([5, 25]), group=0)
     later.observe(np.array([15, 25, 25]), np.array([1, 2, 3]), np.array([0, 1, 1]))
-    series.merge(later, [2, 0])
+    series.merge(later, [2, 0, 5])
     assert [series.counts(group).values for group in range(4)] == [
         [1, 0, 6],
         [0, 0, 0],

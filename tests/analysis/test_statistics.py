@@ -408,6 +408,12 @@ def test_any_pieces_of_a_capture_merge_to_a_single_pass(
     assert merged.total == whole.total
     for name in ("statistics", "answers", "flags"):
         assert state_of(getattr(merged, name)) == state_of(getattr(whole, name))
+    kept = state_of(merged)
+    copied = merged.copy()
+    assert state_of(copied) == kept
+    copied.merge(whole)
+    observe(copied, steps)
+    assert state_of(merged) == kept
     assert state_of(merged.statistics.ports()) == state_of(whole.statistics.ports())
     assert state_of(merged.statistics.streams(None)) == state_of(whole.statistics.streams(None))
     assert state_of(merged.statistics.faults()) == state_of(whole.statistics.faults())
