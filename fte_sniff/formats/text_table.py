@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from fte_sniff.formats.text_layout import GAP, TextLayout, kind_text, values_text
-from fte_sniff.protocol import Frame, Row, Status, faults_text, spaced_hex
+from fte_sniff.protocol import Frame, Row, Status, faults_text, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from fte_sniff.protocol.look import LOOKS
 
@@ -160,7 +160,7 @@ def _title(row: Row) -> str:
 
 
 def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:
-    look = LOOKS[Status.MALFORMED if field.fault else Status.OK]
+    look = LOOKS[status_of((field.fault,) if field.fault else ())]
     mark, color = look.mark, look.color if field.fault else None
     first, *further = _byte_groups(field.raw)
     lead = f"  {mark} {_offsets_text(field.offsets):<{_OFFSETS}} {first:<{_BYTES}}"
