@@ -229,7 +229,7 @@ class RowStore:
         return (index - self.blocks[0].start) // self.blocks[0].capacity
 
     def in_memory(self, block: Block) -> Block:
-        """The same block with its rows in memory; FileError if they can no longer be read."""
+        """A block with its rows in memory; FileError if they can no longer be read."""
         if self._source is None:
             return block
         if block.dropped:
@@ -286,7 +286,7 @@ class RowStore:
         return [row for batch in self.batches(start, end) for row in batch]
 
     def batches(self, start: int, end: int) -> Iterator[Rows]:
-        """The same rows as batches: views of the store, to be read at once and never changed."""
+        """Batches of the rows from `start` up to `end`: views of the store, to be read at once."""
         start, end = max(start, self.first), min(end, self.next)
         while start < end:
             block = self.in_memory(self.block_at(start))

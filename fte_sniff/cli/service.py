@@ -123,7 +123,7 @@ class FileCommand:
     def __init__(self, command: str | None) -> None:
         """Split the command as a shell does; None runs nothing.
 
-        Raises UsageError if it is no command.
+        Raises UsageError if it is not a command.
         """
         try:
             # On Windows, a backslash separates folders.

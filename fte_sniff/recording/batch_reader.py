@@ -112,7 +112,7 @@ class RowRange:
 
 
 def _merged(ranges: Iterable[ByteRange]) -> tuple[ByteRange, ...]:
-    """The same ranges, contiguous ones merged."""
+    """The ranges with contiguous ones merged."""
     found: list[ByteRange] = []
     for start, end in ranges:
         if found and found[-1][1] == start:
@@ -125,7 +125,7 @@ JOB = 8 * 1024 * 1024
 """Unpacked bytes of one batch, about: at least 64 thousand rows."""
 
 _FIRST_JOB = 512 * 1024
-"""The same for the first batch, so that the first rows come soon."""
+"""Unpacked bytes of the first batch, which is small, so that the first rows come soon."""
 
 _MOST_UNDER_WAY = 64 * 1024 * 1024
 """Unpacked bytes that are decoded ahead, unless one chunk has more."""

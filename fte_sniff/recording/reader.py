@@ -725,7 +725,9 @@ def _check_kind(path: Path) -> None:
         elif path.exists():
             start = b"?"
     if not MAGIC.startswith(start):
-        raise FileError("{path} is no recording; --follow reads only recordings (.mcap)", path=path)
+        raise FileError(
+            "{path} is not a recording; --follow reads only recordings (.mcap)", path=path
+        )
 
 
 def _is_intact(chunk: bytes) -> bool:

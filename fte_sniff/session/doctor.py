@@ -300,9 +300,9 @@ def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:
 
 
 def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Finding:
-    """Why an adapter that is plugged in is no port."""
+    """Why an adapter that is plugged in does not appear as a port."""
     name = f"USB {stray.usb_ids}"
-    what = f"{stray.product or 'a serial adapter'} is plugged in, but is no port"
+    what = f"{stray.product or 'a serial adapter'} is plugged in, but does not appear as a port"
     if "brltty" in running_programs(root):
         what += ": brltty takes it for a Braille display"
         return bad(name, what, INTERFERING_PROGRAMS["brltty"])

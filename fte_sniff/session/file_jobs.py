@@ -366,7 +366,7 @@ def check(
             default they are read here, one after the other.
 
     Raises:
-        FileError: a file cannot be read or is no recording, or there is none.
+        FileError: a file cannot be read or is not a recording, or there is none.
         InputTextError: a rule is invalid.
 
     Warns:

@@ -50,7 +50,7 @@ class Following:
     def open(self, path: Path) -> FollowedInput:
         """The recording as an input, whose successors are the next files.
 
-        Raises FileError if it cannot be read, or is no recording.
+        Raises FileError if it cannot be read, or is not a recording.
         """
         from fte_sniff.recording.reader import RecordingReader
 

@@ -102,7 +102,7 @@ class InputBatch:
         return self.rows.times
 
     def select(self, row_filter: RowFilter) -> InputBatch:
-        """The same with only the rows that match the filter."""
+        """A batch of the rows that match the filter."""
         if not self.changes:
             return replace(self, rows=row_filter.select(self.rows), reload=None)
         matches = row_filter.matches(self.rows)
@@ -113,7 +113,7 @@ class InputBatch:
         return replace(self, rows=rows, changes=changes, reload=None)
 
     def first(self, count: int) -> InputBatch:
-        """The same with at most `count` rows."""
+        """A batch of the first `count` rows; this one if it has no more."""
         if count >= len(self.rows):
             return self
         changes = [change for change in self.changes if change.index <= count]

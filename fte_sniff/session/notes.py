@@ -193,7 +193,7 @@ class _NotesFile:
         except OSError as error:
             self._refuse(path, reason_of(error))
         except (ValueError, RecursionError):
-            self._refuse(path, TranslatableText("line {number:,} is no note", number=number))
+            self._refuse(path, TranslatableText("line {number:,} is not a note", number=number))
         return found
 
     def _refuse(self, path: Path, why: str) -> None:

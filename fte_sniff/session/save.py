@@ -46,7 +46,7 @@ class ExportSource:
     """Metadata of the recordings that the rows come from."""
 
     def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
-        """The same for the rows between two times; None for no bound."""
+        """What is known about the rows between two times; None for no bound."""
         clipped = [gap.within(first_ns, last_ns) for gap in self.gaps]
         return replace(self, gaps=[gap for gap in clipped if gap is not None])
 
@@ -252,7 +252,7 @@ class SaveTarget:
                 overwrite=OVERWRITE,
             )
         if self.replace and self.path.exists() and not self.path.is_file():
-            raise FileError("{path} is no regular file; name another", path=self.path)
+            raise FileError("{path} is not a regular file; name another", path=self.path)
 
 
 def is_same_file(path: Path, other: Path | str) -> bool:
@@ -270,7 +270,7 @@ class FileExport:
         """Create the temporary file, in the same folder; an old one is replaced.
 
         Raises:
-            FileError: another program records to `path`, or it is no regular file.
+            FileError: another program records to `path`, or it is not a regular file.
             OSError: the file cannot be created.
         """
         self.path = path
@@ -310,7 +310,7 @@ def _replaceable(path: Path) -> Path:
     Raises FileError if the path leads to something else than a regular file.
     """
     if path.exists() and not path.is_file():
-        raise FileError("{path} is no regular file; name another", path=path)
+        raise FileError("{path} is not a regular file; name another", path=path)
     return path.resolve() if path.is_symlink() else path
 
 

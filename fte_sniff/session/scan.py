@@ -121,8 +121,8 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
             all its values are whole numbers, otherwise String; null for files without it.
 
     Raises:
-        FileError: a file cannot be read or is no recording, or there is none. An error found only
-            during a query is raised by the query, as polars' ComputeError.
+        FileError: a file cannot be read or is not a recording, or there is none. An error found
+            only during a query is raised by the query, as polars' ComputeError.
         UsageError: a folder has the name of a column.
 
     Warns:

@@ -106,7 +106,7 @@ class PromptLine(Input):
     async def on_key(self, event: events.Key) -> None:
         """Let each key act before the next one, also when several are typed ahead.
 
-        By default, a key that is no text acts only after it has bubbled up to the app, and later
+        By default, a key without text acts only after it has bubbled up to the app, and later
         text overtakes it. Keys after the line was submitted go back to the app.
         """
         if not self._field.is_open:
@@ -307,7 +307,7 @@ def preload_filter() -> None:
 
 
 def parse_filter(line: str) -> RowFilter:
-    """Parse a filter; raises FilterError if the line is no filter."""
+    """Parse a filter; raises FilterError if the line is not a filter."""
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
     return RowFilter.parse(line)

@@ -256,7 +256,7 @@ def test_output_to_a_named_pipe(
         done = run(*words, "-o", "pipe")
         assert (done.returncode, done.stderr) == (
             4,
-            "fte-sniff: pipe is no regular file; name another\n",
+            "fte-sniff: pipe is not a regular file; name another\n",
         )
     else:
         with (
@@ -679,7 +679,7 @@ def chunk_of(content: bytes, number: int) -> tuple[int, int]:
 
 
 def without_chunk(path: Path, *, summary: bool = True, head: bool = False) -> Path:
-    """The same file, whose second chunk is damaged: its packed bytes, or its length."""
+    """A file whose second chunk is damaged: its packed bytes, or its length."""
     content = bytearray(path.read_bytes())
     start, end = chunk_of(bytes(content), 1)
     if head:

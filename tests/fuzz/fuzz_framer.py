@@ -50,7 +50,7 @@ def chunks_of(how: int, stream: bytes) -> list[Chunk]:
 
 
 def byte_by_byte(chunks: list[Chunk]) -> list[Chunk]:
-    """The same bytes at the same times, each by itself, with heartbeats in the silences."""
+    """Chunks of one byte at the times of these, with heartbeats in the silences."""
     singles: list[Chunk] = []
     last: int | None = None
     for chunk in chunks:

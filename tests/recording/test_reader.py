@@ -414,7 +414,7 @@ def test_a_channel_that_a_skipped_chunk_defines_is_known(
 
 
 def _rewritten(source: Path, target: Path, *, port: bool = True, **options: object) -> None:
-    """The same messages by the mcap package's own writer, with another's topic between them."""
+    """Copy the messages with the mcap package's writer, with another's topic between them."""
     with source.open("rb") as file, target.open("wb") as out:
         writer = Writer(out, **options)  # type: ignore[arg-type]
         writer.start()

@@ -200,7 +200,7 @@ def test_an_adapter_without_a_port_is_reported_with_the_driver_it_needs(
         f"USB {vid}:{pid}",
         wanted,
     )
-    assert r"USB\x1b[2J Serial is plugged in, but is no port" in finding.what
+    assert r"USB\x1b[2J Serial is plugged in, but does not appear as a port" in finding.what
     assert driver is None or f"{driver} has it" in finding.what
 
 

@@ -167,7 +167,7 @@ def test_an_unwritable_output_is_reported_before(
 
 def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").symlink_to("/dev/null")
-    with pytest.raises(FileError, match="is no regular file; name another"):
+    with pytest.raises(FileError, match="is not a regular file; name another"):
         SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")
 
 
@@ -175,7 +175,7 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
 def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> None:
     os.mkfifo(tmp_path / "pipe")
     form = FORMAT_BY_SUFFIX[suffix]
-    with pytest.raises(FileError, match="pipe is no regular file; name another"):
+    with pytest.raises(FileError, match="pipe is not a regular file; name another"):
         FileExport(tmp_path / "pipe", form, ORIGIN)
     (tmp_path / "link").symlink_to("target")
     export = FileExport(tmp_path / "link", form, ORIGIN)

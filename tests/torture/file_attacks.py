@@ -157,7 +157,7 @@ def mutate(case: Case) -> None:
 
 
 def mutate_many(case: Case) -> None:
-    """The same for many files by the package's functions, in one process and without limits.
+    """Damage many files, and read them in one process without limits, by the package's functions.
 
     Half of the cases flip single bits, one per file.
     """

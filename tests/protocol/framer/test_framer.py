@@ -392,7 +392,7 @@ def timed_chunks(draw: st.DrawFn, name: str) -> list[Chunk]:
 
 @st.composite
 def cut_differently(draw: st.DrawFn, name: str) -> tuple[list[Chunk], list[Chunk]]:
-    """The same bytes and times, cut into other chunks, with empty chunks in the silences."""
+    """Chunks, and others of equal bytes and times, with empty chunks in the silences."""
     chunks = draw(timed_chunks(name))
     other: list[Chunk] = []
     last: int | None = None
