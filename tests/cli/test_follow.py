@@ -39,6 +39,7 @@ from pathlib import Path
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.test_follow import made_rows
+from tests.support.columns import in_columns
 rows = iter(made_rows())
 with RecordingWriter(Path(sys.argv[1]), [PortFacts("p", 115200)]) as writer:
     print("open", flush=True)

@@ -162,7 +162,7 @@ def test_a_row_that_comes_after_its_chunk_keeps_its_own_time(tmp_path: Path) -> 
     with RecordingWriter(path, []) as writer:
         writer.write(in_columns([Frame("a", 0, raw, 5000)]))
         writer.flush()
-        writer.write([Frame("b", 0, raw, 4000)])
+        writer.write(in_columns(Frame("b", 0, raw, 4000)))
     assert [row.t_ns for row in RecordingReader(path)] == [5000, 4000]
     with path.open("rb") as file:
         assert [m.log_time for _, _, m in make_reader(file).iter_messages()] == [5000, 5000]
