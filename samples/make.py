@@ -3,14 +3,15 @@
     python samples/make.py            make every sample and its expected output again
     python samples/make.py --check    report samples that are not current; exit 1 if any
 
-Each sample exists as a recording, as raw bytes and as hex text. `expected/NAME.txt` is the output
-of `fte-sniff decode samples/NAME`. Recordings are compared by content, because another release of
-the compressor may produce other bytes.
+Each sample but `motor3.mcap` exists as a recording, as raw bytes and as hex text.
+`expected/NAME.txt` is the output of `fte-sniff decode samples/NAME`. Recordings are compared by
+content, because another release of the compressor may produce other bytes.
 """
 
 from __future__ import annotations
 
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -21,15 +22,20 @@ from pathlib import Path
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
+    KIND_BY_NAME,
+    MOTORS,
     Chunk,
+    FrameKind,
     Framer,
     PortEvent,
     PortEventKind,
+    encode,
     iso_time,
     record,
     spaced_hex,
 )
 from fte_sniff.protocol.rows import NO_ROWS
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import Existing, RecordingWriter
@@ -83,9 +89,52 @@ SAMPLES = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class PolledSample(Sample):
+    """A host that polls four motors, of which one loses answers and answers late for a while."""
+
+    seconds: int = 80
+    polls_per_s: int = 6
+    trouble_s: tuple[int, int] = (30, 60)
+    motor: int = 3
+
+    @property
+    def port(self) -> str:
+        """The port's name in the recording."""
+        return "/dev/ttyUSB0"
+
+    def chunks(self) -> list[Chunk]:
+        """The reads, with their times."""
+        rng, found = random.Random(self.query), list[Chunk]()
+        for poll in range(self.seconds * self.polls_per_s):
+            for motor in MOTORS:
+                at_s = poll / self.polls_per_s + motor * 0.03 + rng.uniform(0, 0.001)
+                rpm = 60 * motor + 20 * (poll // 50 % 5)
+                troubled = self.trouble_s[0] <= at_s < self.trouble_s[1] and motor == self.motor
+                found.append(self._chunk(at_s, KIND_BY_NAME["speed"], motor, rpm))
+                delay_s = rng.uniform(0.002, 0.004)
+                if troubled and rng.random() < 0.4:
+                    continue
+                if troubled and rng.random() < 0.4:
+                    delay_s += rng.uniform(0.01, 0.02)
+                shown = rpm + rng.randint(-2, 2)
+                kind = KIND_BY_NAME["speed_feedback"]
+                found.append(self._chunk(at_s + delay_s, kind, motor, shown))
+        return sorted(found, key=lambda chunk: chunk.t_ns or 0)
+
+    def _chunk(self, at_s: float, kind: FrameKind, motor: int, rpm: int) -> Chunk:
+        t_ns = START_NS + round(at_s * 1e9)
+        values = {NAME_OF_ROLE[Role.MOTOR]: motor, NAME_OF_ROLE[Role.SPEED]: rpm}
+        return Chunk(self.port, t_ns, encode(kind, values))
+
+
+POLLED = PolledSample("motor3", "motor 3 loses answers and answers late for half a minute", "5")
+
+
 def make(folder: Path) -> None:
     """Make every sample and its expected output in `folder`."""
     (folder / "expected").mkdir(parents=True, exist_ok=True)
+    _write_recording(folder / f"{POLLED.name}.mcap", POLLED, POLLED.chunks(), flush_s=20)
     for sample in SAMPLES:
         chunks = sample.chunks()
         _write_recording(folder / f"{sample.name}.mcap", sample, chunks)
@@ -95,7 +144,7 @@ def make(folder: Path) -> None:
             _expect(folder, f"{sample.name}.{ending}")
 
 
-def _write_recording(path: Path, sample: Sample, chunks: list[Chunk]) -> None:
+def _write_recording(path: Path, sample: Sample, chunks: list[Chunk], flush_s: int = 1) -> None:
     framer = Framer(sample.port, DEFAULT_BAUD)
     facts = {"start": iso_time(START_NS), "story": sample.story}
     ports = (PortFacts(sample.port, DEFAULT_BAUD),)
@@ -109,7 +158,7 @@ def _write_recording(path: Path, sample: Sample, chunks: list[Chunk]) -> None:
             # As a live recording does, so that a copy cut short still has its beginning.
             if (now_ns := chunk.t_ns or 0) >= flush_ns:
                 recording.flush()
-                flush_ns = now_ns + 1_000_000_000
+                flush_ns = now_ns + flush_s * 1_000_000_000
         framer.finish()
         recording.write(framer.drain())
 

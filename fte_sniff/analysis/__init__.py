@@ -5,9 +5,11 @@ Modules:
     baud_guess    Diagnosis of a line: sound, silent, inverted, or at another baud rate.
     counters      Counters over rows: durations, recent values, rates.
     dataframe     Rows to polars DataFrame, and a search for text in it.
+    events        Events of trouble, counted by window of time.
     facts         Facts of rows that depend on other rows: answers, the motor of damage.
     feed          Follow a growing store; gaps and baud changes.
     filter        The filter language: SQL boolean expressions over the row columns.
+    findings      Findings: the spans of time in which something is wrong.
     landmarks     Port events and gaps between rows; where faults and flags are.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.

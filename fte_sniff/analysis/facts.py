@@ -29,7 +29,15 @@ from fte_sniff.analysis.motors import (
 )
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, Status, status_of
 from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import CMD_OFFSET, FTE_FORMAT, HEADERS, NUM_OFFSET, TAIL, Direction
+from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
+    FTE_FORMAT,
+    HEADERS,
+    NUM_OFFSET,
+    TAIL,
+    Direction,
+    motor_bit,
+)
 
 MOST_HELD: Final = 20_000
 """Rows after a command among which its answer is searched for, whatever their times."""
@@ -91,10 +99,11 @@ class Facts:
 
 
 def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
-    """Answer times and whether commands are unanswered, by row; and which rows are decided."""
+    """Answer times and the motors that did not answer, by row; and which rows are decided."""
     count = len(rows)
     answer_ns = np.full(count, NO_FACT, np.int64)
-    missed, unknown, asked = (np.zeros(count, np.bool_) for _ in range(3))
+    missed = np.zeros(count, np.int64)
+    unknown, asked = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     waits, untimed = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     found = motor_rows(rows)
     for motor in MOTORS:
@@ -119,7 +128,7 @@ def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
             missing[at_end] = is_overdue(int(commands.t_ns[at_end]), later)
         far = own + MOST_HELD < count
         asked[own[answerable]] = True
-        missed[own[missing]] = True
+        missed[own[missing]] |= 1 << motor_bit(motor)
         unknown[own[answerable & ~near & ~missing & far]] = True
         waits[own[answerable & ~near & ~missing & ~far]] = True
         untimed[own[near & ~timed]] = True
@@ -128,9 +137,10 @@ def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
     unanswered = np.full(count, NO_FACT)
     unanswered[asked] = 0
     unanswered[waits | unknown] = NO_FACT
-    unanswered[missed] = NO_FACT if lost else 1
-    answer_ns[missed | waits | unknown | untimed] = NO_FACT
-    return answer_ns, unanswered, ~waits | missed
+    any_missed = missed > 0
+    unanswered[any_missed] = NO_FACT if lost else missed[any_missed]
+    answer_ns[any_missed | waits | unknown | untimed] = NO_FACT
+    return answer_ns, unanswered, ~waits | any_missed
 
 
 class _Past(NamedTuple):

@@ -13,6 +13,7 @@ Modules:
     doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
     encode             `fte-sniff encode`: bytes of a frame from its values.
     extras             Packages of the extras: the command that installs one.
+    findings           `fte-sniff findings`: what is wrong, when, and the rows that show it.
     hex                `fte-sniff hex`: explain pasted bytes.
     input_files        Input arguments to session inputs.
     live               `fte-sniff live`: capture a port, record it, and show it.

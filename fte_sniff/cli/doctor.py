@@ -16,7 +16,7 @@ from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.session.doctor import Finding
+    from fte_sniff.session.doctor import Diagnosis
 
 EXIT_WRONG = 1
 
@@ -62,7 +62,7 @@ def command(
     context.exit(EXIT_WRONG if wrong else 0)
 
 
-def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
+def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Diagnosis]:
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.session.doctor import check_all_ports, check_machine, check_port
 
@@ -71,12 +71,12 @@ def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Itera
     return chain(check_machine(), own)
 
 
-def _line(finding: Finding) -> str:
+def _line(finding: Diagnosis) -> str:
     fix = "" if finding.fix is None else f"  ->  {finding.fix}"
     return printable(f"{finding.level:<4}  {finding.about}: {finding.what}{fix}")
 
 
-def _json(finding: Finding) -> str:
+def _json(finding: Diagnosis) -> str:
     fields = {
         "level": finding.level,
         "about": finding.about,

@@ -224,7 +224,7 @@ COLUMNS: tuple[Column, ...] = (
         ColumnType.BOOL,
         "whether a command had no answer by the deadline; null where that is not known",
         lambda row: row.unanswered,
-        lambda rows: ColumnData(rows.unanswered == 1, rows.unanswered != NO_FACT),
+        lambda rows: ColumnData(rows.unanswered > 0, rows.unanswered != NO_FACT),
         rank=86,
         shown=False,
         derived=True,

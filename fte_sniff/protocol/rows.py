@@ -274,7 +274,8 @@ class Rows(Sequence["Row"]):
     answer_ns = _FactColumn()
     """Nanoseconds from a command to its answer, int32, or `NO_FACT`."""
     unanswered = _FactColumn()
-    """Whether a command had no answer by the deadline: 0 or 1, or `NO_FACT`; int8."""
+    """The motors that did not answer a command by the deadline, a bit each as in ONLINE, or
+    `NO_FACT`; int8."""
     motor_hint = _FactColumn()
     """The motor that a damaged row probably belonged to, or `NO_FACT`; int8."""
 

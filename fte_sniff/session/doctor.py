@@ -1,4 +1,4 @@
-"""Checks of `doctor`: the machine, its ports, the line of one port; each gives a `Finding`.
+"""Checks of `doctor`: the machine, its ports, the line of one port; each gives a `Diagnosis`.
 
 To add a check, write a function here that returns or yields findings, and call it in the runner
 that fits:
@@ -74,7 +74,7 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnosis:
     """The result of one check."""
 
     level: Level
@@ -86,25 +86,25 @@ class Finding:
     """A command to type, or what to do by hand; None if nothing is wrong."""
 
 
-def ok(about: str, what: str) -> Finding:
+def ok(about: str, what: str) -> Diagnosis:
     """Make a finding that nothing is wrong."""
-    return Finding(Level.OK, about, what)
+    return Diagnosis(Level.OK, about, what)
 
 
-def warn(about: str, what: str, fix: str) -> Finding:
+def warn(about: str, what: str, fix: str) -> Diagnosis:
     """Make a finding that something could be better."""
-    return Finding(Level.WARN, about, what, fix)
+    return Diagnosis(Level.WARN, about, what, fix)
 
 
-def bad(about: str, what: str, fix: str) -> Finding:
+def bad(about: str, what: str, fix: str) -> Diagnosis:
     """Make a finding that something is wrong."""
-    return Finding(Level.BAD, about, what, fix)
+    return Diagnosis(Level.BAD, about, what, fix)
 
 
 # The runners
 
 
-def check_machine() -> Iterator[Finding]:
+def check_machine() -> Iterator[Diagnosis]:
     """Check folder, terminal, installation, clock, and programs that interfere."""
     yield working_folder_finding()
     yield from terminal_findings(os.environ, sys.stdout.encoding)
@@ -113,7 +113,7 @@ def check_machine() -> Iterator[Finding]:
     yield from adapter_findings()
 
 
-def check_all_ports() -> Iterator[Finding]:
+def check_all_ports() -> Iterator[Diagnosis]:
     """Check all ports without opening them."""
     found = list_ports()
     for port in found:
@@ -129,7 +129,7 @@ def check_all_ports() -> Iterator[Finding]:
 
 def check_port(
     name: str, settings: PortSettings, seconds: float, *, probe: bool
-) -> Iterator[Finding]:
+) -> Iterator[Diagnosis]:
     """Open one port, listen to it for some seconds, and diagnose its line.
 
     With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
@@ -160,7 +160,7 @@ LEAST_BYTES = 50 * 2**20
 _OTHER_FOLDER = "cd ~, or name a recording with -o"
 
 
-def working_folder_finding() -> Finding:
+def working_folder_finding() -> Diagnosis:
     """As `folder_finding`, for the default folder of recordings."""
     try:
         return folder_finding(Path.cwd())
@@ -168,7 +168,7 @@ def working_folder_finding() -> Finding:
         return bad("folder", "the working folder is gone", "cd ~")
 
 
-def folder_finding(folder: Path) -> Finding:
+def folder_finding(folder: Path) -> Diagnosis:
     """Check that a folder can be written to, and has free space."""
     try:
         free = shutil.disk_usage(folder).free
@@ -184,7 +184,7 @@ def folder_finding(folder: Path) -> Finding:
     return warn("folder", space, fix) if free < LOW_BYTES else ok("folder", space)
 
 
-def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Finding]:
+def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Diagnosis]:
     """Check that the terminal can show the screen of `live`; `encoding` is that of stdout."""
     term = environment.get("TERM", "") if POSIX else "not used by Windows"
     if term in ("", "dumb", "unknown"):
@@ -197,7 +197,7 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
         yield warn("terminal", what, "export LC_ALL=C.UTF-8" if POSIX else "set PYTHONUTF8=1")
 
 
-def framer_finding(folder: Path, *, compiled: bool) -> Finding:
+def framer_finding(folder: Path, *, compiled: bool) -> Diagnosis:
     """Check that the framer in `folder` runs compiled, and from the present source."""
     if not compiled:
         return warn(
@@ -233,7 +233,7 @@ def clock_state() -> int | None:
     return None if state < 0 else state
 
 
-def clock_finding(state: int | None) -> Finding:
+def clock_finding(state: int | None) -> Diagnosis:
     """Check that the clock is synchronized; `state` is that of `clock_state`."""
     if state is None:
         return ok("clock", "this system does not report whether it is synchronized")
@@ -287,7 +287,7 @@ def running_programs(root: Path = _ROOT) -> frozenset[str]:
     return frozenset(_text(file).strip() for file in (root / "proc").glob("[0-9]*/comm"))
 
 
-def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:
+def adapter_findings(root: Path = _ROOT) -> Iterator[Diagnosis]:
     """Check for adapters that are no port, and for programs that open adapters."""
     for stray in stray_adapters(root / "sys/bus/usb/devices"):
         yield stray_finding(stray, root)
@@ -299,7 +299,7 @@ def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:
         yield ok("machine", "no program that blocks adapters is running")
 
 
-def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Finding:
+def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Diagnosis:
     """Why an adapter that is plugged in does not appear as a port."""
     name = f"USB {stray.usb_ids}"
     what = f"{stray.product or 'a serial adapter'} is plugged in, but does not appear as a port"
@@ -321,7 +321,7 @@ def _text(file: Path) -> str:
 # Ports
 
 
-def device_findings(port: PortListing) -> Iterator[Finding]:
+def device_findings(port: PortListing) -> Iterator[Diagnosis]:
     """Check permission, latency timer and virtual USB of a port that is not open."""
     if port.permitted:
         yield ok(port.device, "you may open it")
@@ -334,7 +334,7 @@ def device_findings(port: PortListing) -> Iterator[Finding]:
         yield from virtual_usb_findings(port.device)
 
 
-def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Finding]:
+def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Diagnosis]:
     """Check for a hypervisor between a USB port and this system: it delays bytes."""
     if is_virtual(root):
         yield warn(
@@ -345,7 +345,7 @@ def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Finding]:
         )
 
 
-def holder_findings(port: PortListing) -> Iterator[Finding]:
+def holder_findings(port: PortListing) -> Iterator[Diagnosis]:
     """The programs that have a port open."""
     for holder in port.holders:
         what = f"{holder} has it open, and takes bytes away"
@@ -358,7 +358,7 @@ def _release_fix(device: str, holder: Holder) -> str:
     return INTERFERING_PROGRAMS.get(holder.name, f"end it there, or: kill {holder.pid}")
 
 
-def capability_findings(device: str, capabilities: PortCapabilities) -> Iterator[Finding]:
+def capability_findings(device: str, capabilities: PortCapabilities) -> Iterator[Diagnosis]:
     """Check latency and line errors of an open port's driver."""
     timer = capabilities.timer_ms
     if timer is not None and timer > SHORT_TIMER_MS:
@@ -458,7 +458,7 @@ _POLARITY = (
 )
 
 
-def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Finding:
+def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Diagnosis:
     """The finding for a verdict on bytes received at `baud`."""
     size = f"{verdict.size:,} bytes"
     typed = quote(port)
@@ -496,7 +496,7 @@ def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Finding:
     return _no_frames(port, baud, verdict, f"no frame in {size} at {baud} baud", probe)
 
 
-def _no_frames(port: str, baud: int, verdict: LineDiagnosis, what: str, probe: str) -> Finding:
+def _no_frames(port: str, baud: int, verdict: LineDiagnosis, what: str, probe: str) -> Diagnosis:
     if verdict.condition is LineCondition.FOREIGN:
         what += ", and no common baud makes such bytes: another protocol, or noise on an open wire"
         return bad(port, what, f"check that RX is on a wire; {probe}")
@@ -525,7 +525,7 @@ _PROBE_BYTES = 400
 """Bytes after which a probe tries the next baud."""
 
 
-def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis) -> Finding:
+def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis) -> Diagnosis:
     if verdict.condition is LineCondition.SOUND:
         return ok(port, "probe: not needed, the baud is right")
     if verdict.condition is LineCondition.SILENT:
@@ -560,7 +560,7 @@ def _swapped_polarity(samples: Mapping[int, bytes]) -> LineSetting | None:
     return None
 
 
-def probe_finding(port: str, found: LineSetting | None, verdict: LineDiagnosis | None) -> Finding:
+def probe_finding(port: str, found: LineSetting | None, verdict: LineDiagnosis | None) -> Diagnosis:
     """The finding of a probe: the best setting, and its verdict if frames came."""
     if found is None:
         what = "probe: no common baud gives frames"

@@ -488,7 +488,7 @@ def test_check_of_doctor(recipe: Recipe) -> None:
         doctor,
         '''
 
-def greeting_finding() -> Finding:
+def greeting_finding() -> Diagnosis:
     """That nobody was greeted."""
     return bad("user", "nobody was greeted", "say hello")
 ''',

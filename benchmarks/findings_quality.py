@@ -1,0 +1,299 @@
+"""How well `findings` finds what is wrong: recall, false findings, and speed.
+
+`python -m benchmarks.findings_quality --recordings 100 --hours 10 --rows 1000000`
+
+The generator is independent of the program's simulator. A recording has 20 minutes of a host that
+polls four motors, and one episode: answers of one motor are lost or late, frames of one direction
+are damaged, a flag is set, a motor is stuck or silent, or the host's commands are irregular. Hosts
+and controllers differ in rate, order, jitter, delay and pauses; 0.1 % of all frames are damaged.
+An episode is found if one of the first five findings has its cause and motor, and the span of that
+finding and that of the episode have half of their union in common.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import process_time
+
+import numpy as np
+import numpy.typing as npt
+
+from fte_sniff.analysis.findings import Cause, Finding, Findings
+from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.protocol import DEFAULT_BAUD, Fault
+from fte_sniff.protocol.rows import Codebook, Rows
+
+START_NS = 1_700_000_000 * 10**9
+SECOND = 10**9
+MINUTES = 20
+FIRST = 5
+"""Findings among which an episode must be."""
+
+EPISODES = ("lost", "late", "damage", "error", "offline", "stuck", "silent", "irregular")
+
+CAUSES = {
+    "lost": {Cause.UNANSWERED},
+    "late": {Cause.LATE},
+    "damage": {Cause.DAMAGE},
+    "error": {Cause.ERROR_FLAG},
+    "offline": {Cause.OFFLINE},
+    "stuck": {Cause.OFF_TARGET},
+    "silent": {Cause.SILENCE},
+    "irregular": {Cause.IRREGULAR_COMMANDS},
+}
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What goes wrong, and when."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    motor: int
+    share: float
+    """Of the answers, or of the frames of a direction."""
+    feedback: bool
+    """The direction that is damaged."""
+
+
+def episode(rng: np.random.Generator, kind: str, seconds: float) -> Episode:
+    """An episode of 20 to 180 s, or 12 s of silence."""
+    length = 12 if kind == "silent" else rng.uniform(20, 180)
+    start = rng.uniform(30, seconds - 30 - length)
+    share = rng.uniform(0.15, 0.6)
+    return Episode(
+        kind, start, start + length, int(rng.integers(1, 5)), share, bool(rng.integers(2))
+    )
+
+
+def recording(rng: np.random.Generator, seconds: float, what: Episode | None) -> Rows:
+    """The rows of a host and a controller, in order of time."""
+    period = float(np.exp(rng.uniform(np.log(0.02), np.log(0.15))))
+    jitter = rng.uniform(0.005, 0.08)
+    together = bool(rng.integers(2))
+    times = _command_times(rng, seconds, period, jitter, what)
+    count = len(times)
+    motors = np.tile(np.arange(1, 5), count)
+    slots = np.tile(np.arange(4), count) * (0.0012 if together else period / 4)
+    asked = np.repeat(times, 4) + slots
+    if together is False:
+        asked += rng.normal(0, jitter * period / 16, len(asked))
+        asked = np.maximum.accumulate(asked)
+    delay = 0.0012 + 0.002 * rng.random() + rng.exponential(rng.uniform(0.0001, 0.0015), len(asked))
+    targets = _targets(rng, asked, motors)
+    present = _present(rng, asked, motors, targets, what)
+    inside = np.zeros(len(asked), np.bool_)
+    if what is not None:
+        inside = (asked >= what.start_s) & (asked < what.end_s)
+    own = inside & (motors == (what.motor if what else 0))
+    answered = rng.random(len(asked)) > 0.0003
+    errors, online = np.zeros(len(asked), np.uint8), np.full(len(asked), 0x0F, np.uint8)
+    if what is not None:
+        hit = rng.random(len(asked)) < what.share
+        if what.kind == "lost":
+            answered &= ~(own & hit)
+        elif what.kind == "late":
+            late = (
+                delay + rng.uniform(0.2, 0.6) * period + rng.exponential(0.1 * period, len(asked))
+            )
+            delay = np.where(own & hit, np.minimum(late, 0.9 * period), delay)
+        elif what.kind == "silent":
+            answered &= ~own
+        elif what.kind == "error":
+            errors[own] = 1 << int(rng.integers(8))
+        elif what.kind == "offline":
+            online[inside] &= ~np.uint8(1 << (what.motor - 1))
+    control = _frames(0xAA, motors, targets, None, None)
+    feedback = _frames(0x55, motors, present, errors, online)
+    t = np.concatenate((asked, (asked + delay)[answered]))
+    raw = np.concatenate((control, feedback[answered]))
+    order = np.argsort(t, kind="stable")
+    return _damaged(rng, t[order], raw[order], what)
+
+
+def _command_times(
+    rng: np.random.Generator, seconds: float, period: float, jitter: float, what: Episode | None
+) -> npt.NDArray[np.float64]:
+    count = int(seconds / period) + 1
+    periods = period * (1 + jitter * rng.standard_normal(count)).clip(0.3, 3)
+    for _ in range(int(rng.poisson(seconds / 300))):  # pauses of the host
+        periods[int(rng.integers(count))] += rng.uniform(0.3, 12)
+    times = np.cumsum(periods)
+    if what is not None and what.kind == "irregular":
+        inside = (times >= what.start_s) & (times < what.end_s)
+        factors = np.exp(rng.uniform(-1.2, 1.2, int(inside.sum())))
+        periods[inside] *= factors / factors.mean()
+        times = np.cumsum(periods)
+    found: npt.NDArray[np.float64] = times[times < seconds]
+    return found
+
+
+def _targets(
+    rng: np.random.Generator, t: npt.NDArray[np.float64], motors: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Targets that change every few seconds, or follow a sine."""
+    if rng.random() < 0.3:
+        speed = 300 * np.sin(t / rng.uniform(1, 8) + motors)
+        return speed.astype(np.int64)
+    every = rng.uniform(2, 20)
+    steps = (t / every).astype(np.int64) * 7919 + motors * 104_729
+    return (steps * 2_654_435_761 % 1201 - 600) // 50 * 50
+
+
+def _present(
+    rng: np.random.Generator,
+    t: npt.NDArray[np.float64],
+    motors: npt.NDArray[np.int64],
+    targets: npt.NDArray[np.int64],
+    what: Episode | None,
+) -> npt.NDArray[np.int64]:
+    """Speeds that approach their targets; a stuck motor keeps its speed."""
+    found = np.zeros(len(t), np.int64)
+    lag = rng.uniform(0.1, 0.6)
+    for motor in range(1, 5):
+        own = np.flatnonzero(motors == motor)
+        share = 1 - np.exp(-np.diff(t[own], prepend=t[own[0]]) / lag)
+        value, values = 0.0, np.zeros(len(own))
+        stuck = np.zeros(len(own), np.bool_)
+        if what is not None and what.kind == "stuck" and what.motor == motor:
+            stuck = (t[own] >= what.start_s) & (t[own] < what.end_s)
+        for at, target in enumerate(targets[own].tolist()):
+            value += share[at] * ((0 if stuck[at] else target) - value)
+            values[at] = value
+        found[own] = np.rint(values + rng.normal(0, 1.5, len(own)) * (values != 0))
+    return found
+
+
+def _frames(
+    head: int,
+    motors: npt.NDArray[np.int64],
+    speeds: npt.NDArray[np.int64],
+    errors: npt.NDArray[np.uint8] | None,
+    online: npt.NDArray[np.uint8] | None,
+) -> npt.NDArray[np.uint8]:
+    raw = np.zeros((len(motors), 10), np.uint8)
+    raw[:, 0], raw[:, 1], raw[:, 2], raw[:, 9] = head, 1, motors, 0xEE
+    raw[:, 3], raw[:, 4] = speeds >> 8 & 0xFF, speeds & 0xFF
+    if errors is not None:
+        raw[:, 7] = errors
+    if online is not None:
+        raw[:, 8] = online
+    return raw
+
+
+def _damaged(
+    rng: np.random.Generator,
+    t: npt.NDArray[np.float64],
+    raw: npt.NDArray[np.uint8],
+    what: Episode | None,
+) -> Rows:
+    """The rows as a framer labels them; half of the damage changes a value and is not seen."""
+    count = len(t)
+    hit = rng.random(count) < 0.001
+    if what is not None and what.kind == "damage":
+        own = (t >= what.start_s) & (t < what.end_s)
+        own &= raw[:, 0] == (0x55 if what.feedback else 0xAA)
+        hit |= own & (rng.random(count) < what.share)
+    codebook = Codebook()
+    rows = Rows.allocate(codebook, count)
+    rows.raw[:] = raw
+    rows.t_ns[:] = START_NS + np.rint(t * SECOND).astype(np.int64)
+    rows.offset[:] = np.arange(count) * 10
+    rows.port[:] = codebook.port_code("bus")
+    bad = np.flatnonzero(hit)
+    unseen = rng.random(len(bad)) < 0.3
+    flips = bad[unseen]
+    rows.raw[flips, rng.integers(3, 5, len(flips))] ^= (1 << rng.integers(0, 8, len(flips))).astype(
+        np.uint8
+    )
+    cut, noise = bad[~unseen][::2], bad[~unseen][1::2]
+    rows.framed[cut] = rows.framed[noise] = False
+    rows.length[cut] = rng.integers(3, 10, len(cut))
+    rows.raw[noise] = rng.integers(0, 256, (len(noise), 10), dtype=np.uint8)
+    rows.faults[cut] = codebook.fault_code((Fault.TRUNCATED,))
+    rows.faults[noise] = codebook.fault_code((Fault.NOISE,))
+    return rows
+
+
+def find(rows: Rows, batch: int = 65_536) -> list[Finding]:
+    """The findings of the rows."""
+    findings = Findings()
+    for start in range(0, len(rows), batch):
+        findings.observe(rows[start : start + batch])
+    return findings.found()
+
+
+def is_found(findings: Sequence[Finding], what: Episode) -> bool:
+    """Whether one of the first findings is the episode."""
+    for one in findings[:FIRST]:
+        start, end = ((t_ns - START_NS) / SECOND for t_ns in (one.first_ns, one.last_ns))
+        common = min(end, what.end_s) - max(start, what.start_s)
+        union = max(end, what.end_s) - min(start, what.start_s)
+        motor = what.kind in ("damage", "irregular") or one.motor == what.motor
+        if one.cause in CAUSES[what.kind] and motor and common >= union / 2:
+            return True
+    return False
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--recordings", type=int, default=80, help="with an episode each")
+    parser.add_argument("--hours", type=int, default=10, help="without an episode")
+    parser.add_argument("--rows", type=int, default=1_000_000, help="for the speed")
+    parser.add_argument("--misses", action="store_true", help="print what was found instead")
+    options = parser.parse_args()
+    rng = np.random.default_rng(options.seed)
+    found, tried = Counter[str](), Counter[str]()
+    for number in range(options.recordings):
+        kind = EPISODES[number % len(EPISODES)]
+        what = episode(rng, kind, 60.0 * MINUTES)
+        findings = find(recording(rng, 60.0 * MINUTES, what))
+        tried[kind] += 1
+        found[kind] += is_found(findings, what)
+        if options.misses and not is_found(findings, what):
+            print(f"missed {what}")
+            for one in findings[:FIRST]:
+                start, end = ((t - START_NS) / SECOND for t in (one.first_ns, one.last_ns))
+                print(f"   {one.cause} {one.motor} {start:.0f} to {end:.0f}: {one.text}")
+    for kind in EPISODES:
+        print(f"{kind:10} {found[kind]} of {tried[kind]}")
+    print(f"{'all':10} {found.total()} of {tried.total()}")
+    false = list[Finding]()
+    for _ in range(options.hours):
+        false += find(recording(rng, 3600.0, None))
+    print(f"false findings in {options.hours} hours: {len(false)}")
+    for one in false:
+        print(f"   {one.cause} {one.motor}: {one.text}")
+    if options.rows:
+        print_speed(rng, options.rows)
+
+
+def print_speed(rng: np.random.Generator, count: int) -> None:
+    """Compare with the model of `stats`."""
+    rows = recording(rng, 3600.0, None)
+    while len(rows) < count:
+        rows = Rows.concat([rows, rows.with_columns(t_ns=rows.t_ns + 3600 * SECOND)])
+    rows = rows[:count]
+    seconds = []
+    for make in (lambda: StatisticsSummary(LineSetup(DEFAULT_BAUD)), Findings):
+        model, start = make(), process_time()
+        model.begin("rows")
+        for at in range(0, count, 65_536):
+            model.observe(rows[at : at + 65_536])
+        if isinstance(model, Findings):
+            model.found()
+        seconds.append(process_time() - start)
+    print(
+        f"{count:,} rows: stats {seconds[0]:.2f} s, findings {seconds[1]:.2f} s of processor time"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,777 @@
+"""Findings: the spans of time in which something is wrong, ranked.
+
+A cause is a count of events by window (`events.py`). A window is *bad* if its count reaches a
+threshold. The detector scans all intervals of bad windows: given C bad windows of n, the number in
+an interval with share p of the windows is Binomial(C, p) if nothing is wrong there, so
+
+    P(c or more) <= exp(-C KL(c / C || p))
+
+An interval is a finding if that bound, times the number of intervals, thresholds and series, is
+less than `ALPHA`: the union bound, so no simulation is needed. Windows are counted, not events, so
+that bursts of events, which depend on each other, count once. Several thresholds are tried: a low
+one for rare events, a high one where single events are usual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from math import inf, log
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+
+from fte_sniff.analysis.events import (
+    DELAY_UNIT_NS,
+    GRADES,
+    RATIO_UNIT,
+    Events,
+    Windows,
+    by_role,
+    least_of,
+)
+from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.protocol import (
+    FAULT_MEANINGS,
+    KINDS,
+    MOTORS,
+    Direction,
+    Gap,
+    PortEvent,
+    PortEventKind,
+    iso_time,
+)
+from fte_sniff.protocol.rows import Bools, Ints, Rows
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
+
+ALPHA: Final = 0.01
+"""Bound on the probability of any false finding in a recording."""
+
+_MOST_SPANS: Final = 5
+"""Spans of one series."""
+
+_LEAST_WINDOWS: Final = 3
+"""Bad windows of a finding."""
+
+_THRESHOLDS: Final = (1, 2, 3, 5, 8, 13, 21)
+"""Events that make a window bad; the one with the highest score counts."""
+
+_SERIES: Final = 100
+"""Series for which the bound on false findings holds together."""
+
+_LEAST_RATIO: Final = 3.0
+"""How much more frequent events are in a finding than elsewhere."""
+
+
+class Cause(StrEnum):
+    """What is wrong."""
+
+    PORT = "port"
+    SILENCE = "silence"
+    DAMAGE = "damage"
+    OFFLINE = "offline"
+    ERROR_FLAG = "error_flag"
+    UNANSWERED = "unanswered"
+    LATE = "late"
+    OFF_TARGET = "off_target"
+    IRREGULAR_COMMANDS = "irregular_commands"
+    JUMP = "jump"
+
+
+_EXPLAINS: Final[Mapping[Cause, frozenset[Cause]]] = {
+    Cause.PORT: frozenset(Cause),
+    Cause.SILENCE: frozenset({Cause.UNANSWERED, Cause.LATE, Cause.OFF_TARGET}),
+    Cause.DAMAGE: frozenset(
+        {Cause.UNANSWERED, Cause.LATE, Cause.JUMP, Cause.IRREGULAR_COMMANDS, Cause.SILENCE}
+    ),
+    Cause.OFFLINE: frozenset({Cause.SILENCE, Cause.UNANSWERED, Cause.OFF_TARGET}),
+    Cause.ERROR_FLAG: frozenset({Cause.OFF_TARGET}),
+    Cause.IRREGULAR_COMMANDS: frozenset({Cause.UNANSWERED, Cause.LATE}),
+    Cause.OFF_TARGET: frozenset({Cause.JUMP}),
+}
+"""Causes whose findings in the same span are consequences of a cause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One span in which something is wrong."""
+
+    cause: Cause
+    port: str
+    """Text from outside; empty if it concerns all ports."""
+    motor: int | None
+    kind: str | None
+    first_ns: int
+    last_ns: int
+    events: int
+    rows: int
+    """Rows, or commands, that could have been events."""
+    usual: float
+    """The share of events elsewhere, 0 to 1."""
+    text: str
+    """One sentence for the user."""
+    filter: str
+    """Shows its rows."""
+    score: float
+
+    def overlap(self, other: Finding) -> float:
+        """The common time, as a share of the shorter of both."""
+        common = min(self.last_ns, other.last_ns) - max(self.first_ns, other.first_ns)
+        shorter = min(self.last_ns - self.first_ns, other.last_ns - other.first_ns)
+        return max(0.0, common / shorter) if shorter else float(common >= 0)
+
+
+class _Span(NamedTuple):
+    start: int
+    end: int
+    """Half-open range of exposed windows."""
+    score: float
+
+
+def _divergence(share: float, expected: float) -> float:
+    """Kullback-Leibler divergence of two shares of bad windows."""
+    inside = share * log(share / expected) if share > 0 else 0.0
+    return inside + ((1 - share) * log((1 - share) / (1 - expected)) if share < 1 else 0.0)
+
+
+def _lengths(count: int) -> Ints:
+    """Lengths of intervals, two an octave, up to half of all windows."""
+    halves = np.unique(np.round(2 ** (np.arange(0, 64) / 2)).astype(np.int64))
+    found: Ints = halves[(halves >= _LEAST_WINDOWS) & (halves <= max(_LEAST_WINDOWS, count // 2))]
+    return found
+
+
+def _best_span(bad: Bools) -> _Span | None:
+    """The interval of bad windows that is least probable by chance."""
+    count, total = len(bad), int(bad.sum())
+    if total < _LEAST_WINDOWS or total == count:
+        return None
+    sums = np.concatenate(([0], np.cumsum(bad)))
+    best = _Span(0, 0, 0.0)
+    for length in _lengths(count).tolist():
+        inside = sums[length:] - sums[:-length]
+        at = int(inside.argmax())
+        start, end = _trimmed(bad, at, at + length)
+        span = _Span(start, end, _score(sums, start, end))
+        best = max(best, span, key=lambda one: one.score)
+    if best.end == best.start:
+        return None
+    return _extended(sums, bad, best)
+
+
+def _trimmed(bad: Bools, start: int, end: int) -> tuple[int, int]:
+    hits = np.flatnonzero(bad[start:end])
+    return (start + int(hits[0]), start + int(hits[-1]) + 1) if len(hits) else (start, start)
+
+
+def _score(sums: Ints, start: int, end: int) -> float:
+    """Minus the logarithm of the bound on the probability of as many bad windows."""
+    total, inside = int(sums[-1]), int(sums[end] - sums[start])
+    share, expected = inside / total, (end - start) / (len(sums) - 1)
+    if share <= expected or inside < _LEAST_WINDOWS:
+        return 0.0
+    return total * _divergence(share, expected)
+
+
+def _extended(sums: Ints, bad: Bools, span: _Span) -> _Span:
+    """The span with the bad windows beside it, while the score rises."""
+    hits = np.flatnonzero(bad)
+    while True:
+        before = hits[: np.searchsorted(hits, span.start)][-1:]
+        after = hits[np.searchsorted(hits, span.end) :][:1] + 1
+        choices = [(int(at), span.end) for at in before] + [(span.start, int(at)) for at in after]
+        inner = [_trimmed(bad, span.start + 1, span.end), _trimmed(bad, span.start, span.end - 1)]
+        choices += [one for one in inner if one[1] > one[0]]
+        spans = [_Span(start, end, _score(sums, start, end)) for start, end in choices]
+        best = max(spans, key=lambda one: one.score, default=span)
+        if best.score <= span.score:
+            return span
+        span = best
+
+
+def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[tuple[int, int, float]]:
+    """The spans in which a count is more frequent than usual, with their scores.
+
+    Args:
+        counts: events by window.
+        exposed: the windows in which an event could have been.
+        alpha: bound on the probability of a false one.
+
+    Returns the first and the last window of each.
+    """
+    at, found = np.flatnonzero(exposed), list[tuple[int, int, float]]()
+    own = counts[at]
+    for _ in range(_MOST_SPANS):
+        if len(at) < 2 * _LEAST_WINDOWS:
+            break
+        tried = [one for one in _THRESHOLDS if (own >= one).sum() >= _LEAST_WINDOWS]
+        spans = [span for one in tried if (span := _best_span(own >= one)) is not None]
+        best = max(spans, key=lambda one: one.score, default=None)
+        intervals = len(at) * max(1, len(_lengths(len(at))))
+        bound = log(intervals * len(_THRESHOLDS) * _SERIES / alpha)
+        if best is None or best.score < bound:
+            break
+        found.append((int(at[best.start]), int(at[best.end - 1]), best.score))
+        kept = np.ones(len(at), np.bool_)
+        kept[best.start : best.end] = False
+        at, own = at[kept], own[kept]
+    return found
+
+
+_WHOLE_SHARE: Final = 0.15
+"""Share of events in all rows from which on all of them are a finding."""
+
+_LEAST_EVENTS: Final = 20
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """The counts of one cause by window, and how to describe a span of it."""
+
+    cause: Cause
+    events: Ints
+    rows: Ints
+    describe: Callable[[slice, int, int, float], tuple[str, str]]
+    """Sentence and filter for windows, events, rows and the usual share."""
+    port: str = ""
+    motor: int | None = None
+    kind: str | None = None
+    whole: bool = True
+    """Whether events in all windows are a finding too."""
+    least_share: float = 0.02
+    """Share of rows that are events in a finding."""
+
+
+def _examined(
+    windows: Windows, series: _Series, first_ns: int, last_ns: int, alpha: float
+) -> Iterator[Finding]:
+    exposed = series.rows > 0
+    spans = spans_of(series.events, exposed, alpha)
+    total = int(series.events.sum())
+    outside = np.ones(len(exposed), np.bool_)
+    for start, end, _ in spans:
+        outside[start : end + 1] = False
+    usual_rows = int(series.rows[outside].sum())
+    usual = int(series.events[outside].sum()) / usual_rows if usual_rows else 0.0
+    if series.whole and usual >= _WHOLE_SHARE and total >= _LEAST_EVENTS and len(exposed):
+        hits = np.flatnonzero(series.events > 0)
+        spans, usual = [(int(hits[0]), int(hits[-1]), float(total))], 0.0
+    for start, end, score in spans:
+        events, rows = (int(one[start : end + 1].sum()) for one in (series.events, series.rows))
+        if events < rows * max(series.least_share, _LEAST_RATIO * usual):
+            continue
+        text, shown = series.describe(slice(start, end + 1), events, rows, usual)
+        first = max(first_ns, int(windows.starts_ns[start]))
+        last = min(last_ns, int(windows.starts_ns[end]) + windows.width_ns - 1)
+        yield Finding(
+            series.cause,
+            series.port,
+            series.motor,
+            series.kind,
+            first,
+            last,
+            events,
+            rows,
+            round(usual, 6),
+            text,
+            shown,
+            score,
+        )
+
+
+class Findings(RowModel):
+    """Looks for spans in which something is wrong."""
+
+    CAUSES: Final = tuple(map(str, Cause))
+    """The causes that it knows."""
+
+    def __init__(self) -> None:
+        self.total = RowCount()
+        self.frames = 0
+        self.events = Events()
+        self._facts: Facts | None = Facts()
+
+    @classmethod
+    def of_facts(cls) -> Self:
+        """For rows that have their facts already, such as those of a store."""
+        found = cls()
+        found._facts = None
+        return found
+
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Apply a change before the next rows."""
+        if isinstance(change, Gap):
+            self._settle(change)
+        self.events.observe_change(change)
+
+    def _settle(self, gap: Gap | None = None) -> None:
+        if self._facts is not None:
+            rows = self._facts.interrupt(gap)
+            if len(rows):
+                self.events.observe(rows)
+
+    def _observe(self, rows: Rows) -> None:
+        self.total.observe(rows)
+        self.frames += rows.counts("framed").get(True, 0)
+        known = rows if self._facts is None else self._facts.feed(rows)
+        if len(known):
+            self.events.observe(known)
+
+    def _observe_events(self, events: Sequence[PortEvent]) -> None:
+        self.events.observe_events(events)
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow; no event spans the boundary."""
+        self._settle()
+        later._settle()
+        self.total.merge(later.total)
+        self.frames += later.frames
+        self.events.merge(later.events)
+
+    def found(self, alpha: float = ALPHA) -> list[Finding]:
+        """The findings, best first."""
+        self._settle()
+        if self.total.times is None or not self.frames:
+            return []
+        return _ranked(list(_all_of(self.events, *self.total.times, alpha)))
+
+    def not_covered(self) -> dict[str, str]:
+        """By cause, why it could not be examined."""
+        self._settle()
+        if not self.total.rows:
+            return dict.fromkeys(self.CAUSES, "there is no row")
+        if self.total.first_ns is None:
+            return dict.fromkeys(self.CAUSES, "no row has a time; try --start")
+        if not self.frames:
+            return dict.fromkeys(self.CAUSES, "no row is a frame; is the baud rate right?")
+        return dict(_uncovered(self.events))
+
+
+def _uncovered(events: Events) -> Iterator[tuple[str, str]]:
+    windows, senders = events.windows, _ports_with(events, "commands")
+    commands = sum(int(windows.count(f"commands {motor}").sum()) for motor in MOTORS)
+    feedback = int(windows.count("feedback").sum())
+    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET)
+    if not commands:
+        yield from ((str(one), "there is no command that awaits an answer") for one in answers)
+        yield str(Cause.IRREGULAR_COMMANDS), "there is no command"
+    elif not feedback:
+        yield from (
+            (str(one), "there is no feedback: only one wire was recorded") for one in answers
+        )
+    elif len(senders) > 1:
+        text = "commands came on several ports: which one feedback answers is not known"
+        yield from ((str(one), text) for one in answers)
+    if not feedback:
+        flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
+        yield from ((str(one), "there is no feedback") for one in flags)
+
+
+def _ports_with(events: Events, what: str) -> list[str]:
+    counts = {port: int(one.count(what).sum()) for port, one in events.ports.items()}
+    return sorted((port for port, count in counts.items() if count), key=lambda port: -counts[port])
+
+
+def _all_of(events: Events, first_ns: int, last_ns: int, alpha: float) -> Iterator[Finding]:
+    yield from _lost_ports(events, last_ns)
+    for port, windows in events.ports.items():
+        for series in _port_series(port, windows):
+            yield from _examined(windows, series, first_ns, last_ns, alpha)
+    uncovered = dict(_uncovered(events))
+    for series in _motor_series(events):
+        if series.cause not in uncovered:
+            yield from _examined(events.windows, series, first_ns, last_ns, alpha)
+
+
+def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
+    for port, start, end in events.lost:
+        until = last_ns if end is None else end
+        again = "was not found again" if end is None else "was found again"
+        text = f"the port was lost and {again}; {_clock(start, until)}"
+        yield Finding(
+            Cause.PORT, port, None, None, start, max(start, until), 1, 0, 0.0, text, "", inf
+        )
+
+
+_PORT_EVENTS: Final = {
+    PortEventKind.LINE_ERROR: "the UART reported errors",
+    PortEventKind.OVERRUN: "bytes were lost, since they were read too late",
+}
+
+
+def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
+    rows, damaged = windows.count("rows"), windows.count("damaged")
+
+    def of_damage(own: slice, events: int, rows: int, usual: float) -> tuple[str, str]:
+        motor = _prevailing(windows, own, "hint", MOTORS)
+        fault = _prevailing(windows, own, "fault", FAULT_MEANINGS, 0.0)
+        direction = _prevailing(windows, own, "damaged", Direction)
+        what = f"{direction} rows" if direction else "rows"
+        about = f", mostly of motor {motor}" if motor else ""
+        text = f"{events:,} of {rows:,} rows are damaged{about}; mostly {fault}, {what}"
+        hint = f" AND motor_hint = {motor}" if motor else ""
+        return f"{text}; {_usually(usual)}", f"malformed{hint}"
+
+    yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port)
+    for kind, meaning in _PORT_EVENTS.items():
+        counts = windows.count(kind)
+
+        def of_port(
+            own: slice, events: int, rows: int, usual: float, meaning: str = meaning
+        ) -> tuple[str, str]:
+            return f"{meaning}, {events:,} times", "line_error"
+
+        exposed = np.maximum((rows > 0).astype(np.int64), counts)
+        yield _Series(Cause.PORT, counts, exposed, of_port, port, whole=False, least_share=0.0)
+
+
+def _prevailing(
+    windows: Windows, own: slice, of: str, names: Iterable[object], least: float = 0.8
+) -> str:
+    """The name that most of the counted rows have; empty if too few have the same."""
+    counts = {str(name): int(windows.count(f"{of} {name}")[own].sum()) for name in names}
+    best = max(counts, key=lambda name: counts[name])
+    return best if counts[best] > least * sum(counts.values()) else ""
+
+
+def _usually(usual: float) -> str:
+    return "usually none" if usual < 0.0005 else f"usually {100 * usual:.2g} %"
+
+
+def _clock(first_ns: int, last_ns: int) -> str:
+    first, last = (iso_time(one)[11:19] for one in (first_ns, last_ns))
+    return f"{first} to {last}"
+
+
+def _motor_series(events: Events) -> Iterator[_Series]:
+    senders, answerers = (_ports_with(events, what) for what in ("commands", "feedback"))
+    sender, answerer = (one[0] if one else "" for one in (senders, answerers))
+    windows = events.windows
+    for motor in MOTORS:
+        yield _unanswered(windows, motor, sender)
+        yield from _late(windows, motor, sender)
+        yield from _flags(events, motor, answerer)
+        yield from _off_target(windows, motor, answerer)
+        yield from _jumps(windows, motor, answerer)
+    yield from _silences(windows, answerer)
+    yield from _irregular(windows, sender)
+
+
+_MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
+
+
+def _unanswered(windows: Windows, motor: int, port: str) -> _Series:
+    asked, missed = windows.count(f"asked {motor}"), windows.count(f"missed {motor}")
+
+    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[str, str]:
+        answered = "usually all" if usual < 0.0005 else f"usually {100 * (1 - usual):.3g} %"
+        text = f"motor {motor} answered {rows - events:,} of {rows:,} commands; {answered}"
+        own_filter = f"{_MOTOR} = {motor}"
+        if windows.count(f"free {motor}")[own].any():
+            own_filter = f"({own_filter} OR {_MOTOR} IS NULL)"
+        return text, f"unanswered AND {own_filter}"
+
+    return _Series(Cause.UNANSWERED, missed, asked, describe, port, motor)
+
+
+def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+    for kind in KINDS:
+        grades = np.array(
+            [windows.count(f"delay {motor} {kind.name} {one}") for one in range(GRADES)]
+        )
+        total = grades.sum(axis=1)
+        if total.sum() < _LEAST_EVENTS:
+            continue
+        median = int(np.searchsorted(np.cumsum(total), total.sum() / 2))
+        for grade in range(median + 2, min(median + 8, GRADES)):
+            if not total[grade:].sum():
+                continue
+            limit = least_of(grade) * DELAY_UNIT_NS / 1e6
+            usual_ms = least_of(median) * DELAY_UNIT_NS / 1e6
+
+            def describe(
+                own: slice,
+                events: int,
+                rows: int,
+                usual: float,
+                limit: float = limit,
+                usual_ms: float = usual_ms,
+                name: str = kind.name,
+            ) -> tuple[str, str]:
+                text = (
+                    f"{events:,} of {rows:,} answers of motor {motor} to {name} took {limit:.3g} ms"
+                    f" or longer; usually about {usual_ms:.2g} ms"
+                )
+                return text, f"answer_ms >= {limit:.3f} AND {_MOTOR} = {motor}"
+
+            late, rows = grades[grade:].sum(axis=0), grades.sum(axis=0)
+            yield _Series(
+                Cause.LATE,
+                late,
+                rows,
+                describe,
+                port,
+                motor,
+                kind.name,
+                whole=False,
+                least_share=0.05,
+            )
+
+
+def _flags(events: Events, motor: int, port: str) -> Iterator[_Series]:
+    windows = events.windows
+    feedback, any_feedback = windows.count(f"feedback {motor}"), windows.count("feedback")
+    errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
+
+    def of_error(own: slice, count: int, rows: int, usual: float) -> tuple[str, str]:
+        bits = events.bytes.get((f"error {motor}", motor), 0)
+        text = f"motor {motor} reported ERROR {bits:02X} in {count:,} of {rows:,} frames"
+        return f"{text}; {_usually(usual)}", f"{_MOTOR} = {motor} AND {errors} != 0"
+
+    def of_online(own: slice, count: int, rows: int, usual: float) -> tuple[str, str]:
+        text = f"motor {motor} was not ONLINE in {count:,} of {rows:,} frames"
+        return f"{text}; {_usually(usual)}", f"{online} & {1 << motor_bit(motor)} = 0"
+
+    yield _Series(
+        Cause.ERROR_FLAG, windows.count(f"error {motor}"), feedback, of_error, port, motor
+    )
+    exposed = np.where(feedback.any(), any_feedback, 0)
+    offline = windows.count(f"offline {motor}")
+    yield _Series(Cause.OFFLINE, offline, exposed, of_online, port, motor)
+
+
+_EXPECTED: Final = 6
+"""Feedback of a motor in a window from which on its absence is silence."""
+
+
+def _silences(windows: Windows, port: str) -> Iterator[_Series]:
+    """Windows without feedback of a motor, in which commands went on."""
+    commands = sum(windows.count(f"commands {motor}") for motor in MOTORS)
+    for motor in MOTORS:
+        feedback = windows.count(f"feedback {motor}")
+        active = np.asarray(commands) > 0
+        if not feedback.any() or not active.any():
+            continue
+        usual = (
+            float(np.median(feedback[active & (feedback > 0)]))
+            if (active & (feedback > 0)).any()
+            else 0
+        )
+        width = max(1, -(-_EXPECTED // max(1, int(usual))))
+        recent = np.convolve(feedback, np.ones(width), "full")[: len(feedback)]
+        silent = active & (recent < 0.5)
+
+        def describe(
+            own: slice, events: int, rows: int, usual: float, motor: int = motor
+        ) -> tuple[str, str]:
+            seconds = events * windows.width_ns / 1e9
+            text = f"motor {motor} sent no feedback for {seconds:.0f} s while commands went on"
+            return text, f"{_MOTOR} = {motor}"
+
+        yield _Series(
+            Cause.SILENCE,
+            silent.astype(np.int64),
+            active.astype(np.int64),
+            describe,
+            port,
+            motor,
+            least_share=0.3,
+        )
+
+
+_SETTLES: Final = 3
+"""Windows before one whose targets a motor may still move to."""
+
+
+def _recent(values: Ints, known: Bools, width: int) -> Ints:
+    """The highest value of each window and of `width` before it."""
+    found = np.where(known, values, -(2**62))
+    for by in range(1, width + 1):
+        found[by:] = np.maximum(found[by:], np.where(known, values, -(2**62))[:-by])
+    return found
+
+
+def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+    """Windows in which all present values are outside of the range of the recent targets."""
+    if len(windows) <= _SETTLES:
+        return
+    for role in (Role.SPEED, Role.POSITION):
+        low, high, asked = windows.range_of(f"target {role} {motor}")
+        least, greatest, known = windows.range_of(f"present {role} {motor}")
+        free = windows.count(f"free {motor}") > 0
+        settled = _recent(asked.astype(np.int64), asked, _SETTLES) > 0
+        mixed = _recent(free.astype(np.int64), free, _SETTLES) > 0
+        exposed = settled & known & ~mixed & asked
+        if not exposed.any():
+            continue
+        top, bottom = _recent(high, asked, _SETTLES), -_recent(-low, asked, _SETTLES)
+        size = np.maximum(np.abs(top), np.abs(bottom))
+        near = np.maximum(size // 4, _TOLERANCE[role])
+        off = exposed & ((least > top + near) | (greatest < bottom - near))
+        if role is Role.POSITION:
+            off &= greatest - least <= _TOLERANCE[role]
+        unit = "speed" if role is Role.SPEED else "position"
+
+        def describe(
+            own: slice, events: int, rows: int, usual: float, unit: str = unit
+        ) -> tuple[str, str]:
+            text = (
+                f"the {unit} of motor {motor} was not near its target in {events:,} of {rows:,} s"
+            )
+            return f"{text}; {_usually(usual)}", f"{_MOTOR} = {motor}"
+
+        kinds = by_role(role, target=True)
+        yield _Series(
+            Cause.OFF_TARGET,
+            off.astype(np.int64),
+            exposed.astype(np.int64),
+            describe,
+            port,
+            motor,
+            kinds[0].name if kinds else None,
+            whole=False,
+            least_share=0.3,
+        )
+
+
+_TOLERANCE: Final = {Role.SPEED: 15, Role.POSITION: 50}
+"""How near a value is to its target at least, RPM and pulses."""
+
+
+def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+    for role in (Role.SPEED, Role.POSITION):
+        stream = f"{role} {motor}"
+        grades = np.array([windows.count(f"jump {stream} {one}") for one in range(GRADES)])
+        if not grades.any():
+            continue
+
+        def describe(
+            own: slice, events: int, rows: int, usual: float, role: Role = role
+        ) -> tuple[str, str]:
+            text = (
+                f"the {role} of motor {motor} jumped and came back {events:,} times in {rows:,}"
+                " frames: bytes changed on the line"
+            )
+            return text, f"{_MOTOR} = {motor}"
+
+        kinds = by_role(role, target=False)
+        yield _Series(
+            Cause.JUMP,
+            grades.sum(axis=0),
+            windows.count(f"steps {stream}"),
+            describe,
+            port,
+            motor,
+            kinds[0].name if kinds else None,
+            whole=False,
+        )
+
+
+def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
+    """Periods of commands that differ from the one before by half an octave, or by one."""
+    prefix = "ratio "
+    streams = {
+        name[len(prefix) :].rpartition(" ")[0]
+        for name in windows.names()
+        if name.startswith(prefix)
+    }
+    for stream in sorted(streams):
+        grades = np.array([windows.count(f"{prefix}{stream} {one}") for one in range(GRADES)])
+        number, name = stream.split(" ", 1)
+        kind = next(one for one in KINDS if one.name == name)
+        motor = int(number) if kind.names_motor else None
+        to = f" to motor {motor}" if motor else ""
+        for octaves in (0.5, 1.0):
+
+            def describe(
+                own: slice,
+                events: int,
+                rows: int,
+                usual: float,
+                to: str = to,
+                name: str = name,
+                motor: int | None = motor,
+            ) -> tuple[str, str]:
+                text = (
+                    f"{events:,} of {rows:,} periods of {name} commands{to} differ from the one"
+                    " before"
+                )
+                shown = f"kind = '{name}'" + (f" AND {_MOTOR} = {motor}" if motor else "")
+                return f"{text}; {_usually(usual)}", shown
+
+            events = grades[int(octaves * RATIO_UNIT) :].sum(axis=0)
+            yield _Series(
+                Cause.IRREGULAR_COMMANDS,
+                events,
+                grades.sum(axis=0),
+                describe,
+                port,
+                motor,
+                name,
+                whole=False,
+                least_share=0.1,
+            )
+
+
+def _ranked(found: list[Finding]) -> list[Finding]:
+    """One finding of each cause in a span, without those that another explains, best first."""
+    kept: list[Finding] = []
+    for one in sorted(found, key=lambda one: -one.score):
+        if not any(_is_same(one, other) for other in kept):
+            kept.append(one)
+    kept = [one for one in kept if not any(_explains(other, one) for other in kept)]
+    return _merged_motors(kept)
+
+
+_SAME: Final = 0.5
+"""The share of common time from which on two spans are about the same."""
+
+
+def _is_same(one: Finding, other: Finding) -> bool:
+    """Whether both are of one cause and motor: of other thresholds, kinds, or values."""
+    own = (one.cause, one.port, one.motor) == (other.cause, other.port, other.motor)
+    return own and one.overlap(other) >= _SAME
+
+
+def _explains(one: Finding, other: Finding) -> bool:
+    if one is other or other.cause not in _EXPLAINS.get(one.cause, frozenset()):
+        return False
+    if one.cause is other.cause or one.overlap(other) < _SAME:
+        return False
+    if one.cause is Cause.DAMAGE and other.cause in (Cause.UNANSWERED, Cause.SILENCE):
+        return 2 * one.events >= other.events
+    return None in (one.motor, other.motor) or one.motor == other.motor
+
+
+def _merged_motors(found: list[Finding]) -> list[Finding]:
+    """Findings of most motors with one cause in one span are one about all of them."""
+    merged, rest = list[Finding](), list(found)
+    while rest:
+        first = rest.pop(0)
+        same = [
+            one
+            for one in rest
+            if one.cause is first.cause
+            and first.motor is not None
+            and one.motor is not None
+            and one.overlap(first) >= _SAME
+        ]
+        if len({one.motor for one in (first, *same)}) >= len(MOTORS) - 1:
+            group = [first, *same]
+            rest = [one for one in rest if one not in same]
+            motors = sorted({one.motor for one in group if one.motor is not None})
+            first = replace(
+                first,
+                motor=None,
+                first_ns=min(one.first_ns for one in group),
+                last_ns=max(one.last_ns for one in group),
+                events=sum(one.events for one in group),
+                rows=sum(one.rows for one in group),
+                text=f"motors {', '.join(map(str, motors))} alike: {first.text}",
+                filter=" OR ".join(f"({one.filter})" for one in group),
+            )
+        merged.append(first)
+    return merged

@@ -1,0 +1,127 @@
+"""`fte-sniff findings`: the spans of time in which something is wrong, best first."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.measuring import jobs_options, measure
+from fte_sniff.cli.output import print_json
+from fte_sniff.errors import UsageError, printable
+from fte_sniff.protocol import iso_time
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.findings import Finding, Findings
+
+_SECOND_NS = 1_000_000_000
+
+
+@click.command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
+@input_options
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="Text for people, or one JSON object (docs/findings.md).",
+)
+@jobs_options
+def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
+    """Find the spans of time in which something is wrong, all files together, best first.
+
+    Unanswered and late commands, damage, silence, ERROR and ONLINE flags, motors that do not follow
+    their targets, irregular commands, jumps of values, lost ports. Each finding names the command
+    that shows its rows.
+
+    \b
+    fte-sniff findings samples/motor3.mcap
+    fte-sniff findings logs/ --from -10m
+    fte-sniff findings samples/motor3.mcap --format json
+    """
+    from fte_sniff.analysis.findings import Findings
+
+    check_inputs(query.files)
+    if query.filter_text is not None:
+        raise UsageError(
+            "findings needs all rows to see what is missing among them; leave --filter out, or use"
+            " --from and --to"
+        )
+    findings, measured = measure(query, Findings, jobs, cluster)
+    found = findings.found()
+    if form == "json":
+        print_json(findings_json(findings, found))
+    else:
+        for line in _lines(findings, found, query.files):
+            click.echo(printable(line))
+    measured.finish()
+
+
+def findings_json(findings: Findings, found: Sequence[Finding]) -> dict[str, Any]:
+    """The findings as an object; what could not be examined is in it, with the reason."""
+    total, missing = findings.total, findings.not_covered()
+    return {
+        "findings": [finding_json(one) for one in found],
+        "examined": {
+            "rows": total.rows,
+            "first": None if total.first_ns is None else iso_time(total.first_ns),
+            "last": None if total.last_ns is None else iso_time(total.last_ns),
+            "causes": [cause for cause in findings.CAUSES if cause not in missing],
+            "not_covered": [{"cause": cause, "reason": why} for cause, why in missing.items()],
+        },
+    }
+
+
+def finding_json(one: Finding) -> dict[str, Any]:
+    """One finding as an object."""
+    return {
+        "cause": one.cause,
+        "port": one.port,
+        "motor": one.motor,
+        "kind": one.kind,
+        "first": iso_time(one.first_ns),
+        "last": iso_time(one.last_ns),
+        "events": one.events,
+        "rows": one.rows,
+        "usual": one.usual,
+        "text": one.text,
+        "filter": one.filter,
+    }
+
+
+def view_command(one: Finding, files: Sequence[Path]) -> str:
+    """The command that shows the rows of a finding."""
+    names = [str(path) for path in files]
+    # Whole seconds around the span are shorter, and show what was before.
+    first, last = one.first_ns // _SECOND_NS, -(-one.last_ns // _SECOND_NS)
+    times = [f"{iso_time(second * _SECOND_NS)[:19]}Z" for second in (first, last)]
+    shown = ["--filter", one.filter] if one.filter else []
+    return shlex.join(["fte-sniff", "view", *names, "--from", times[0], "--to", times[1], *shown])
+
+
+def _lines(findings: Findings, found: Sequence[Finding], files: Sequence[Path]) -> Iterator[str]:
+    days = {iso_time(t_ns)[:10] for one in found for t_ns in (one.first_ns, one.last_ns)}
+    for number, one in enumerate(found, 1):
+        first, last = (iso_time(t_ns)[:19] for t_ns in (one.first_ns, one.last_ns))
+        if len(days) == 1:
+            first, last = first[11:], last[11:]
+        about = f", motor {one.motor}" if one.motor else ""
+        yield f"{number}. {one.cause}{about}, {first} to {last}"
+        yield f"   {one.text}"
+        if STDIN not in files:
+            yield f"   {view_command(one, files)}"
+    missing = findings.not_covered()
+    if not found:
+        covered = [cause for cause in findings.CAUSES if cause not in missing]
+        if covered:
+            yield f"no findings in {findings.total.rows:,} rows; examined: {', '.join(covered)}"
+        else:
+            yield f"no findings in {findings.total.rows:,} rows: nothing could be examined"
+    for why in dict.fromkeys(missing.values()):
+        causes = ", ".join(cause for cause, reason in missing.items() if reason == why)
+        yield f"not examined: {causes}: {why}"
