@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.model import Model
 from fte_sniff.analysis.motors import ANSWERABLE, NAMES_MOTOR, motor_rows
 from fte_sniff.protocol import (
     KINDS,
@@ -45,7 +46,7 @@ GRADES: Final = 24
 _LOW: Final = -(2**62)
 
 
-class Windows:
+class Windows(Model):
     """Counts and ranges by window, in named columns; only windows with rows take memory."""
 
     def __init__(self) -> None:
@@ -185,8 +186,8 @@ def by_role(role: Role, *, target: bool) -> list[FrameKind]:
     ]
 
 
-@dataclass(slots=True)
-class _Carried:
+@dataclass
+class _Carried(Model):
     """What of the rows before concerns the next ones."""
 
     raised: dict[str, Bools] = field(default_factory=dict)
@@ -201,7 +202,7 @@ _NO_PERIOD: Final = -1
 _NO_VALUES: Final = np.zeros(0, np.int64)
 
 
-class Events:
+class Events(Model):
     """Counts the events of all causes; rows must have facts."""
 
     def __init__(self) -> None:

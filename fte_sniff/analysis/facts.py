@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.model import Model
 from fte_sniff.analysis.motors import (
     ANSWERABLE,
     COMMANDS,
@@ -51,7 +52,7 @@ _NAMING_CMDS: Final = np.array(
 """The CMDs of frames that name a motor."""
 
 
-class Facts:
+class Facts(Model):
     """Computes the columns of `rows.FACTS`; rows wait until all of their facts are decided."""
 
     def __init__(self) -> None:

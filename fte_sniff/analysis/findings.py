@@ -33,7 +33,8 @@ from fte_sniff.analysis.events import (
 )
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.tally import RowCount, RowModel
+from fte_sniff.analysis.model import RowModel
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     FAULT_MEANINGS,
     KINDS,
@@ -320,7 +321,8 @@ class Findings(RowModel):
         if len(known):
             self.events.observe(known)
 
-    def _observe_events(self, events: Sequence[PortEvent]) -> None:
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Add port events."""
         self.events.observe_events(events)
 
     def merge(self, later: Self) -> None:
