@@ -349,7 +349,7 @@ def _numbers(rows: Rows, name: str) -> tuple[Array, Bools]:
 
 
 @dataclass
-class _Run(Model):
+class _GaplessRows(Model):
     """Rows with times without a gap between them."""
 
     start: RowPosition
@@ -382,7 +382,7 @@ class _MaxGap(Measure):
         super().__init__(rule)
         self._matches = 0
         self._longest_ns = 0
-        self._runs: list[_Run] = []
+        self._runs: list[_GaplessRows] = []
         self._opens = True
         """Whether the first run would continue rows before it."""
         self._continues = False
@@ -409,7 +409,7 @@ class _MaxGap(Measure):
             for at in np.flatnonzero(self._exceeds(gaps_ns / _SECOND))[:1]:
                 self._first.add([self._first.position(rows, found[at])])
         start, end = (self._first.position(rows, timed[at]) for at in (0, -1))
-        run = _Run(start, end, first, last, self._port_lost)
+        run = _GaplessRows(start, end, first, last, self._port_lost)
         self._append(run, continues=self._continues)
 
     def _measure(self, start: RowPosition, end: RowPosition) -> None:
@@ -418,7 +418,7 @@ class _MaxGap(Measure):
         if self._exceeds(np.array([gap_ns / _SECOND]))[0]:
             self._first.add([start])
 
-    def _append(self, run: _Run, *, continues: bool) -> None:
+    def _append(self, run: _GaplessRows, *, continues: bool) -> None:
         self._continues = True
         if not continues or not self._runs:
             if len(self._runs) == 2:
@@ -432,7 +432,7 @@ class _MaxGap(Measure):
         last.last_match = run.last_match or last.last_match
         last.end = run.end
 
-    def _measure_edges(self, run: _Run) -> None:
+    def _measure_edges(self, run: _GaplessRows) -> None:
         for start, end in run.edges():
             self._measure(start, end)
 

@@ -49,7 +49,7 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
     Raises InputTextError with the mistake, its position, and what was probably meant.
     """
     unit = _UNIT_AT_END.search(expect)
-    rule = _Parser(expect if unit is None else expect[: unit.start("unit")]).parse()
+    rule = _RuleParser(expect if unit is None else expect[: unit.start("unit")]).parse()
     if unit is not None:
         raise _unit_error(rule, expect, unit)
     return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
@@ -72,7 +72,7 @@ def _unit_error(rule: Rule, expect: str, found: re.Match[str]) -> InputTextError
     )
 
 
-class _Parser:
+class _RuleParser:
     def __init__(self, text: str) -> None:
         self._text = text
         self._tokens = tokens(text)

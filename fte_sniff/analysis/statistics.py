@@ -241,7 +241,7 @@ class StreamStats:
         return None if low is None or high is None else high - low
 
 
-class _Stream(Model):
+class _KindStream(Model):
     def __init__(self, *, interrupted: bool) -> None:
         """`interrupted` is whether frames are missing before the first one."""
         self.count = 0
@@ -282,7 +282,7 @@ class _Stream(Model):
         self._ends.interrupt()
         self.recent = RecentValues()
 
-    def merge(self, later: _Stream) -> None:
+    def merge(self, later: _KindStream) -> None:
         """Add the frames that follow."""
         if later._ends.interrupted:
             self.recent = RecentValues()
@@ -318,7 +318,7 @@ class Streams(Model):
     """The streams so far, by port and number of the stream."""
 
     def __init__(self) -> None:
-        self._streams: dict[tuple[str, int], _Stream] = {}
+        self._streams: dict[tuple[str, int], _KindStream] = {}
         self._interrupted: set[str | None] = set()
         """Ports with a gap so far; None for a gap of all ports."""
 
@@ -326,10 +326,10 @@ class Streams(Model):
         """Whether rows of a port are missing somewhere so far."""
         return not self._interrupted.isdisjoint((port, None))
 
-    def _stream(self, port: str, code: int) -> _Stream:
+    def _stream(self, port: str, code: int) -> _KindStream:
         found = self._streams.get((port, code))
         if found is None:
-            found = _Stream(interrupted=self.has_gap(port))
+            found = _KindStream(interrupted=self.has_gap(port))
             self._streams[port, code] = found
         return found
 

@@ -211,17 +211,17 @@ FACTS: Final[Mapping[str, str]] = {"answer_ns": "i", "unanswered": "b", "motor_h
 """The type of each column that depends on other rows; rows have all of them, or none yet."""
 
 
-class _Column:
+class _LazyColumn:
     """A column as a numpy array, made on first use."""
 
     def __set_name__(self, _owner: type[Rows], name: str) -> None:
         self._name = name
 
     @overload
-    def __get__(self, rows: None, owner: type[Rows]) -> _Column: ...
+    def __get__(self, rows: None, owner: type[Rows]) -> _LazyColumn: ...
     @overload
     def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
-    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _Column:
+    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _LazyColumn:
         if rows is None:
             return self
         import numpy as np
@@ -231,14 +231,14 @@ class _Column:
         return found
 
 
-class _FactColumn(_Column):
+class _FactColumn(_LazyColumn):
     """A column that depends on other rows; `NO_FACT` everywhere if it was not computed."""
 
     @overload
     def __get__(self, rows: None, owner: type[Rows]) -> _FactColumn: ...
     @overload
     def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
-    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _Column:
+    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _LazyColumn:
         if rows is None or rows.has_facts:
             return super().__get__(rows, owner)
         import numpy as np
@@ -255,21 +255,21 @@ class Rows(Sequence["Row"]):
     long: dict[int, bytes]
     """All bytes of the rows longer than ten, by index."""
     events: tuple[PortEvent, ...]
-    t_ns = _Column()
+    t_ns = _LazyColumn()
     """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
-    offset = _Column()
+    offset = _LazyColumn()
     """Offset of the row's first byte in its port's stream, int64."""
-    delay_ns = _Column()
+    delay_ns = _LazyColumn()
     """Read delay, nanoseconds, or `NO_TIME`; int64."""
-    length = _Column()
+    length = _LazyColumn()
     """Bytes of the row, uint32."""
-    port = _Column()
+    port = _LazyColumn()
     """Code of the port, uint16."""
-    faults = _Column()
+    faults = _LazyColumn()
     """Code of the fault set, uint16."""
-    framed = _Column()
+    framed = _LazyColumn()
     """Whether the row is a Frame, bool; otherwise it is a Damage."""
-    unordered = _Column()
+    unordered = _LazyColumn()
     """Whether the row's order among rows of other ports is uncertain, bool."""
     answer_ns = _FactColumn()
     """Nanoseconds from a command to its answer, int32, or `NO_FACT`."""

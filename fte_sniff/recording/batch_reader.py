@@ -210,7 +210,7 @@ class _Section:
 
 
 @dataclass(slots=True)
-class _Run:
+class _SectionRun:
     """The rows of consecutive sections, without a loss between them."""
 
     after_loss: bool
@@ -266,7 +266,7 @@ class PassCounts:
 @dataclass(slots=True)
 class _Decoded:
     version: int
-    runs: list[_Run]
+    runs: list[_SectionRun]
     definitions: list[tuple[Definition, bool]] = field(default_factory=list)
     """Definitions in the sections, and whether a checksum protects them."""
     found: PassCounts = field(default_factory=PassCounts)
@@ -438,7 +438,7 @@ class BatchReader:
         """Decode sections, in a thread."""
         reserved = sum(message_count(section.indexes) for section in sections)
         rows = _RowCollector(self._codebook, min(reserved, _MOST_RESERVED), self._span)
-        run = _Run(sections[0].after_loss)
+        run = _SectionRun(sections[0].after_loss)
         decoded = _Decoded(version, [run])
         counts = decoded.found
         for found in _indexed(sections):
@@ -448,7 +448,7 @@ class BatchReader:
                     run.after_loss = True
                     continue
                 rows.end_batch(run.batches)
-                run = _Run(after_loss=True)
+                run = _SectionRun(after_loss=True)
                 decoded.runs.append(run)
                 continue
             run.ranges += [one for section in found.sections for one in section.ranges]

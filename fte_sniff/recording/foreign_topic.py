@@ -50,12 +50,12 @@ def topic_chunks(path: Path, topic: str) -> Iterator[Chunk]:
     """
     try:
         with path.open("rb") as stream:
-            yield from _Topic(path, topic).chunks(stream)
+            yield from _TopicReader(path, topic).chunks(stream)
     except OSError as error:
         raise unreadable(path, error) from error
 
 
-class _Topic:
+class _TopicReader:
     def __init__(self, path: Path, topic: str) -> None:
         self._path, self._topic = path, topic
         self._schemas: dict[int, Schema] = {}

@@ -129,7 +129,7 @@ def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None
         note(f"{log.where}{text}")
 
 
-class _Stream:
+class _LogWire:
     """The bytes of one wire.
 
     The framer gets the silence between lines, but not their times: silence shorter than the
@@ -253,7 +253,7 @@ class _Streams:
         self.codebook = Codebook()
         self.is_one = form.is_one_stream
         ports = form.ports(log.name) if log.is_file else ()
-        self._streams = {port: _Stream(port, self) for port in ports}
+        self._streams = {port: _LogWire(port, self) for port in ports}
         self.by_time = len(self._streams) > 1 and form.resolution_ns is not None
         """Whether rows are merged by time; else by line."""
         self._lanes: dict[str, MergeLane] = {}
@@ -267,7 +267,7 @@ class _Streams:
         """Append bytes to their streams."""
         by_time = self.by_time
         for new in block:
-            self._streams.setdefault(new.port, _Stream(new.port, self)).append(new)
+            self._streams.setdefault(new.port, _LogWire(new.port, self)).append(new)
             self.size += len(new.data)
         if by_time and not self.by_time:
             for lane in self._lanes.values():

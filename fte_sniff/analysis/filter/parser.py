@@ -239,10 +239,10 @@ def parse(text: str, start: int = 0, end: int | None = None) -> Term:
     end = len(text) if end is None else end
     inside = [token for token in tokens(text) if start <= token.start < end]
     with mistakes_in(text):
-        return _Parser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
+        return _FilterParser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
 
 
-class _Parser:
+class _FilterParser:
     def __init__(self, text: str, found: Sequence[Token]) -> None:
         self._text = text
         self._tokens = found

@@ -310,7 +310,7 @@ def dump(
     There are `around` lines before the row's first one, and after its last one.
     """
     per_line = next((n for n in DUMP_BYTES if _cells(n) + n < width), DUMP_BYTES[-1])
-    stream = _Stream(row, rows, palette, field)
+    stream = _ByteDump(row, rows, palette, field)
     first = max(0, row.offset // per_line - around)
     last = (row.offset + max(1, len(row.raw)) - 1) // per_line + around
     with_text = _cells(per_line) + per_line < width
@@ -325,7 +325,7 @@ def _cells(per_line: int) -> int:
     return _OFFSET_WIDTH + 1 + 3 * per_line + 1
 
 
-class _Stream:
+class _ByteDump:
     def __init__(
         self, row: Row, rows: Sequence[Row], palette: Palette, looked_at: int | None
     ) -> None:

@@ -46,7 +46,7 @@ _SHOWN_AS: Final = next(kind.name for kind in KINDS if kind.subject)
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
+class _NumberColumn:
     head: str
     width: int
     cell: Callable[[StreamStats, TimeText], str]
@@ -56,19 +56,21 @@ def _percentile(percent: float) -> Callable[[StreamStats, TimeText], str]:
     return lambda stream, _when: span_text(stream.periods.percentile_ns(percent))
 
 
-_LATELY: Final = _Column(later("lately"), 8, lambda stream, _when: rate_text(stream.lately_per_s))
+_LATELY: Final = _NumberColumn(
+    later("lately"), 8, lambda stream, _when: rate_text(stream.lately_per_s)
+)
 
 COLUMNS: Final = (
-    _Column(later("frames"), 9, lambda stream, _when: f"{stream.count:,}"),
+    _NumberColumn(later("frames"), 9, lambda stream, _when: f"{stream.count:,}"),
     _LATELY,
-    _Column(later("mean"), 8, lambda stream, _when: rate_text(stream.per_s)),
-    _Column(later("period"), 8, _percentile(50)),
-    _Column(later("jitter"), 8, lambda stream, _when: span_text(stream.jitter_ns)),
-    _Column(later("longest"), 8, lambda stream, _when: span_text(stream.periods.longest_ns)),
-    _Column(later("until"), 12, lambda stream, when: when(stream.periods.longest_at_ns)),
-    _Column("5 %", 8, _percentile(5)),
-    _Column("95 %", 8, _percentile(95)),
-    _Column("99 %", 8, _percentile(99)),
+    _NumberColumn(later("mean"), 8, lambda stream, _when: rate_text(stream.per_s)),
+    _NumberColumn(later("period"), 8, _percentile(50)),
+    _NumberColumn(later("jitter"), 8, lambda stream, _when: span_text(stream.jitter_ns)),
+    _NumberColumn(later("longest"), 8, lambda stream, _when: span_text(stream.periods.longest_ns)),
+    _NumberColumn(later("until"), 12, lambda stream, when: when(stream.periods.longest_at_ns)),
+    _NumberColumn("5 %", 8, _percentile(5)),
+    _NumberColumn("95 %", 8, _percentile(95)),
+    _NumberColumn("99 %", 8, _percentile(99)),
 )
 """Numbers of a stream, the most useful first. The period is the median; the jitter is the
 difference of the 95th and the 5th percentile."""
