@@ -101,7 +101,7 @@ class _Level(Model):
         return range(min(first, self.first), max(end, self.end))
 
     def extend(self, windows: range, groups: int) -> None:
-        """Have these windows, in which the known ones end, and at least so many groups."""
+        """Have these windows, in which the known ones end, and at least this number of groups."""
         known, size = self.shape
         if windows == range(self.first, self.end) and groups <= known:
             return
@@ -135,7 +135,7 @@ class _Level(Model):
             keep.add(self.kept[keep].reshape(-1), cells, kept[rows, columns][inside])
 
     def coarser(self, by: int) -> _Level:
-        """A level of the same values, with windows so many times as long."""
+        """A level of the same values, with windows that are `by` times as long."""
         found = _Level(by * self.window_ns, [*self.kept])
         groups, windows = self.shape
         if windows:
