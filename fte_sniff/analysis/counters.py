@@ -37,7 +37,7 @@ class Durations(Model):
         self._first = 0
         """Number of the first bin in `_bins`; the first of an octave."""
 
-    def update(self, durations_ns: Ints, ends_ns: Ints) -> None:
+    def observe(self, durations_ns: Ints, ends_ns: Ints) -> None:
         """Count durations, each with the time of its end."""
         if not len(durations_ns):
             return
@@ -139,14 +139,14 @@ class RecentValues(Model):
         self.values: npt.NDArray[np.int64] = np.empty(0, np.int64)
         """The latest last."""
 
-    def update(self, values: npt.NDArray[np.int64]) -> None:
+    def observe(self, values: npt.NDArray[np.int64]) -> None:
         """Append values."""
         if len(values):
             self.values = np.concatenate((self.values, values[-self._size :]))[-self._size :]
 
     def merge(self, later: RecentValues) -> None:
         """Append the values of another buffer."""
-        self.update(later.values)
+        self.observe(later.values)
 
     def percentile(self, percent: float) -> int | None:
         """A percentile (0 to 100) of the values, itself one of them; None without values."""
@@ -182,7 +182,7 @@ class Rate:
         self._sum = 0
         self._since_ns: int | None = None
 
-    def update(self, count: int, t_ns: int) -> None:
+    def observe(self, count: int, t_ns: int) -> None:
         """Add a count at a time; times must not fall."""
         if self._since_ns is None:
             self._since_ns = t_ns

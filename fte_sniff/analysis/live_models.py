@@ -189,7 +189,7 @@ class ShownStreams:
             if last > first:
                 rows = self._store.in_memory(block).rows.select(offsets[first:last])
                 self._ports = rows.codebook.ports
-                self._streams.update(rows)
+                self._streams.observe(rows)
             self._observed = block.start + stop
         return not self.pending
 

@@ -142,7 +142,7 @@ class _FirstRows(Model):
         self._most = most if most <= MOST_KEPT else 0
         self._rows: list[RowPosition] = []
 
-    def update(self, rows: Rows, found: Ints) -> None:
+    def observe(self, rows: Rows, found: Ints) -> None:
         """Add the rows of a batch at these indices."""
         if not self._most or not len(found):
             return
@@ -259,7 +259,7 @@ class _MatchCount(Measure):
     def observe(self, rows: Rows, matches: Bools) -> None:
         found = np.flatnonzero(matches)
         self.count += len(found)
-        self._first.update(rows, found)
+        self._first.observe(rows, found)
 
     def merge(self, later: Self) -> None:
         super().merge(later)
@@ -315,9 +315,9 @@ class _FieldValues(Measure):
         self._sum += own.sum().item()
         self._extend(own.min().item(), own.max().item())
         if self._which == "max":
-            self._first.update(rows, found[self._exceeds(own)])
+            self._first.observe(rows, found[self._exceeds(own)])
         elif self._which == "min":
-            self._first.update(rows, found[self._falls_below(own)])
+            self._first.observe(rows, found[self._falls_below(own)])
 
     def _extend(self, least: float, greatest: float) -> None:
         self._least = least if self._least is None else min(least, self._least)
@@ -507,7 +507,7 @@ class _CommandAnswers(Measure):
             own[own] = matches[decided.indices[own]]
             self._count(decided.answered[own], decided.delays_ns[own], decided.ends_ns[own])
             shown = self._shown(decided.answered[own], decided.delays_ns[own])
-            self._first.update(rows, decided.indices[own][shown])
+            self._first.observe(rows, decided.indices[own][shown])
             if not pairing.waiting:
                 self._open.pop(motor, None)
             elif len(commands):
@@ -524,7 +524,7 @@ class _CommandAnswers(Measure):
 
     def _count(self, answered: Bools, delays_ns: Ints, ends_ns: Ints) -> None:
         known = delays_ns != NO_TIME
-        self.delays.update(delays_ns[known], ends_ns[known])
+        self.delays.observe(delays_ns[known], ends_ns[known])
         self.unanswered += int(np.count_nonzero(~answered))
 
     def _shown(self, answered: Bools, delays_ns: Ints) -> Bools:
@@ -600,7 +600,7 @@ class _OnlineShare(Measure):
         bits = (online >> motor_bit(self._motor) & 1).astype(np.bool_)
         self._frames += len(feedback)
         self._frames_on += int(np.count_nonzero(bits))
-        self._first.update(rows, feedback[~bits])
+        self._first.observe(rows, feedback[~bits])
         timed = rows.t_ns[feedback] != NO_TIME
         t_ns, bits = rows.t_ns[feedback][timed], bits[timed]
         if not len(t_ns):

@@ -176,14 +176,14 @@ class Answers(Model):
             motor.commands += len(commands)
             motor.feedback += len(feedback)
             frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-            motor.delays.update(*motor.pairing.update(*frames, rows.t_ns))
+            motor.delays.observe(*motor.pairing.observe(*frames, rows.t_ns))
 
     def merge(self, later: Answers) -> None:
         """Add the rows that follow."""
         for motor, other in zip(self._motors, later._motors, strict=True):
             motor.commands += other.commands
             motor.feedback += other.feedback
-            motor.delays.update(*motor.pairing.merge(other.pairing).measured)
+            motor.delays.observe(*motor.pairing.merge(other.pairing).measured)
             motor.delays.merge(other.delays)
 
     def interrupt(self, port_lost: bool | None = None) -> None:

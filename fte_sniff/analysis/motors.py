@@ -212,7 +212,7 @@ class Pairing(Model):
             return None
         return self._waiting[1]
 
-    def update(
+    def observe(
         self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints = _NONE
     ) -> tuple[Ints, Ints]:
         """Match the commands and the feedback of the next batch; see `decide`.
@@ -239,7 +239,7 @@ class Pairing(Model):
         ends_ns[answered] = feedback.t_ns[answers[answered]]
         known = (commands.t_ns != NO_TIME) & (ends_ns != NO_TIME) & (ends_ns >= commands.t_ns)
         delays_ns = np.where(known, ends_ns - commands.t_ns, NO_TIME)
-        self.delays.update(delays_ns[known])
+        self.delays.observe(delays_ns[known])
         answerable = np.isin(commands.cmds, ANSWERABLE)
         overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
         waits = bool(answerable[-1] and not answered[-1] and not overdue)
@@ -336,10 +336,10 @@ class _Answers(Model):
         self._answered = self._unanswered = 0
         self._delays = RecentValues()
 
-    def update(self, answered: Bools, delays_ns: Ints) -> None:
+    def observe(self, answered: Bools, delays_ns: Ints) -> None:
         self._answered += int(answered.sum())
         self._unanswered += len(answered) - int(answered.sum())
-        self._delays.update(delays_ns[answered & (delays_ns != NO_TIME)])
+        self._delays.observe(delays_ns[answered & (delays_ns != NO_TIME)])
 
     @property
     def counts(self) -> AnsweredCommands | None:
@@ -390,7 +390,7 @@ class _FlagByte(Model):
         self.byte: int | None = None
         self._changed: list[int | None] = [None for _ in BITS]
 
-    def update(self, bytes_: Ints, t_ns: Ints) -> None:
+    def observe(self, bytes_: Ints, t_ns: Ints) -> None:
         if not len(bytes_):
             return
         before = bytes_[0] if self.byte is None else self.byte
@@ -424,13 +424,13 @@ class _Motor(Model):
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def update(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
+    def observe(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         """Apply the commands to this motor and its feedback, by their indices in the batch."""
         self._pair(rows, commands, feedback)
         self.commands += len(commands)
         self.feedback += len(feedback)
-        self._command_times.update(_known_times(rows.t_ns[commands]))
-        self._feedback_times.update(_known_times(rows.t_ns[feedback]))
+        self._command_times.observe(_known_times(rows.t_ns[commands]))
+        self._feedback_times.observe(_known_times(rows.t_ns[feedback]))
         if len(commands):
             self._set_target(rows, commands)
         if not len(feedback):
@@ -441,7 +441,7 @@ class _Motor(Model):
                 last = int(having[-1])
                 self._present[name] = MotorReading(rows.value(name, last), _time(rows.t_ns[last]))
         for name, flag_byte in self._flags.items():
-            flag_byte.update(rows.values(name, feedback), rows.t_ns[feedback])
+            flag_byte.observe(rows.values(name, feedback), rows.t_ns[feedback])
 
     def _pair(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         open_cmd = self.pairing.waiting_cmd
@@ -455,7 +455,7 @@ class _Motor(Model):
         for cmd, answers in self._answers.items():
             own = cmds == cmd
             if own.any():
-                answers.update(decided.answered[own], decided.delays_ns[own])
+                answers.observe(decided.answered[own], decided.delays_ns[own])
 
     def interrupt(self, port_lost: bool | None) -> None:
         self.pairing.interrupt(port_lost)
@@ -510,9 +510,9 @@ class Motors(Model):
         """Apply the next rows, in order of time; `found` is `motor_rows(rows)` if known."""
         found = found or motor_rows(rows)
         for motor in self._motors:
-            motor.update(rows, found.commands[motor.number], found.feedback[motor.number])
+            motor.observe(rows, found.commands[motor.number], found.feedback[motor.number])
         feedback = found.any_feedback
-        self._online.update(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
+        self._online.observe(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
 
     def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here: no answer and no rate spans the gap; see `Gap.port_lost`."""

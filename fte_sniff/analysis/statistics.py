@@ -132,7 +132,7 @@ class PortStats(Model):
         """By kind, in order of first occurrence."""
         return tuple(self._events.values())
 
-    def update(self, lengths: Ints, t_ns: Ints, headers: npt.NDArray[np.uint8]) -> None:
+    def observe(self, lengths: Ints, t_ns: Ints, headers: npt.NDArray[np.uint8]) -> None:
         """Count rows: lengths, times or `NO_TIME`, and the first bytes of frames."""
         self.rows += len(lengths)
         self.bytes += int(lengths.sum())
@@ -149,7 +149,7 @@ class PortStats(Model):
         if not self._continues:
             self._start_run(int(t_ns[0]))
         idle = t_ns - np.concatenate(([self._end_ns], ends_ns[:-1]))
-        self.silences.update(idle[idle > 0], t_ns[idle > 0])
+        self.silences.observe(idle[idle > 0], t_ns[idle > 0])
         self.last_ns, self._end_ns = int(t_ns[-1]), int(ends_ns[-1])
 
     def _start_run(self, t_ns: int) -> None:
@@ -184,7 +184,7 @@ class PortStats(Model):
         if not self._continues:
             self._start_run(first_ns)
         idle = np.array([first_ns - self._end_ns])
-        self.silences.update(idle[idle > 0], np.array([first_ns])[idle > 0])
+        self.silences.observe(idle[idle > 0], np.array([first_ns])[idle > 0])
         self.silences.merge(later.silences)
         self._timed += later._timed
         self._busy_ns += later._busy_ns
@@ -254,7 +254,7 @@ class _KindStream(Model):
         self.latest: tuple[bytes, ...] = ()
         self.last_ns: int | None = None
 
-    def update(self, latest: Codes, t_ns: Ints) -> None:
+    def observe(self, latest: Codes, t_ns: Ints) -> None:
         """Count frames: the bytes of the last two, and the times of all, or `NO_TIME`."""
         self.count += len(t_ns)
         self.latest = (*(raw.tobytes() for raw in latest[::-1]), *self.latest)[:2]
@@ -264,11 +264,11 @@ class _KindStream(Model):
             return
         before = self._ends.append(int(t_ns[0]), int(t_ns[-1]))
         self._measure(t_ns if before is None else np.concatenate(([before], t_ns)))
-        self.recent.update(t_ns)
+        self.recent.observe(t_ns)
 
     def _measure(self, times: Ints) -> None:
         periods, ends = np.diff(times), times[1:]
-        self.periods.update(periods[periods >= 0], ends[periods >= 0])
+        self.periods.observe(periods[periods >= 0], ends[periods >= 0])
         self._measured += len(periods)
         self._measured_ns += int(periods.sum())
 
@@ -333,7 +333,7 @@ class Streams(Model):
             self._streams[port, code] = found
         return found
 
-    def update(self, rows: Rows) -> None:
+    def observe(self, rows: Rows) -> None:
         """Add the next rows."""
         keys = stream_keys(rows)
         order = by_stream(keys)
@@ -346,7 +346,7 @@ class Streams(Model):
             if code == NO_STREAM:
                 continue
             stream = self._stream(rows.codebook.ports[port], code)
-            stream.update(rows.raw[order[max(start, stop - 2) : stop]], t_ns[start:stop])
+            stream.observe(rows.raw[order[max(start, stop - 2) : stop]], t_ns[start:stop])
             for name, layout in _QUANTITIES[STREAMS[code][0]].items():
                 lows, highs = ranges[layout]
                 stream.update_range(name, lows[group], highs[group])
@@ -423,7 +423,7 @@ class Statistics(RowModel):
 
     def _observe(self, rows: Rows) -> None:
         self._observe_ports(rows)
-        self._streams.update(rows)
+        self._streams.observe(rows)
         self._observe_faults(rows)
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
@@ -472,7 +472,7 @@ class Statistics(RowModel):
         framed = rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
             own, port = codes == code, self._port(rows.codebook.ports[code])
-            port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
+            port.observe(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.timed
             busy = lengths[known] * byte_time_ns(port.baud)
             self._busy_over_time.observe(rows.t_ns[known], busy, self._number_of(port.port))

@@ -229,7 +229,7 @@ class Playback:
         self._store.limit = start + count
         for rows in shown:
             self.tally.observe(rows)
-        self._rate.update(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
+        self._rate.observe(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
         return Rows.concat(shown)
 
     @property

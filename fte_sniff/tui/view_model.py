@@ -169,7 +169,7 @@ class ViewModel:
     def _update_rate(self, now_ns: int) -> None:
         """Frames per second: lately in a live capture, on average over a file."""
         frames = self.state.rows - (self.tally.rows - self.tally.frames)
-        self._rate.update(frames - self._frames, now_ns)
+        self._rate.observe(frames - self._frames, now_ns)
         self._frames = frames
         if self.state.running and self.state.live:
             self._frames_per_s = self._rate.per_second(now_ns)

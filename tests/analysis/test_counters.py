@@ -24,7 +24,7 @@ from fte_sniff.protocol.rows import Rows
 def test_percentiles_are_exact_to_three_digits(durations: list[int], cut: int) -> None:
     found = Durations()
     for part in (durations[:cut], durations[cut:]):
-        found.update(np.array(part, np.int64), np.arange(len(part)))
+        found.observe(np.array(part, np.int64), np.arange(len(part)))
     assert found.count == len(durations)
     assert found.longest_ns == max(durations)
     for percent in (5, 50, 95, 100):
@@ -38,7 +38,7 @@ def test_percentiles_are_exact_to_three_digits(durations: list[int], cut: int) -
 @given(st.lists(st.integers(0, 1023), min_size=1, max_size=50))
 def test_durations_below_an_octave_of_single_bins_are_exact(durations: list[int]) -> None:
     found = Durations()
-    found.update(np.array(durations), np.arange(len(durations)))
+    found.observe(np.array(durations), np.arange(len(durations)))
     for percent in (1, 50, 99):
         exact = np.percentile(durations, percent, method="inverted_cdf")
         assert found.percentile_ns(percent) == exact
@@ -47,14 +47,14 @@ def test_durations_below_an_octave_of_single_bins_are_exact(durations: list[int]
 @given(st.integers(0, 2**53))
 def test_a_single_duration_is_exact(duration: int) -> None:
     found = Durations()
-    found.update(np.array([duration]), np.array([0]))
+    found.observe(np.array([duration]), np.array([0]))
     assert found.percentile_ns(50) == duration
 
 
 def test_memory_is_bounded_by_the_octaves_there_are() -> None:
     found = Durations()
     for octave in (40, 0, 62, 20):
-        found.update(np.array([2**octave]), np.array([0]))
+        found.observe(np.array([2**octave]), np.array([0]))
     assert found._bins.nbytes == 63 * PER_OCTAVE * 8
     assert [found.percentile_ns(percent) for percent in (25, 50, 100)] == [
         1,
@@ -67,8 +67,8 @@ def test_the_longest_duration_has_an_end_and_no_durations_have_no_percentile() -
     found = Durations()
     assert found.percentile_ns(50) is None
     assert found.longest_ns is None
-    found.update(np.array([5, 90, 7]), np.array([100, 200, 300]))
-    found.update(np.array([90, 8]), np.array([400, 500]))
+    found.observe(np.array([5, 90, 7]), np.array([100, 200, 300]))
+    found.observe(np.array([90, 8]), np.array([400, 500]))
     assert (found.longest_ns, found.longest_at_ns) == (90, 200)
     assert found.between(0, 10) == 3
 
@@ -80,7 +80,7 @@ SECOND = 1_000_000_000
 def test_the_latest_values_are_kept_in_order(batches: list[list[int]]) -> None:
     recent = RecentValues(10)
     for batch in batches:
-        recent.update(np.array(batch, np.int64))
+        recent.observe(np.array(batch, np.int64))
     every = [value for batch in batches for value in batch]
     assert recent.values.tolist() == every[-10:]
     for percent in (50, 99):
@@ -104,7 +104,7 @@ def test_a_rate_is_none_before_two_values_and_0_after_the_last(
     times: list[float], now: float, rate: float | None
 ) -> None:
     recent = RecentValues()
-    recent.update(np.array([int(time * SECOND) for time in times], np.int64))
+    recent.observe(np.array([int(time * SECOND) for time in times], np.int64))
     assert recent.per_second(int(now * SECOND)) == (rate and pytest.approx(rate))
 
 
@@ -178,5 +178,5 @@ def test_a_rate_looks_back_two_seconds(
 ) -> None:
     meter = Rate(2 * SECOND)
     for count, at in fed:
-        meter.update(count, int(at * SECOND))
+        meter.observe(count, int(at * SECOND))
     assert meter.per_second(int(now * SECOND)) == pytest.approx(rate)

@@ -173,7 +173,7 @@ def pair_in_batches(pairing: Pairing, events: list[tuple[bool, int]], begin: int
         times = [begin + place for place in places]
         return MotorFrames(*(np.array(part, np.int64) for part in (places, cmds, times)))
 
-    pairing.update(moments(COMMAND), moments(FEEDBACK))
+    pairing.observe(moments(COMMAND), moments(FEEDBACK))
 
 
 def paired_by_hand(events: list[tuple[bool, int]]) -> tuple[list[int], int, bool]:
@@ -211,9 +211,9 @@ def test_pairs_without_times_are_counted_but_not_measured() -> None:
     pairing = Pairing()
     one = np.array([0]), np.array([1]), np.array([NO_TIME])
     other = np.array([1]), np.array([1]), np.array([NO_TIME])
-    pairing.update(MotorFrames(*one), MotorFrames(*other))
+    pairing.observe(MotorFrames(*one), MotorFrames(*other))
     assert pairing.answered == 1
     assert pairing.delays.percentile(50) is None
-    pairing.update(MotorFrames(*one), MotorFrames(*(part[:0] for part in other)))
+    pairing.observe(MotorFrames(*one), MotorFrames(*(part[:0] for part in other)))
     assert pairing.waiting
     assert pairing.waiting_since_ns is None

@@ -58,13 +58,13 @@ EVENTS = Topic("/fte/port", "PortEvent")
 
 
 def _schema_and_topics(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
-    """The schema of a kind, and the last component of each of its topics."""
+    """The schema of a kind, and the last component of each of its topics, with its slash."""
     if kind.names_motor:
-        motors = tuple(f"motor{motor}" for motor in MOTORS)
+        motors = tuple(f"/motor{motor}" for motor in MOTORS)
         return f"Motor{kind.direction.capitalize()}", motors
     if kind.fields:
-        return "Chassis", ("chassis",)
-    return kind.name.capitalize(), (kind.name,)
+        return "Chassis", ("/chassis",)
+    return kind.name.capitalize(), (f"/{kind.name}",)
 
 
 def _frame_topics() -> Iterator[Topic]:
@@ -72,7 +72,7 @@ def _frame_topics() -> Iterator[Topic]:
     for kind in KINDS:
         schema, names = _schema_and_topics(kind)
         for name in names:
-            kinds_of.setdefault((schema, f"/fte/{kind.direction}/{name}"), []).append(kind)
+            kinds_of.setdefault((schema, f"/fte/{kind.direction}{name}"), []).append(kind)
     for (schema, name), kinds in kinds_of.items():
         yield Topic(name, schema, tuple(kinds))
 
@@ -87,7 +87,7 @@ def _topics_of_kinds() -> Iterator[tuple[tuple[str, int | None], Topic]]:
         _, names = _schema_and_topics(kind)
         nums = MOTORS if kind.names_motor else (None,)
         for num, name in zip(nums, names, strict=True):
-            yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}/{name}"]
+            yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}{name}"]
 
 
 TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
