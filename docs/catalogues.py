@@ -25,7 +25,7 @@ from fte_sniff.capture.serial_port import ControlLine, LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.recording.output_file import STOPPED
-from fte_sniff.tui.commands import SECTIONS, UNBOUND
+from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.status_bar import Mode
 from fte_sniff.tui.table.columns import Delta, TimeStyle
@@ -48,6 +48,7 @@ def table_texts() -> Iterator[str]:
         for key in keys:
             yield from (key.description, key.tooltip)
     yield from (command.tooltip for command in UNBOUND)
+    yield from (command.of_file for command in COMMANDS.values())
     for kind in KINDS:
         yield kind.meaning
         for field in kind.fields:

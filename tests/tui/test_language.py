@@ -44,7 +44,7 @@ from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, 
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.commands import SECTIONS
+from fte_sniff.tui.commands import COMMANDS, SECTIONS, short_text
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
@@ -148,6 +148,19 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
         assert "按键与符号" in page(app)
 
     play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize("of_file", [False, True])
+def test_the_key_line_is_in_chinese_live_and_of_a_file(of_file: bool) -> None:
+    set_language("en")
+    english = {one.run: short_text(one, of_file=of_file) for one in COMMANDS.values()}
+    set_language("zh")
+    same = [
+        one
+        for one in COMMANDS.values()
+        if one.show and short_text(one, of_file=of_file) == english[one.run]
+    ]
+    assert same == []
 
 
 @pytest.mark.parametrize(("language", "width"), [("en", 40), ("zh", 80)])
