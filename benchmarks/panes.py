@@ -86,7 +86,7 @@ def main() -> None:
     print(f"look back {state * 1000:>12.1f} ms for the motors at any row")
     now = store.row(index).t_ns or 0
     for window in WINDOWS_NS[3], WINDOWS_NS[6], WINDOWS_NS[8]:
-        took = seconds(lambda window=window: following.traces_at(index, now - window), 3)
+        took = seconds(lambda window=window: following.past(index, now - window), 3)
         print(f"          {took * 1000:>12.1f} ms for the traces of {window // 10**9} s before it")
     draw(following)
     values = ValueCounter(store, "rpm")
@@ -101,7 +101,7 @@ def main() -> None:
 def draw(models: LiveModels) -> None:
     now = models.traces.last_ns
     states = tuple(models.motors.states(now))
-    view = MotorsView(states, models.traces, now, WINDOWS_NS[3], LineSetup())
+    view = MotorsView(states, models.traces, models.events, now, WINDOWS_NS[3], LineSetup())
     for width, height in SIZES:
         motors = seconds(lambda w=width, h=height: grid(view, w, h, DARK), 5)
         page = StatisticsPage(models, now, width, DARK)

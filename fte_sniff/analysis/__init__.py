@@ -14,6 +14,7 @@ Modules:
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
     model         What all models share: observe, merge, copy.
+    motor_events  Events of each motor over time: no answer, late answers, damage, flags.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
     relations     Streams of frames, and what changed between them; commands and their answers.

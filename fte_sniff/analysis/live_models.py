@@ -8,17 +8,21 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from operator import attrgetter
 from typing import Final
 
+import numpy as np
+
 from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.motor_events import MotorEvents
 from fte_sniff.analysis.motor_stats import FlagCounts
 from fte_sniff.analysis.motors import Motors, motor_rows
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics, Streams, StreamStats
 from fte_sniff.analysis.traces import Traces
 from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.protocol.rows import Rows
 
 CHECKPOINT_ROWS: Final = 32_768
 
@@ -27,7 +31,7 @@ MOST_TRACED_ROWS: Final = 300_000
 
 
 class LiveModels:
-    """Motors, traces, flags and statistics of all rows of a store."""
+    """Motors, their traces and events, flags and statistics of all rows of a store."""
 
     def __init__(
         self, store: RowStore, setup: LineSetup, checkpoint_rows: int = CHECKPOINT_ROWS
@@ -38,9 +42,10 @@ class LiveModels:
         """Index after the last observed row."""
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
-        self._applied = 0
+        self._applied = self._hinted = 0
         self.motors = Motors()
         self.traces = Traces()
+        self.events = MotorEvents()
         self.statistics = Statistics(setup)
         self.flags = FlagCounts()
         self.missed = 0
@@ -63,12 +68,16 @@ class LiveModels:
             for rows in self._store.batches(self.observed, stop):
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
+                self.events.observe(rows, self.motors)
                 self.flags.observe(rows, found)
                 self.traces.observe(rows)
                 self.statistics.observe(rows)
             self.observed = stop
             if stop % self._checkpoint_rows == 0:
                 self._checkpoints.append((stop, self.motors.copy()))
+        for rows in self._store.batches(self._hinted, self._store.known):
+            self.events.observe_facts(rows)
+        self._hinted = self._store.known
         self._drop_old()
         return not self.pending
 
@@ -112,31 +121,38 @@ class LiveModels:
             return self.motors
         start, state = next(one for one in reversed(self._checkpoints) if one[0] <= end)
         motors = state.copy()
-        first, last = (bisect_left(self._changes, at, key=_index) for at in (start, end))
-        for change in self._changes[first:last]:
-            if isinstance(change.what, Gap):
-                self._replay(motors, start, change.index)
-                motors.interrupt(change.what.port_lost)
-                start = change.index
-        self._replay(motors, start, end)
+        for _rows in self._replay(motors, start, end):
+            pass
         return motors
 
-    def _replay(self, model: Motors | Traces, start: int, end: int) -> None:
-        for batch in self._store.batches(start, end):
-            model.observe(batch)
+    def _replay(self, motors: Motors, start: int, end: int) -> Iterator[Rows]:
+        """The rows from `start` up to `end`, each batch after the motors have observed it."""
+        first, last = (bisect_left(self._changes, at, key=_index) for at in (start, end))
+        gaps = [one for one in self._changes[first:last] if isinstance(one.what, Gap)]
+        for stop in (*(gap.index for gap in gaps), end):
+            for rows in self._store.batches(start, stop):
+                motors.observe(rows)
+                yield rows
+            if gaps and stop == gaps[0].index:
+                gap = gaps.pop(0).what
+                motors.interrupt(gap.port_lost if isinstance(gap, Gap) else None)
+            start = stop
 
-    def traces_at(self, index: int, from_ns: int) -> Traces:
-        """The traces from a time up to a row.
+    def past(self, index: int, from_ns: int) -> tuple[Traces, MotorEvents]:
+        """The traces and the events from a time up to a row.
 
-        They have full detail, unless that is more than `MOST_TRACED_ROWS`: then they are the
-        traces of all rows, which are coarser for times long ago.
+        They have full detail, unless that is more than `MOST_TRACED_ROWS`: then they are those of
+        all rows, which are coarser for times long ago.
         """
         start = self._first_since(index, from_ns)
         if start is None:
-            return self.traces
-        traces = Traces()
-        self._replay(traces, start, index + 1)
-        return traces
+            return self.traces, self.events
+        traces, events, motors = Traces(), MotorEvents(), Motors()
+        for rows in self._replay(motors, start, index + 1):
+            traces.observe(rows)
+            events.observe(rows, motors)
+            events.observe_facts(rows)
+        return traces, events
 
     def _first_since(self, index: int, from_ns: int) -> int | None:
         """Index of a row at or before that time; None if it is too far before `index`."""
@@ -144,9 +160,14 @@ class LiveModels:
         first = max(self._store.first, index + 1 - MOST_TRACED_ROWS)
         while start > first:
             at = max(first, start - self._checkpoint_rows)
-            times = [batch.t_ns[batch.timed] for batch in self._store.batches(at, start)]
-            if any(len(t_ns) and t_ns[0] < from_ns for t_ns in times):
-                return at
+            begin, found = at, None
+            for batch in self._store.batches(at, start):
+                early = np.flatnonzero(batch.timed & (batch.t_ns < from_ns))
+                if len(early):
+                    found = begin + int(early[-1])
+                begin += len(batch)
+            if found is not None:
+                return found
             start = at
         return start if start == self._store.first else None
 

@@ -115,6 +115,8 @@ class DecidedCommands:
     """From the command to its answer, or `NO_TIME`."""
     ends_ns: Ints
     """Times of the answers, or `NO_TIME`."""
+    commands_ns: Ints
+    """Times of the commands, or `NO_TIME`."""
 
     @property
     def measured(self) -> tuple[Ints, Ints]:
@@ -123,7 +125,7 @@ class DecidedCommands:
         return self.delays_ns[known], self.ends_ns[known]
 
 
-_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE)
+_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE, _NONE)
 
 
 class Pairing(Model):
@@ -250,7 +252,11 @@ class Pairing(Model):
         self.unanswered += int(unanswered.sum())
         decided = answered | unanswered
         return DecidedCommands(
-            commands.indices[decided], answered[decided], delays_ns[decided], ends_ns[decided]
+            commands.indices[decided],
+            answered[decided],
+            delays_ns[decided],
+            ends_ns[decided],
+            commands.t_ns[decided],
         )
 
 
@@ -418,6 +424,8 @@ class _Motor(Model):
         self.number = number
         self.commands = self.feedback = 0
         self.pairing = Pairing()
+        self.decided = _NO_COMMANDS
+        """The commands that the last batch decided."""
         self._answers = {cmd: _Answers() for cmd in ANSWERABLE.tolist()}
         self._target: MotorTarget | None = None
         self._present: dict[str, MotorReading] = {}
@@ -446,7 +454,7 @@ class _Motor(Model):
     def _pair(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
         open_cmd = self.pairing.waiting_cmd
         frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-        decided = self.pairing.decide(*frames, rows.t_ns)
+        decided = self.decided = self.pairing.decide(*frames, rows.t_ns)
         if not len(decided.indices):
             return
         cmds = rows.cmds[decided.indices].astype(np.int64)
@@ -518,6 +526,16 @@ class Motors(Model):
         """Rows are missing here: no answer and no rate spans the gap; see `Gap.port_lost`."""
         for motor in self._motors:
             motor.interrupt(port_lost)
+
+    @property
+    def decided(self) -> Mapping[int, DecidedCommands]:
+        """By motor, the commands that the last batch decided."""
+        return {motor.number: motor.decided for motor in self._motors}
+
+    def usual_delay_ns(self, motor: int, least: int) -> int | None:
+        """The median of a motor's latest answer times; None where there are fewer than `least`."""
+        delays = self._motors[motor - MOTORS[0]].pairing.delays
+        return delays.percentile(50) if len(delays.values) >= least else None
 
     def states(self, now_ns: int | None) -> list[MotorState]:
         """The state of every motor, with rates at `now_ns`, which is not before the last row."""

@@ -231,19 +231,22 @@ class Series(Model):
         values: Any = kept[group] if group < len(kept) else np.zeros(level.shape[1], np.int64)
         return Counts(level.first * level.window_ns, level.window_ns, values.tolist())
 
+    def totals(self, group: int, span: tuple[int, int], columns: int) -> Ints:
+        """The totals of a group in columns of a span; the arguments are those of `envelope`."""
+        found: Ints = np.zeros(columns, np.int64)
+        level, numbers, cells = self._columns(span, columns)
+        kept = level.kept[Keep.TOTAL]
+        if group < len(kept):
+            np.add.at(found, cells, kept[group, numbers - level.first])
+        return found
+
     def envelope(self, group: int, span: tuple[int, int], columns: int) -> EnvelopeColumns:
         """The values of a group in columns of a span, from the shortest windows that reach back.
 
         `span` are a start and an exclusive end. A window belongs to the column of its middle; at
         the ends to the first or last column.
         """
-        start, end = span
-        level = next(filter(lambda one: self._reaches(one, start), self._levels))
-        first = max(level.first, start // level.window_ns)
-        numbers = np.arange(first, max(first, min(level.end, -(-end // level.window_ns))))
-        middles = numbers * level.window_ns + level.window_ns // 2
-        at = (middles - start) / max(1, end - start) * columns
-        cells = np.clip(at.astype(np.int64), 0, columns - 1)
+        level, numbers, cells = self._columns(span, columns)
         found = []
         for keep in (Keep.LOW, Keep.HIGH, Keep.LAST):
             column: Ints = np.full(columns, keep.value, np.int64)
@@ -253,6 +256,16 @@ class Series(Model):
                 keep.add(column, cells[known], kept[known])
             found.append(np.where(column == keep.value, np.nan, column))
         return EnvelopeColumns(*found)
+
+    def _columns(self, span: tuple[int, int], columns: int) -> tuple[_Level, Ints, Ints]:
+        """The shortest windows that cover a span: their level, numbers and columns."""
+        start, end = span
+        level = next(filter(lambda one: self._reaches(one, start), self._levels))
+        first = max(level.first, start // level.window_ns)
+        numbers = np.arange(first, max(first, min(level.end, -(-end // level.window_ns))))
+        middles = numbers * level.window_ns + level.window_ns // 2
+        at = (middles - start) / max(1, end - start) * columns
+        return level, numbers, np.clip(at.astype(np.int64), 0, columns - 1)
 
     def _reaches(self, level: _Level, start_ns: int) -> bool:
         """Whether a level has all values since a time."""

@@ -450,7 +450,9 @@ class SniffApp(App[None]):
         self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
         self._key_line.of_file = not model.state.live
         top_time = self._panes.top_time(live=model.state.live and model.state.running)
-        self._status_line.numbers = model.status_counters(viewport, self._hit_status.text, top_time)
+        self._status_line.numbers = model.status_counters(
+            viewport, self._hit_status.text, self._panes.health, top_time
+        )
         self.filters.field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
 

@@ -8,13 +8,14 @@ opened.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from typing import cast
 
 from textual.binding import Binding, BindingType
 
+from fte_sniff.protocol import MOTORS
 from fte_sniff.tui.i18n import _, later
 
 
@@ -348,6 +349,10 @@ UNDERSTANDING: tuple[Command, ...] = (
         rank=11,
         words="stats rates counters",
     ),
+    *(
+        _key(f"{motor}", f"view.motor({motor})", "one motor on the whole screen, or all again")
+        for motor in MOTORS
+    ),
     _key("z", "view.zoom(-1)", "less time in the plots of the motors", words="zoom in"),
     _key("Z", "view.zoom(1)", "more time in the plots of the motors", words="zoom out"),
     _key("r", "view.plot_range", "outliers of the motors: markers at the edge, or the full range"),
@@ -439,10 +444,22 @@ PALETTE: tuple[Command, ...] = tuple(
 )
 """The commands that the palette lists."""
 
+
+def _together(commands: tuple[Command, ...]) -> tuple[Command, ...]:
+    """The commands, those with one meaning as one with all their keys."""
+    by_meaning: dict[str, Command] = {}
+    for one in commands:
+        other = by_meaning.setdefault(one.tooltip, one)
+        if other is not one:
+            keys = f"{other.key_display} {one.key_display}"
+            by_meaning[one.tooltip] = replace(other, key_display=keys)
+    return tuple(by_meaning.values())
+
+
 SECTIONS: tuple[tuple[str, tuple[Command, ...]], ...] = (
     ("Move", MOVING),
     ("Find", FINDING),
-    ("Understand", UNDERSTANDING),
+    ("Understand", _together(UNDERSTANDING)),
     ("Top view", TOP[:4]),
     ("Handle", (*HANDLING, *LEAVING)),
 )

@@ -242,19 +242,23 @@ class StatusCounters:
     """Whether the rate is that of all rows, not the current one."""
     filtered: bool = False
     """Whether a filter hides rows; the counts are of all rows."""
+    health: str = ""
+    """How the motors answered lately."""
     time: str = ""
     """The time that the top view shows, in place of the number of the row."""
 
 
 def status_text(numbers: StatusCounters, width: int) -> str:
     """The status line in exactly `width` cells; the last numbers are left out first."""
-    parts = _parts(numbers, abbreviated=width < WIDE)
+    parts = _parts(numbers, abbreviated=width < (WITH_HEALTH if numbers.health else WIDE))
     if numbers.hits:
         parts.insert(1, numbers.hits)
     if numbers.line_errors:
         parts.append(_("{count:,} line errors", count=numbers.line_errors))
     if numbers.not_shown:
         parts.append(_("{count:,} too fast to show", count=numbers.not_shown))
+    if numbers.health:
+        parts.append(numbers.health)
     row = _("shown row {number:,}") if numbers.filtered else _("row {number:,}")
     row = row.format(number=numbers.row_number) if numbers.row_number else _("no row shown")
     parts.append(numbers.time or row)
@@ -267,6 +271,9 @@ def status_text(numbers: StatusCounters, width: int) -> str:
         line += "  " + part
     return fit(line, width)
 
+
+WITH_HEALTH: Final = 110
+"""Cells from which on words are not abbreviated beside the health of the motors."""
 
 RATE, MEAN_RATE = "{rate:>5,.0f}/s", "ø {rate:>3,.0f}/s"
 

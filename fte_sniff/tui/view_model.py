@@ -192,10 +192,13 @@ class ViewModel:
         """Earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
         return self.tally.first_ns
 
-    def status_counters(self, viewport: Viewport, hits: str = "", time: str = "") -> StatusCounters:
+    def status_counters(
+        self, viewport: Viewport, hits: str = "", health: str = "", time: str = ""
+    ) -> StatusCounters:
         """Counters for the status line.
 
-        `hits` is the text about the current search, `time` that about the time of the top view.
+        `hits` is the text about the current search, `health` that about the motors, `time` that
+        about the time of the top view.
         """
         play = self.playback
         tally = self.tally if play is None else play.tally
@@ -212,6 +215,7 @@ class ViewModel:
             hits=hits,
             is_mean=play is None and not (self.state.running and self.state.live),
             filtered=self.store.view.filter is not None,
+            health=health,
             time=time,
         )
 

@@ -93,7 +93,7 @@ def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     index = 1000
     end = index * MILLISECOND
     window = (end - window_ms * MILLISECOND, end + 1)
-    traces = following.traces_at(index, window[0])
+    traces, _events = following.past(index, window[0])
     spans = traces.resample(2, Direction.FEEDBACK, "rpm", window, 40)
     inside = [
         row.values["rpm"]

@@ -18,7 +18,9 @@ from rich.style import Style
 from textual.pilot import Pilot
 from textual.widgets import Static
 
+from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.motor_events import MotorEvents
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
@@ -43,7 +45,15 @@ from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.panes.plot import Canvas, Curves, PlotStyles, dots_across, plot, time_axis
+from fte_sniff.tui.panes.plot import (
+    SCALE_CELLS,
+    Canvas,
+    Curves,
+    PlotStyles,
+    dots_across,
+    plot,
+    time_axis,
+)
 from fte_sniff.tui.panes.row import (
     CONTEXT_LINES,
     BytesPane,
@@ -432,8 +442,8 @@ def test_every_line_of_every_pane_fits(
     motors = models.motors_at(index) if rows else models.motors
     assert motors is not None
     now = rows[index].t_ns if rows else None
-    traces = models.traces_at(index, (now or 0) - window_ns)
-    look = MotorsView(tuple(motors.states(now)), traces, now, window_ns, bench)
+    traces, events = models.past(index, (now or 0) - window_ns)
+    look = MotorsView(tuple(motors.states(now)), traces, events, now, window_ns, bench)
     page = StatisticsPage(models, now, width, palette)
     for text in (grid(look, width, height, palette), page.text):
         assert all(line.cell_len <= width for line in text.split("\n"))
@@ -692,12 +702,16 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
 
 
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
-    batch = columns.Rows.from_rows(rows)
-    motors, traces = Motors(), Traces()
+    facts = Facts()
+    batch = columns.Rows.concat([facts.feed(columns.Rows.from_rows(rows)), facts.interrupt()])
+    motors, traces, events = Motors(), Traces(), MotorEvents()
     motors.observe(batch)
     traces.observe(batch)
+    events.observe(batch, motors)
+    events.observe_facts(batch)
     now = None if at_s is None else NOON_NS + round(at_s * SECOND_NS)
-    return MotorsView(tuple(motors.states(now)), traces, now, 10 * SECOND_NS, bench or LineSetup())
+    states, setup = tuple(motors.states(now)), bench or LineSetup()
+    return MotorsView(states, traces, events, now, 10 * SECOND_NS, setup)
 
 
 def _drive() -> list[Row]:
@@ -722,7 +736,9 @@ def test_the_grid_is_as_wide_as_there_is_room_and_has_every_motor(
     text = grid(_look(rows, at_s), *size, DARK)
     lines = text.split("\n")
     assert all(line.cell_len <= size[0] for line in lines)
-    if size[0] >= 68:
+    if size == (79, 15):
+        assert [text.plain.count(f"motor {number}") for number in range(1, 5)] == [1, 0, 0, 0]
+    elif size[0] >= 68:
         assert [text.plain.count(f"motor {number}") for number in range(1, 5)] == [1] * 4
         assert len(lines) <= max(size[1], 28)
 
@@ -732,7 +748,7 @@ def test_a_card_shows_target_and_feedback() -> None:
     assert "motor 1 online error 00 bit 2 cleared 12:00:09 " in page
     assert "target speed 1000 RPM" in page
     assert "now    991 RPM" in page
-    assert "10.0/s commands, 0 of 100 unanswered" in page
+    assert "10.0/s commands, last 10 s: 0 of 100 unanswered" in page
     assert "10.5/s feedback, 4 ms after, p99 4 ms" in page
     assert "error bit 2 is 0 since 12:00:09.950" in page
     assert "target position -5000 pulses 600 RPM" in page
@@ -741,7 +757,7 @@ def test_a_card_shows_target_and_feedback() -> None:
 def test_a_bit_is_shown_as_set_or_cleared() -> None:
     rows = [_row("speed_feedback", at, motor=1, rpm=0, error=8 * (at > 1)) for at in (0, 1, 2, 3)]
     assert "error 08 bit 3 set 12:00:02.000" in grid(_look(rows, 3), 199, 37, DARK).plain
-    assert "error 08 b3=1 12:00:02" in grid(_look(rows, 3), 79, 15, DARK).plain
+    assert "error 08 b3=1 12:00:02" in grid(_look(rows, 3), 79, 22, DARK).plain
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 7])
@@ -778,6 +794,41 @@ def test_a_low_and_narrow_pane_uses_all_its_lines(height: int) -> None:
         assert "target speed 1000 RPM since 12:00:00.0" in lines
 
 
+def _troubled() -> list[Row]:
+    """Three motors that answer, and motor 3, of which answers are lost, late and damaged."""
+    rows: list[Row] = []
+    for number in range(400):
+        at, motor = number / 40, 1 + number % 4
+        rows.append(_row("speed", at, motor=motor, rpm=100))
+        bad = number // 4 % 4 if motor == 3 and number > 100 else 0
+        answer = _row("speed_feedback", at + (0.02 if bad == 2 else 0.003), motor=motor, rpm=99)
+        if bad == 3:
+            damaged = (Fault.TRUNCATED,)
+            answer = Damage(answer.port, answer.offset, answer.raw[:-1], answer.t_ns, damaged)
+        if bad != 1:
+            rows.append(answer)
+    return rows
+
+
+@pytest.mark.parametrize("size", [(38, 30), (78, 17), (118, 30), (199, 37)])
+def test_lanes_have_a_tick_for_every_event_of_the_window(size: tuple[int, int]) -> None:
+    view = replace(_look(_troubled(), 9.99), chosen=3)
+    page = grid(view, *size, DARK).plain
+    assert "last 10 s: 37 of 99 unanswered" in page
+    lanes = {line.split()[0]: line for line in page.split("\n") if re.match(r" *[x!>^] \d", line)}
+    assert lanes.keys() == {"x", "!", ">"}
+    assert [int(lanes[sign].split()[1]) for sign in "x!>"] == [37, 19, 19]
+    assert all(set(line[SCALE_CELLS:]) == {sign, " "} for sign, line in lanes.items())
+    one_line = grid(view, size[0], 9, DARK).plain.split("\n")
+    assert any(set(line[SCALE_CELLS:]) >= {"x"} for line in one_line)
+
+
+def test_a_low_pane_shows_the_motor_with_the_most_events() -> None:
+    assert grid(_look(_troubled(), 9.99), 78, 17, DARK).plain.startswith("motor 3")
+    sound = replace(_look(_drive()[:20], 0.9), of_row=2)
+    assert grid(sound, 78, 17, DARK).plain.startswith("motor 1")
+
+
 def test_an_unknown_value_is_a_dash() -> None:
     page = grid(_look([_row("reset", 0)], 0.5), 199, 37, DARK).plain
     assert page.count("– RPM") == page.count("– pulses") == 4
@@ -789,7 +840,7 @@ def test_an_unknown_value_is_a_dash() -> None:
 def test_a_rate_that_is_not_known_is_no_dash_before_the_commands() -> None:
     view = replace(_look(_drive(), 9.97), states=_look(_drive(), None).states)
     page = grid(view, 199, 37, DARK).plain
-    assert "100 commands, 0 of 100 unanswered" in page
+    assert "100 commands, last 10 s: 0 of 100 unanswered" in page
     assert "101 feedback, 4 ms after, p99 4 ms" in page
     assert not re.search("– (commands|feedback)", page)
 

@@ -75,6 +75,10 @@ class ViewController:
         """Show or close a pane."""
         self._panes.toggle(name)
 
+    def action_motor(self, motor: int) -> None:
+        """Give one motor the whole screen, or show all again."""
+        self._panes.choose_motor(motor)
+
     def action_top(self) -> None:
         """Show one line for each kind and motor in place of the table, or the table again."""
         self._focus.show_top(not self._panes.top.display)

@@ -10,15 +10,35 @@ from typing import Final
 from rich.style import Style
 from rich.text import Text
 
+from fte_sniff.analysis.motor_events import MotorEvent, MotorEvents
 from fte_sniff.analysis.motors import Flags, Motors, MotorState
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import QUANTITIES, Traces
-from fte_sniff.formats.cell_text import UNKNOWN, clock_text, padded, rate_text
-from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Field, FrameKind, Status
+from fte_sniff.formats.cell_text import (
+    UNKNOWN,
+    clock_text,
+    fit_right,
+    padded,
+    rate_text,
+    short_number,
+)
+from fte_sniff.protocol import (
+    KINDS,
+    VALUE_FIELDS,
+    Direction,
+    Field,
+    Frame,
+    FrameKind,
+    Row,
+    Status,
+)
+from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
+    SCALE_CELLS,
     Curves,
     PlotStyles,
     dots_across,
@@ -27,6 +47,8 @@ from fte_sniff.tui.panes.plot import (
     plot,
     time_axis,
 )
+from fte_sniff.tui.table.columns import RAISED_MARK
+from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import first_fitting, span_text, turns_text
 
@@ -45,6 +67,7 @@ class MotorsView:
 
     states: tuple[MotorState, ...]
     traces: Traces
+    events: MotorEvents
     now_ns: int | None
     """The moment, nanoseconds since 1970 UTC; None where rows have no times."""
     window_ns: int
@@ -52,6 +75,10 @@ class MotorsView:
     zone: tzinfo = UTC
     end: str = ""
     full_range: bool = False
+    chosen: int | None = None
+    """The motor that has the whole pane; None for all that fit."""
+    of_row: int | None = None
+    """The motor of the cursor's row."""
 
     @property
     def window(self) -> tuple[int, int]:
@@ -92,6 +119,11 @@ ERRORS: Final = NAME_OF_ROLE[Role.ERRORS]
 ONLINE: Final = later("online")
 OFFLINE: Final = later("OFFLINE")
 ERROR: Final = later("error {byte:02X}")
+WINDOW: Final = (
+    later("{rate} commands, last {span}: {unanswered:,} of {all:,} unanswered"),
+    later("{rate}, last {span}: {unanswered:,} of {all:,} unanswered"),
+    later("last {span}: {unanswered:,} of {all:,} unanswered"),
+)
 COMMANDS: Final = (
     later("{rate} commands, {unanswered:,} of {all:,} unanswered"),
     later("{rate} commands, {unanswered:,} unanswered"),
@@ -105,7 +137,7 @@ FEEDBACK: Final = (
 MAX_BIT_LINES: Final = 4
 """Bit changes of ERROR that have a line each."""
 
-TALL_LINES: Final = 16
+TALL_LINES: Final = 20
 """Lines from which on a card lists bits and plots both quantities."""
 
 TEXT_LINES: Final = 5
@@ -181,14 +213,40 @@ class MotorCard:
     def _stacked(self, shown: Mapping[str, Curves], height: int, width: int) -> list[Text]:
         """Plots above each other, with one time axis."""
         names = list(shown)
-        axis = [self._axis(width)] if height > PLOT_LINES * len(names) else []
+        below = [self._axis(width)] if height > PLOT_LINES * len(names) else []
+        below = self._lanes(width, height - PLOT_LINES * len(names) - len(below)) + below
         lines: list[Text] = []
         for number, name in enumerate(names):
-            each = (height - len(axis) - len(lines)) // (len(names) - number)
+            each = (height - len(below) - len(lines)) // (len(names) - number)
             caption = [self._caption(name)] if len(names) > 1 and each > PLOT_LINES else []
             lines += caption
             lines += self._plot(name, shown[name], each - len(caption), width, not caption)
-        return lines + axis
+        return lines + below
+
+    def _lanes(self, width: int, height: int) -> list[Text]:
+        """A line for each kind of event in the window, or one for all where lines are few."""
+        across, view = width - SCALE_CELLS, self.view
+        if across < 1 or height < 1:
+            return []
+        ticks = {
+            event: view.events.ticks(self.state.motor, event, view.window, across)
+            for event in MotorEvent
+        }
+        found = [event for event in MotorEvent if ticks[event].any()]
+        if len(found) * 2 <= height:
+            return [self._lane(ticks, [event]) for event in found]
+        return [self._lane(ticks, found)] if found else []
+
+    def _lane(self, ticks: Mapping[MotorEvent, Ints], events: Sequence[MotorEvent]) -> Text:
+        """The signs of events at their times, the gravest of a cell; the label has their number."""
+        styles = {event: _style_of(event, self.palette) for event in events}
+        count = short_number(sum(int(ticks[event].sum()) for event in events))
+        label = count if len(events) > 1 else f"{LANES[events[0]]} {count}"
+        line = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=self.palette.muted)
+        for cell in zip(*(ticks[event].tolist() for event in events), strict=True):
+            worst = next((one for one, count in zip(events, cell, strict=True) if count), None)
+            line.append(*((" ", None) if worst is None else (LANES[worst], styles[worst])))
+        return line
 
     def _caption(self, name: str) -> Text:
         text = f"{_KIND[name].name} [{_FIELD[name].unit}]"
@@ -316,9 +374,15 @@ class MotorCard:
         if wait_ns is not None and wait_ns >= STALE_NS:
             text = _("{rate} commands, no answer for {span}", rate=rate, span=span_text(wait_ns))
             return Text(text, style=self.palette.statuses[Status.SUSPECT])
-        total = state.answered + state.unanswered
-        values = {"rate": rate, "unanswered": state.unanswered, "all": total}
-        return Text(first_fitting((_(form, **values) for form in COMMANDS), width))
+        if self.view.now_ns is None:
+            total = state.answered + state.unanswered
+            values = {"rate": rate, "unanswered": state.unanswered, "all": total}
+            return Text(first_fitting((_(form, **values) for form in COMMANDS), width))
+        counts = self.view.events.counts(state.motor, self.view.window)
+        values = {"rate": rate, "unanswered": counts.unanswered, "all": counts.asked}
+        values["span"] = span_text(self.view.window_ns)
+        style = self.palette.statuses[Status.MALFORMED] if counts.unanswered else _PLAIN
+        return Text(first_fitting((_(form, **values) for form in WINDOW), width), style=style)
 
     def _feedback(self, width: int) -> Text:
         state = self.state
@@ -365,6 +429,22 @@ def _by_importance(kind: FrameKind) -> list[Field]:
     return sorted(kind.fields, key=lambda field: field.name != kind.subject)
 
 
+LANES: Final[Mapping[MotorEvent, str]] = {
+    MotorEvent.UNANSWERED: Sign.UNANSWERED,
+    MotorEvent.DAMAGE: LOOKS[Status.MALFORMED].mark,
+    MotorEvent.LATE: ">",
+    MotorEvent.FLAGS: RAISED_MARK,
+}
+"""Signs of events in their lanes, those of rows where rows have one."""
+
+
+def _style_of(event: MotorEvent, palette: Palette) -> Style:
+    if event is MotorEvent.FLAGS:
+        return palette.raised
+    status = Status.SUSPECT if event is MotorEvent.LATE else Status.MALFORMED
+    return palette.statuses[status] + _BOLD
+
+
 FOUR_COLUMNS: Final = 160
 """Cells from which on all cards are side by side."""
 
@@ -374,6 +454,9 @@ TWO_COLUMNS: Final = 68
 MIN_CARD_LINES: Final = 7
 """Lines of a card; where there are fewer, the pane scrolls."""
 
+LEAST_CARD: Final = 10
+"""Lines of a card below which one motor has the whole pane."""
+
 GAP: Final = 2
 
 
@@ -381,11 +464,15 @@ def grid(view: MotorsView, width: int, height: int, palette: Palette) -> Text:
     """All cards in `width` cells; in more than `height` lines where they do not fit."""
     cards = [MotorCard(view, state, palette) for state in view.states]
     columns = 4 if width >= FOUR_COLUMNS else 2 if width >= TWO_COLUMNS else 1
-    if columns == 1 and height < len(cards) * TEXT_LINES:
+    if columns == 1 and view.chosen is None and height < len(cards) * TEXT_LINES:
         each, rest = divmod(height, len(cards))
         texts = (card.compact(each + (n < rest), width) for n, card in enumerate(cards))
         return Text("\n").join(line for lines in texts for line in lines)
     card_height = max(MIN_CARD_LINES, height // -(-len(cards) // columns))
+    if view.chosen is not None or (height > MIN_CARD_LINES and card_height < LEAST_CARD):
+        motor = _motor_of(view) if view.chosen is None else view.chosen
+        cards = [card for card in cards if card.state.motor == motor]
+        columns, card_height = 1, height
     card_width = (width + GAP) // columns - GAP
     lines: list[Text] = []
     for first in range(0, len(cards), columns):
@@ -395,6 +482,16 @@ def grid(view: MotorsView, width: int, height: int, palette: Palette) -> Text:
                 part.pad_right(card_width + GAP - part.cell_len)
             lines.append(Text().join(parts))
     return Text("\n").join(lines)
+
+
+def _motor_of(view: MotorsView) -> int:
+    """The motor with the most events in the window, else that of the row, else the first."""
+
+    def rank(state: MotorState) -> tuple[int, bool]:
+        counts = view.events.counts(state.motor, view.window)
+        return sum(counts.events.values()), state.motor == view.of_row
+
+    return max(view.states, key=rank).motor
 
 
 def _card_row(cards: Sequence[MotorCard], height: int, width: int) -> Iterator[list[Text]]:
@@ -427,14 +524,16 @@ class MotorsPane(Pane):
 
     NAME = "motors"
     REDRAW_S = 1 / 6
-    HINT = later("z Z: time   r: range   J K: scroll   esc: close")
+    HINT = later("1-4: one motor   z Z: time   r: range   esc: close")
 
     def __init__(self) -> None:
         super().__init__()
         self._window = DEFAULT_WINDOW
         self._full_range = False
-        self._past: tuple[int, int, Motors, Traces] | None = None
-        """State at the index of a row, with traces over a time span."""
+        self.chosen: int | None = None
+        """The motor that has the whole screen; None for all."""
+        self._past: tuple[int, int, Motors, Traces, MotorEvents] | None = None
+        """State at the index of a row, with traces and events over a time span."""
 
     def zoom(self, by: int) -> None:
         """Plot a longer (`by` 1) or shorter (-1) time span."""
@@ -462,7 +561,7 @@ class MotorsPane(Pane):
 
     def _view(self, context: PaneContext) -> MotorsView | None:
         models, now_ns, window_ns = context.models, context.now_ns, WINDOWS_NS[self._window]
-        motors, traces = models.motors, models.traces
+        motors, traces, events = models.motors, models.traces, models.events
         if context.following or context.index is None:
             self._past = None
         else:
@@ -472,18 +571,27 @@ class MotorsPane(Pane):
                 if past is None:
                     return None
                 since_ns = (now_ns or 0) - window_ns
-                self._past = (*wanted, past, models.traces_at(context.index, since_ns))
-            motors, traces = self._past[2:]
+                self._past = (*wanted, past, *models.past(context.index, since_ns))
+            motors, traces, events = self._past[2:]
         end = _("now")
         if _as_of(context):
             end = clock_text(now_ns or 0, 3, context.zone)
         return MotorsView(
             tuple(motors.states(context.rates_ns if context.following else now_ns)),
             traces,
+            events,
             now_ns,
             window_ns,
             context.line_setup,
             context.zone,
             end,
             self._full_range,
+            self.chosen,
+            None if context.row is None or context.following else _motor_of_row(context.row),
         )
+
+
+def _motor_of_row(row: Row) -> int | None:
+    """The motor that a row names or, if it is damaged, probably belonged to."""
+    values = row.values if isinstance(row, Frame) else {}
+    return values.get(NAME_OF_ROLE[Role.MOTOR], row.motor_hint)

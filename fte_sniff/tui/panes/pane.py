@@ -170,6 +170,11 @@ class Pane(VerticalScroll, can_focus=False):
         """Post the message."""
         self.post_message(self.Resized())
 
+    def fill(self, *, fills: bool) -> None:
+        """Fill the screen but for a few rows, or no longer."""
+        if self.parent is not None:
+            self.parent.set_class(fills, "-full")
+
     @abstractmethod
     def draw(self, context: PaneContext) -> None:
         """Draw the context with `set_title` and `set_page`."""

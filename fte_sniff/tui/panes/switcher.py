@@ -8,6 +8,7 @@ from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import PortEvent
@@ -17,6 +18,7 @@ from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.text import span_text
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
@@ -32,6 +34,15 @@ CLOSED_BUDGET_S: Final = 0.015
 
 CLOSED_BATCH_ROWS: Final = 4_096
 """Rows that are collected for a step while no pane is open: fewer steps cost less."""
+
+
+HEALTH_NS: Final = 10_000_000_000
+"""Time before the cursor of which the health of the motors is shown."""
+
+HEALTH_EVERY_NS: Final = 1_000_000_000
+"""Shortest time between two updates of it: each costs a step of the models."""
+
+HEALTH: Final = {Health.SOUND: "●", Health.TROUBLED: "◐", Health.SILENT: "○"}
 
 
 class PaneSwitcher:
@@ -54,6 +65,9 @@ class PaneSwitcher:
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
         self._playhead_ns: int | None = None
+        self.health = ""
+        """How the motors answered in `HEALTH_NS` up to the cursor, and their answer time."""
+        self._health_at_ns = -HEALTH_EVERY_NS
 
     def __iter__(self) -> Iterator[Pane]:
         return iter(self._panes.values())
@@ -76,6 +90,17 @@ class PaneSwitcher:
         # The pane has no size before the next layout.
         self._table.call_after_refresh(self.redraw)
 
+    def choose_motor(self, motor: int) -> None:
+        """Give one motor the whole screen, or show all again."""
+        pane = self._panes[MotorsPane.NAME]
+        assert isinstance(pane, MotorsPane)
+        chosen = motor if self._open is not pane or pane.chosen != motor else None
+        if self._open is not pane:
+            self.toggle(MotorsPane.NAME)
+        pane.chosen = chosen
+        pane.fill(fills=chosen is not None)
+        self._table.call_after_refresh(self.redraw)
+
     def close(self) -> bool:
         """Show no pane; returns whether one was open."""
         if self._open is None:
@@ -86,6 +111,7 @@ class PaneSwitcher:
 
     def _hide(self) -> None:
         if self._open is not None:
+            self._open.fill(fills=False)
             self._open.display = False
             self._open = None
 
@@ -151,6 +177,9 @@ class PaneSwitcher:
         self._rows_come = running or playhead_ns is not None
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
+        if now_ns - self._health_at_ns >= HEALTH_EVERY_NS:
+            self._health_at_ns = now_ns
+            self._update_health()
         due = [view for view in self._views if self._is_due(view)]
         # Few large steps cost less than many small ones.
         wanted = due and self._models_shown
@@ -158,6 +187,24 @@ class PaneSwitcher:
             self._update_models()
         for view in due:
             self._redraw_changed(view)
+
+    def _update_health(self) -> None:
+        if self._models.pending and not self._postponed:
+            self._update_models()
+        viewport, index, row = self._table.viewport, self._table.cursor_index, None
+        end_ns, events = self._models.traces.last_ns, self._models.events
+        if index is not None and not viewport.following:
+            row = self._table.cursor_row
+            end_ns = None if row is None else row.t_ns
+        if end_ns is None or self._models.pending > STEP_ROWS:
+            self.health = ""
+            return
+        if row is not None and index is not None:
+            events = self._models.past(index, end_ns - HEALTH_NS)[1]
+        span = end_ns + 1 - HEALTH_NS, end_ns + 1
+        marks = " ".join(f"{motor}{HEALTH[one]}" for motor, one in events.health(span).items())
+        delay_ns = events.delay_ns(99, span)
+        self.health = marks if delay_ns is None else f"{marks}  p99 {span_text(delay_ns)}"
 
     def _is_due(self, view: Pane | TopView) -> bool:
         return self._clock_ns - self._drawn_at_ns.get(view, 0) >= view.REDRAW_S * 1e9

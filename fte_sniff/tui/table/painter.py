@@ -78,6 +78,7 @@ class Sign(ExplainedWord):
     MARKED = "*", "marked by m"
     NOTED = "#", "marked, with a note"
     SELECTED = "|", "selected by v"
+    UNANSWERED = "x", "a command without an answer"
     PAIRED = "&", "the command or the answer of the row under the cursor"
 
 

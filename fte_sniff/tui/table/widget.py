@@ -332,7 +332,8 @@ class RowTable(ScrollView):
             known = before_ns is not None and row.t_ns is not None
             if index == self.last_index and self.field is not None:
                 field = self._field_offsets(row)
-            sign = Sign.SELECTED if index in selected else Sign.NONE
+            sign = Sign.UNANSWERED if row.unanswered else Sign.NONE
+            sign = Sign.SELECTED if index in selected else sign
             sign = Sign.PAIRED if index in pair else sign
             if index in self.marks:
                 sign = Sign.NOTED if self.marks[index] else Sign.MARKED
