@@ -96,8 +96,8 @@ class MotorEvents:
                 late = decided.delays_ns > LATE * usual
                 self._add(motor, MotorEvent.LATE, decided.ends_ns[late])
             delays, ends = decided.measured
-            self._delays.update(delays)
-            self._ends.update(ends)
+            self._delays.observe(delays)
+            self._ends.observe(ends)
             at = feedback[motor]
             self._add(motor, MotorEvent.FLAGS, rows.t_ns[at[_raised(rows, at, motor)]])
 
