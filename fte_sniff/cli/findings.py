@@ -14,6 +14,7 @@ from fte_sniff.cli.measuring import jobs_options, measure
 from fte_sniff.cli.output import print_json
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import iso_time
+from fte_sniff.session.stats_json import MOTOR
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding, Findings
@@ -82,7 +83,7 @@ def finding_json(one: Finding) -> dict[str, Any]:
     return {
         "cause": one.cause,
         "port": one.port,
-        "motor": one.motor,
+        MOTOR: one.motor,
         "kind": one.kind,
         "first": iso_time(one.first_ns),
         "last": iso_time(one.last_ns),

@@ -137,6 +137,17 @@ def test_statistics_and_checks_follow_the_roles(other: Path) -> None:
     assert shown.count("pass") == len(rules)
 
 
+def test_facts_findings_and_decoders_follow_the_table(other: Path) -> None:
+    shown = run(other, "decode", "line.mcap", "--format", "jsonl", "--filter", "answer_ms > 0")
+    assert {json.loads(line)["kind"] for line in shown.splitlines()} <= {"turn", "move", "drive"}
+    assert shown
+    found = json.loads(run(other, "findings", "line.mcap", "--format", "json"))
+    assert found["examined"]["rows"] == COUNT
+    for one in found["findings"]:
+        run(other, "decode", "line.mcap", "--filter", one["filter"], "--format", "csv")
+    assert "axis" in run(other, "decoder", "wireshark")
+
+
 def test_a_report_has_the_plots_of_the_motors(other: Path) -> None:
     pytest.importorskip("bokeh")
     run(other, "report", "line.mcap", "-o", "report.html", "--force")
