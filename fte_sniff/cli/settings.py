@@ -35,7 +35,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import click
 
@@ -57,7 +57,7 @@ class Settings:
     """The contents of a settings file."""
 
     screen: Mapping[str, Any] = field(default_factory=dict)
-    """Values of `SCREEN_FIELDS` by name, without those that the file lacks."""
+    """Values of `SCREEN_SETTINGS` by name, without those that the file lacks."""
     ports: tuple[str, ...] = ()
     """Ports to open when none is named; one or two."""
     by_port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -129,26 +129,14 @@ class Settings:
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""
-        columns = choices.columns
         try:
             # Read again: another screen may have written it.
             found = read_settings(self.path)
             if found.faults:
                 print_err(f"the screen settings are not saved: correct {self.path} first")
                 return
-            screen = {
-                "theme": choices.theme,
-                "language": choices.language or found.screen.get("language"),
-                "pane_beside": choices.panes.beside or None,
-                "pane_height": choices.panes.height,
-                "pane_width": choices.panes.width,
-                "delta": None if choices.delta is Delta.ROW else choices.delta.name.lower(),
-                "changes": choices.changes or None,
-                "events": None if choices.events else False,
-            }
-            if columns is not None:
-                screen["columns"], screen["widths_at"] = columns.names, columns.widths_at
-                screen["widths"] = dict(columns.widths) or None
+            screen = {name: one.chosen(choices) for name, one in SCREEN_SETTINGS.items()}
+            screen["language"] = screen["language"] or found.screen.get("language")
             save_screen(self.path, screen, dict(choices.filters))
         except FteSniffError as error:
             print_err(f"the screen settings are not saved: {error}")
@@ -210,18 +198,31 @@ def _widths(value: Any) -> Mapping[str, int]:
     raise ValueError(f"a table of columns with {MIN_WIDTH} to {MAX_WIDTH} cells each")
 
 
-SCREEN_FIELDS: Final[Mapping[str, _Convert]] = {
-    "theme": _word(THEMES),
-    "columns": _columns,
-    "widths": _widths,
-    "widths_at": _whole,
-    "delta": _word([delta.name.lower() for delta in Delta]),
-    "changes": _yes_or_no,
-    "events": _yes_or_no,
-    "language": _word((*LANGUAGES, AUTO)),
-    "pane_beside": _yes_or_no,
-    "pane_height": _share,
-    "pane_width": _share,
+class ScreenSetting(NamedTuple):
+    """An entry of the table of the screen."""
+
+    convert: _Convert
+    chosen: Callable[[Choices], Any]
+    """The value for a choice of the user; None for the default."""
+
+
+SCREEN_SETTINGS: Final[Mapping[str, ScreenSetting]] = {
+    "theme": ScreenSetting(_word(THEMES), lambda one: one.theme),
+    "columns": ScreenSetting(_columns, lambda one: one.columns and one.columns.names),
+    "widths": ScreenSetting(
+        _widths, lambda one: (one.columns and dict(one.columns.widths)) or None
+    ),
+    "widths_at": ScreenSetting(_whole, lambda one: one.columns and one.columns.widths_at),
+    "delta": ScreenSetting(
+        _word([delta.name.lower() for delta in Delta]),
+        lambda one: None if one.delta is Delta.ROW else one.delta.name.lower(),
+    ),
+    "changes": ScreenSetting(_yes_or_no, lambda one: one.changes or None),
+    "events": ScreenSetting(_yes_or_no, lambda one: None if one.events else False),
+    "language": ScreenSetting(_word((*LANGUAGES, AUTO)), lambda one: one.language),
+    "pane_beside": ScreenSetting(_yes_or_no, lambda one: one.panes.beside or None),
+    "pane_height": ScreenSetting(_share, lambda one: one.panes.height),
+    "pane_width": ScreenSetting(_share, lambda one: one.panes.width),
 }
 """What the table of the screen may have; pane shares are percent of the table and the pane."""
 
@@ -235,7 +236,11 @@ def parse_settings(content: Mapping[str, Any]) -> Settings:
     check = _Check()
     tables = check.known(content, _TABLES, "")
     return Settings(
-        check.values(tables.get("screen", {}), "screen", SCREEN_FIELDS),
+        check.values(
+            tables.get("screen", {}),
+            "screen",
+            {name: one.convert for name, one in SCREEN_SETTINGS.items()},
+        ),
         check.values(tables.get("live", {}), "live", _LIVE).get("ports", ()),
         {
             name: check.values(table, f"port.{name}", _PORT)
@@ -350,7 +355,7 @@ def read_settings(path: Path) -> Settings:
 def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, str]) -> None:
     """Write screen settings and filters into the file; comments and other settings stay.
 
-    `settings` has values of `SCREEN_FIELDS`; those that are None or lacking are removed. The file
+    `settings` has values of `SCREEN_SETTINGS`; those that are None or lacking are removed. The file
     is replaced atomically. Raises FileError if it cannot be read or written.
     """
     import tomlkit
@@ -361,7 +366,7 @@ def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, s
     try:
         document = tomlkit.parse(read_toml(path, _FIX) if path.exists() else "")
         screen = document.setdefault("screen", tomlkit.table())
-        for name in SCREEN_FIELDS:
+        for name in SCREEN_SETTINGS:
             value = settings.get(name)
             if value is not None:
                 screen[name] = _toml(value)
