@@ -34,7 +34,7 @@ OF_A_STREAM: Mapping[str, tuple[str, ...]] = {
     "MCAP to hex": ("decode", "{}.mcap", "--format", "hex"),
     "MCAP to MCAP": ("decode", "{}.mcap", "--force", "-o", "out.mcap"),
     "stats": ("stats", "{}.mcap"),
-    "check": ("check", "{}.mcap", "--expect", "share(status != 'ok') <= 100 %"),
+    "check": ("check", "{}.mcap", "--expect", "share(status != 'ok') <= 1"),
 }
 COMMANDS: Mapping[str, tuple[str, ...]] = {
     "hex (start-up)": ("hex", FRAME),
