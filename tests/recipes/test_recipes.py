@@ -6,6 +6,7 @@ A recipe may edit only the files that its row names (`recipe.py`).
 from __future__ import annotations
 
 import json
+import re
 
 from tests.recipes.recipe import Copy, Recipe
 
@@ -64,7 +65,6 @@ def test_kind_of_frame(recipe: Recipe) -> None:
         assert "light a lamp" in copy.screen(raw, "home", "i", "M", "S")
         assert "glow" in copy.page_part("kinds") + copy.page_part("headers")
         assert "brightness of a lamp" in copy.page_part("fields")
-        assert "light a lamp" in copy.unfinished_texts()
 
 
 def test_form_of_writing_bytes_in_logs(recipe: Recipe) -> None:
@@ -121,9 +121,9 @@ def test_column(recipe: Recipe) -> None:
         assert copy.complete("fte-sniff decode --filter bi")[0] == "bits"
         copy.run("check", raw, "--expect", "max(bits) == 80")
         assert "80 bit" in copy.run("check", raw, "--expect", "max(bits) == 8", code=1)
-        copy.run("report", raw, "-o", "a.html")
-        assert "bits" in copy.screen(raw).splitlines()[1].split()
-        assert "bits of the row" in copy.screen(raw, "C")
+        screen = copy.screen(raw, "C")
+        assert "bits" in screen.splitlines()[1].split()
+        assert "bits of the row" in screen
         assert "| `bits` | int | bits of the row |" in copy.page_part("rows")
         assert "bits of the row" in copy.unfinished_texts()
 
@@ -168,6 +168,87 @@ class TabsWriter(_LineWriter):
         assert all("tabs" in copy.run(name, "--help") for name in ("decode", "hex"))
         keys = ("w", *"b.tabs", "enter")
         assert "b.tabs" in copy.screen(raw, *keys)
+
+
+def test_way_to_get_bytes(recipe: Recipe) -> None:
+    recipe.append(
+        "fte_sniff/capture/repeated.py",
+        '''"""A frame that comes again and again, without a port."""
+
+from dataclasses import dataclass
+
+from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
+from fte_sniff.capture.source import SourceEnd
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+FRAME = bytes.fromhex("AA010103E800000000EE")
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """The frame as a port."""
+
+    settings: PortSettings = DEFAULT_SETTINGS
+    names = ("repeated",)
+
+    def open(self, clock):
+        """Open the source."""
+        return RepeatedSource(clock)
+
+
+class RepeatedSource:
+    """The frame, nine times."""
+
+    end = device = None
+    waiting = 0
+
+    def __init__(self, clock):
+        self._clock = clock
+        self.uncertainty_ns, self.capabilities = {"repeated": 0}, {"repeated": "repeats"}
+
+    def __iter__(self):
+        yield PortEvent(self._clock.now_ns(), "repeated", PortEventKind.OPENED, "it repeats")
+        for _ in range(9):
+            yield Chunk("repeated", self._clock.now_ns(), FRAME)
+        self.end = SourceEnd.STOPPED
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        pass
+
+    def close(self):
+        """Nothing is open."""
+
+    stop = drop = close
+
+    def stop_at(self, t_ns):
+        """It ends soon."""
+''',
+    )
+    live = "fte_sniff/cli/live.py"
+    recipe.before(
+        live, "@capture_options\n", '@click.option("--repeated", is_flag=True, help="Repeat it.")\n'
+    )
+    recipe.after(live, "    attach: bool,", "    repeated: bool,\n")
+    recipe.before(
+        live,
+        "        from fte_sniff.capture.port_source import PortGroup\n",
+        """        if repeated:
+            from fte_sniff.capture.repeated import Repeated
+
+            return Repeated(settings)
+""",
+    )
+    with recipe.program() as copy:
+        words = ("live", "any", "--repeated", "--plain", "-o", "a.mcap")
+        assert copy.run(*words).count("rpm=1000") == 9
+        rows = rows_of(copy, "a.mcap")
+        assert [(row["port"], row["rpm"], row["offset"]) for row in rows] == [
+            ("repeated", 1000, offset) for offset in range(0, 90, 10)
+        ]
+        assert "--repeated" in copy.page_part("commands")
 
 
 def test_url_scheme_of_ports(recipe: Recipe) -> None:
@@ -262,10 +343,12 @@ def test_key_of_the_screen(recipe: Recipe) -> None:
     )
     with recipe.program() as copy:
         raw = write(copy, "a.raw", FRAMES)
-        assert "D Greet" in copy.screen(raw)
-        assert "welcome" in copy.screen(raw, "D")
-        assert "greet the user" in copy.screen(raw, "question_mark")
-        assert "greet the user" in copy.screen(raw, "ctrl+p", *"hello")
+        screen = copy.screen(raw, "D", "ctrl+p", *"hello", "escape", "question_mark")
+        before, palette, help_page = re.split("type to find|Keys and signs", screen, maxsplit=2)
+        assert "D Greet" in before
+        assert "welcome" in before
+        assert "greet the user" in palette
+        assert "greet the user" in help_page
         assert "| `D` | greet the user |" in copy.page_part("keys")
         assert "greet the user" in copy.unfinished_texts()
 
@@ -306,8 +389,9 @@ class GreetingPane(Pane):
     recipe.append("fte_sniff/tui/panes/__init__.py", "")
     with recipe.program() as copy:
         raw = write(copy, "a.raw", FRAMES)
-        assert "welcome to row 1" in copy.screen(raw, "home", "D")
-        assert "a greeting" in copy.screen(raw, "question_mark")
+        screen = copy.screen(raw, "home", "D", "question_mark")
+        assert "welcome to row 1" in screen
+        assert "a greeting" in screen
 
 
 def test_model_or_number_that_the_screen_shows(recipe: Recipe) -> None:

@@ -368,8 +368,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "report": ("report", "{file}", "-o", "report.html", "--force"),
     "check": ("check", "{file}", "--expect", "count(malformed) >= 0"),
 }
-READERS = ("decode", "repair", "scan")
-"""The ways to read a file; the other commands read as `decode` does."""
+READERS = ("decode", "repair")
+"""What reads every bomb; the other commands read as `decode` does, and read the dearest."""
 DEAREST = ("port events", "long rows", "junk between chunks")
 MINUTE_ROWS = 69_120
 MOST_MINUTES = 40
