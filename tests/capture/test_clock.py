@@ -34,7 +34,7 @@ def test_the_clock_goes_on_from_its_tie_if_the_system_clock_is_set():
     assert abs(elsewhere.system_ahead_ns() - tied.utc_at_tie_ns) < 60 * 10**9
 
 
-def test_the_facts_tell_the_whole_tie():
+def test_the_facts_have_the_whole_tie():
     clock = Clock(7, 8, 9)
     facts = clock.facts()
     assert facts["clock"] in ("CLOCK_BOOTTIME", "CLOCK_MONOTONIC")

@@ -147,7 +147,7 @@ def test_a_baud_out_of_range_is_refused_with_the_range(baud):
         PortSettings(baud)
 
 
-def test_settings_tell_themselves():
+def test_settings_have_a_text():
     settings = PortSettings(dtr=ControlLine.ON, rts=ControlLine.LEAVE)
     assert str(settings) == "115200 baud 8N1, DTR on, RTS leave"
 

@@ -193,7 +193,7 @@ def test_frames_that_are_no_commands_change_nothing(controller):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_now_and_then_one_motor_is_offline_and_silent_and_the_flags_say_which(seed):
+def test_now_and_then_one_motor_is_offline_and_silent_and_the_flags_show_which(seed):
     controller = Controller(Random(seed))
     spells = []
     for tenths in range(1, 4000):

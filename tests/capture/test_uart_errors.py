@@ -185,7 +185,7 @@ def test_a_source_reports_errors_and_marks_the_bytes(pty):
 
 
 @pytest.mark.parametrize("name", ["pty", "loop://", "sim://?host=off"])
-def test_ports_without_a_uart_say_that_line_errors_are_unavailable(pty, name):
+def test_ports_without_a_uart_report_that_line_errors_are_unavailable(pty, name):
     with open_port(pty.device if name == "pty" else name) as port:
         assert counters_of(port) is None
         assert type(line_watch_of(port)) is LineWatch

@@ -59,7 +59,7 @@ def jsonl(text: str) -> list[dict]:
 
 
 @pytest.mark.parametrize("name", ["clean", "damaged", "idle", "midstream"])
-def test_recording_raw_and_hex_tell_the_same_rows(run, samples: Path, name: str) -> None:
+def test_recording_raw_and_hex_have_equal_rows(run, samples: Path, name: str) -> None:
     def rows(ending: str) -> list[dict]:
         done = run("decode", samples / f"{name}.{ending}", "--format", "jsonl")
         assert done.returncode == 0

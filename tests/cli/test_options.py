@@ -344,7 +344,7 @@ def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
     assert b"Traceback" not in screen.drawn
 
 
-def test_relative_times_say_from_what_they_count_in_a_damaged_file(
+def test_relative_times_name_their_start_in_a_damaged_file(
     run, samples: Path, tmp_path: Path
 ) -> None:
     content = bytearray((samples / "damaged.mcap").read_bytes())

@@ -490,7 +490,7 @@ def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
     assert done.stderr.splitlines()[-1] == str(names[baud])
 
 
-def test_ports_of_which_the_settings_say_another_baud_each_need_an_option(
+def test_ports_with_different_bauds_in_the_settings_need_an_option(
     run, settings_file: Path
 ) -> None:
     settings_file.write_text('[port."sim://?a"]\nbaud = 9600\n[port."sim://?b"]\nbaud = 19200\n')

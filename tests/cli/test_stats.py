@@ -217,7 +217,7 @@ def test_files_together_are_the_file_that_they_were(run, samples: Path, tmp_path
         assert together | {"files": None} == whole | {"files": None}
 
 
-def test_files_that_overlap_in_time_tell_no_answers(run, samples: Path, tmp_path: Path) -> None:
+def test_files_that_overlap_in_time_have_no_answers(run, samples: Path, tmp_path: Path) -> None:
     shutil.copy(samples / "clean.mcap", tmp_path / "copy.mcap")
     told = numbers(run, samples / "clean.mcap", "copy.mcap")
     assert told["rows"] == 2400

@@ -173,7 +173,7 @@ def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) ->
         (("# 12:00:01.345", "// 12:00:01.350", ""), False),
     ],
 )
-def test_comments_that_tell_directions_or_times_make_it_another_log(
+def test_comments_with_directions_or_times_make_it_another_log(
     comments: tuple[str, ...], is_plain: bool
 ) -> None:
     lines = [f"{A} {comment}\n".encode() for comment in comments]

@@ -93,7 +93,7 @@ def test_exactly_the_rows_that_share_a_byte_with_errors_are_marked(count, errors
         assert (Fault.LINE_ERROR in row.faults) is expected
 
 
-def test_counts_tell_what_there_is():
+def test_counts_are_by_value():
     counts = LineErrorCounts(framing=1200, breaks=1) + LineErrorCounts(buffer_overruns=2)
     assert str(counts) == "1,200 framing, 1 break, 2 buffer overrun"
     assert (counts.total, bool(counts), bool(LineErrorCounts())) == (1203, True, False)

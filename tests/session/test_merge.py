@@ -128,7 +128,7 @@ def test_events_stand_where_they_happened() -> None:
         ({"a": 9, "b": 9}, [("a", 10), ("a", 11), ("a", 12)], [False] * 3),
     ],
 )
-def test_what_two_ports_cannot_tell_apart_is_marked(
+def test_rows_of_two_ports_in_uncertain_order_are_marked(
     uncertain: dict[str, int], times: list[tuple[str, float]], marked: list[bool]
 ) -> None:
     order = PortLanes({port: ms * MS for port, ms in uncertain.items()})

@@ -170,7 +170,7 @@ def test_stop_ends_the_reading() -> None:
     assert not session._thread.is_alive()
 
 
-def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
+def test_batches_come_in_order_with_their_progress() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
     parts = [Rows.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
     session = ReplaySession((InputBatch(part) for part in parts), "file", 1000)

@@ -63,9 +63,7 @@ def test_faults_are_found_below_and_above(feed: Any, speed_rows: Rows, odd_rows:
     play(feed, scenario)
 
 
-def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_rows_with_raised_flags_are_found_and_e_points_to_them(feed: Any, speed_rows: Rows) -> None:
     offline = Frame("/dev/ttyUSB0", 0, bytes.fromhex("550104000000000807EE"), NOON_NS)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:

@@ -139,7 +139,7 @@ def shown(app: SniffApp) -> list[type[Pane]]:
 
 
 @pytest.mark.parametrize("width", [40, 100])
-def test_the_motors_of_an_old_row_say_of_which(feed: Any, width: int) -> None:
+def test_the_motors_of_an_old_row_name_the_row(feed: Any, width: int) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
@@ -675,7 +675,7 @@ def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
     assert behind[: len(digits)] == [f"! {line}" for line in digits]
 
 
-def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
+def test_the_details_explain_a_fault_and_its_place(odd_rows: list[Row]) -> None:
     text = detail_text(odd_rows[3], DARK, DetailLayout(80, bit_lines=False)).plain
     assert "! bad_tail: " in text
     assert "expected EE, found EF" in text

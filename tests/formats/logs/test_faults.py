@@ -167,7 +167,7 @@ def test_a_lone_word_that_frames_contradict_is_no_direction(form: str) -> None:
 
 
 @pytest.mark.parametrize(("swapped", "words"), [(True, "are swapped"), (False, "no direction")])
-def test_wires_are_swapped_only_if_both_directions_say_so(swapped: bool, words: str) -> None:
+def test_wires_are_swapped_only_if_both_directions_agree(swapped: bool, words: str) -> None:
     ways = {"tx": "RX", "rx": "TX"} if swapped else {"tx": "RX", "rx": "RX"}
     log = a_log(0, 60)
     text = "".join(f"{ways[one.way]}: {one.data.hex(' ')}\n" for one in log)

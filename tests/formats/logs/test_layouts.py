@@ -365,7 +365,7 @@ def test_an_empty_and_a_binary_file_are_refused() -> None:
         rows_of(random.Random(1).randbytes(4000))
 
 
-def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
+def test_a_form_and_a_regular_expression_locate_the_bytes() -> None:
     a = frame_of(KINDS[1], random.Random(1))
     text = f"12:00:01.5|host|{a.hex(' ')}|99\n" * 3
     pattern = re.compile(r"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")

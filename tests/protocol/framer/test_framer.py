@@ -252,7 +252,7 @@ def test_silence_decides_the_undecidable_stream(shift: int) -> None:
 
 @pytest.mark.parametrize("flags", USUAL_FLAGS, ids=bytes.hex)
 @pytest.mark.parametrize("apart_ns", [None, 900_000, 5_000_000, 30_000_000])
-def test_a_calm_line_may_say_the_same_for_ever(flags: bytes, apart_ns: int | None) -> None:
+def test_a_calm_line_may_repeat_a_frame_for_ever(flags: bytes, apart_ns: int | None) -> None:
     """A target whose last bytes are another kind's flags is no reason for doubt each time."""
     frame = b"\xaa\x02\x01\x03\xe8\x00\x00" + flags + b"\xee"
     framer, rows = Framer("p"), []
@@ -617,7 +617,7 @@ def next_deadline(data: bytes, start: int, decoded_to: int, limit: int) -> int:
     return framed.end() + AHEAD if framed else NEVER
 
 
-def test_decoding_waits_for_what_the_patterns_say() -> None:
+def test_decoding_waits_as_long_as_the_patterns_need() -> None:
     answers: Counter[str] = Counter()
 
     def same(data: bytes) -> None:
@@ -644,7 +644,7 @@ def _called(arguments: tuple[int, int], start: int) -> str:
 
 
 @given(scheduled, st.data())
-def test_deadlines_are_where_the_patterns_say(data: bytes, drawn: st.DataObject) -> None:
+def test_deadlines_are_where_the_patterns_have_them(data: bytes, drawn: st.DataObject) -> None:
     for start in range(0, len(data) + 1, 3):
         decoded_to = drawn.draw(st.integers(0, len(data)))
         limit = drawn.draw(st.integers(0, len(data)))
