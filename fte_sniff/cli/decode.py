@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import click
@@ -65,7 +65,11 @@ def command(
         # The rows of a stream do not wait, unless the filter needs it.
         facts = form in _WITH_FACTS and following is None and STDIN not in query.files
         reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
-        _write(form, output, reading, line, force=force)
+        hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
+        with _opened(form, output, reading, line, force=force) as sink:
+            for batch in reading:
+                with hidden() if len(batch.rows) else nullcontext():
+                    sink.write(batch.rows, batch.events)
     print_notes(reading)
     print_err(summary(reading.tally, reading))
     exit_if_unreadable(reading)
@@ -91,10 +95,15 @@ def _format_for(output: Path | None) -> OutputFormat:
     return FORMAT_BY_SUFFIX[end]
 
 
-def _write(
+def _is_stdout(path: Path | None) -> bool:
+    return path is None or str(path) == "-"
+
+
+@contextmanager
+def _opened(
     form: OutputFormat, path: Path | None, reading: InputReading, line: ProgressLine, *, force: bool
-) -> None:
-    """Write to standard output (None or `-`), or to a file that replaces `path` when complete.
+) -> Iterator[Sink]:
+    """Standard output (None or `-`), or a file that replaces `path` when complete.
 
     A command that fails leaves no file, and an old file stays until the new one is complete. After
     Ctrl-C the rows so far are kept if they are text, and this is reported.
@@ -105,15 +114,19 @@ def _write(
         BrokenPipeError: standard output lost its reader.
     """
     is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
-    if path is None or str(path) == "-":
+    if path is None or _is_stdout(path):
         stdout = None if is_text else _binary_stdout(form, path)
-        sink = open_sink(form, stdout, reading.source)
-        _write_all(sink, "standard output", reading, line.hidden_by_stdout)
+        with _completed(
+            open_sink(form, stdout, reading.source), "standard output", reading
+        ) as sink:
+            yield sink
         return
     try:
         in_sequence = form is not OutputFormat.PARQUET
         if in_sequence and path.exists() and not path.is_file() and not path.is_dir():
-            _write_all(open_sink(form, path, reading.source), path, reading)  # a device or a pipe
+            # A device or a pipe.
+            with _completed(open_sink(form, path, reading.source), path, reading) as sink:
+                yield sink
             return
         if path.is_dir():
             raise IsADirectoryError
@@ -121,7 +134,8 @@ def _write(
             raise FileExistsError
         export = FileExport(path, form, reading.source)
         try:
-            _write_all(export.sink, path, reading)
+            with _completed(export.sink, path, reading) as sink:
+                yield sink
             export.commit()
         except KeyboardInterrupt:
             if is_text and reading.written:
@@ -135,16 +149,11 @@ def _write(
         raise unwritable(path, error) from error
 
 
-def _write_all(
-    sink: Sink,
-    name: object,
-    reading: InputReading,
-    writing: Callable[[], AbstractContextManager[object]] = nullcontext,
-) -> None:
+@contextmanager
+def _completed(sink: Sink, name: object, reading: InputReading) -> Iterator[Sink]:
+    """The sink, which is closed at the end, or abandoned after an error."""
     try:
-        for batch in reading:
-            with writing() if len(batch.rows) else nullcontext():
-                sink.write(batch.rows, batch.events)
+        yield sink
         sink.close()
     except BaseException:
         sink.abandon()

@@ -160,16 +160,20 @@ _FOLLOW_OPTIONS = all_of(
 
 
 def follow_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--follow` and `--idle`; the command receives them as `following`, None without."""
+    """Add `--follow` and `--idle`; below `input_options`, which passes them as `following`."""
+    with_options: Callable[..., Any] = _FOLLOW_OPTIONS(command)
+    return with_options
 
-    @wraps(command)
-    def with_following(*, follow: bool, idle_s: float | None, **options: Any) -> Any:
-        if idle_s is not None and not follow:
-            raise UsageError("--idle is for --follow; add it, or leave --idle out")
-        following = Following(idle_s or DEFAULT_IDLE_S) if follow else None
-        return command(following=following, **options)
 
-    return _FOLLOW_OPTIONS(with_following)
+def _following_of(options: dict[str, Any]) -> dict[str, Any]:
+    """The options, with `following` in place of those of `follow_options`; None without."""
+    if "follow" not in options:
+        return options
+    follow, idle_s = options.pop("follow"), options.pop("idle_s")
+    if idle_s is not None and not follow:
+        raise UsageError("--idle is for --follow; add it, or leave --idle out")
+    following = Following(idle_s or DEFAULT_IDLE_S) if follow else None
+    return {"following": following, **options}
 
 
 def input_options(
@@ -185,6 +189,7 @@ def input_options(
     @wraps(command)
     def with_query(*, explain: bool, **options: Any) -> Any:
         query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
+        options = _following_of(options)
         return query.explain() if explain else command(query=query, **options)
 
     with_options: Callable[..., Any] = _files_argument(required=required)(_OPTIONS(with_query))

@@ -151,7 +151,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     prepare_streams()
     try:
         with interruptible():
-            code = _run(sys.argv[1:] if arguments is None else arguments)
+            code = 0
+            if asked := os.environ.get(VARIABLE):
+                from click.shell_completion import shell_complete
+
+                code = shell_complete(fte_sniff, {}, PROGRAM, VARIABLE, asked)
+            else:
+                given = sys.argv[1:] if arguments is None else arguments
+                # click's own `main` would turn a closed pipe into exit code 1.
+                try:
+                    with fte_sniff.make_context(PROGRAM, list(given)) as context:
+                        fte_sniff.invoke(context)
+                except click.exceptions.Exit as end:
+                    code = end.exit_code
+                sys.stdout.flush()
         sys.exit(code)
     except FteSniffError as error:
         _exit_with(str(error), error.exit_code)
@@ -179,23 +192,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
         sys.exit(EXIT_INTERRUPTED)
-
-
-def _run(arguments: Sequence[str]) -> int:
-    if asked := os.environ.get(VARIABLE):
-        from click.shell_completion import shell_complete
-
-        return shell_complete(fte_sniff, {}, PROGRAM, VARIABLE, asked)
-    # click's own `main` would turn a closed pipe into exit code 1.
-    try:
-        with fte_sniff.make_context(PROGRAM, list(arguments)) as context:
-            fte_sniff.invoke(context)
-    except click.exceptions.Exit as end:
-        code = end.exit_code
-    else:
-        code = 0
-    sys.stdout.flush()
-    return code
 
 
 def _exit_with(message: str, code: int) -> NoReturn:

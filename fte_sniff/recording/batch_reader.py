@@ -457,7 +457,9 @@ class BatchReader:
                 decoded.definitions.append((definition, found.sections[0].trusted))
             slices = list(found.messages.slices(2 * JOB, JOB // 4))
             for messages in slices:
-                piece = rows.append(messages, self._channels, found.budget)
+                columns = rows.reserve(len(messages))
+                piece = decode_columns(messages, self._channels.get, columns, found.budget)
+                rows.pieces.append(piece)
                 counts.count(piece)
                 run.after_loss |= bool(piece.losses)
                 if self._count_sequences:
@@ -490,13 +492,9 @@ class _RowCollector:
         self._buffer = RowBuffer(codebook, reserved)
         self.pieces: list[DecodedColumns] = []
 
-    def append(
-        self, messages: MessageIndex, channels: ChannelReaders, budget: ParseBudget
-    ) -> DecodedColumns:
-        columns = self._buffer.reserve(len(messages))
-        piece = decode_columns(messages, channels.get, columns, budget)
-        self.pieces.append(piece)
-        return piece
+    def reserve(self, rows: int) -> Rows:
+        """Columns for the next piece."""
+        return self._buffer.reserve(rows)
 
     def end_batch(self, batches: list[Rows]) -> None:
         if not self.pieces:

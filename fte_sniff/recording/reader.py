@@ -17,7 +17,7 @@ Only the last pass, after the end of the writer, reads the tail and reports what
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
@@ -267,12 +267,7 @@ class RecordingReader:
         Of a growing file, the records that are complete. `share` divides the memory: batches are
         smaller, and fewer are decoded ahead.
         """
-        current = self._new_pass(codebook or Codebook(), span, share)
-        if not self._grows:
-            yield from self._read_to_end(current)
-            return
-        with self._open() as stream:
-            yield from self._read(current, stream, self._complete)
+        return self._read(self._new_pass(codebook or Codebook(), span, share))
 
     def added(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
@@ -282,45 +277,41 @@ class RecordingReader:
         After `settle`, all that is left. Codebook and span are those of the first call.
         """
         current = self._pass = self._pass or self._new_pass(codebook or Codebook(), span, 1)
-        if not self._grows:
-            yield from self._read_to_end(current)
-            return
-        while current.position < self._complete:
-            with self._open() as stream:
-                self._check(stream)
-                yield from self._read(current, stream, self._complete)
-                current.position = self._complete
-                # It names the records of the first pass only.
-                self._summary = None
-                self.times = current.reader.found.times or self.times
-                self._advance(stream)
+        yield from self._read(current)
+        while self._grows and current.position < self._complete:
+            yield from self._read(current)
 
     def _new_pass(self, codebook: Codebook, span: TimeRange, share: int) -> _Pass:
         channels, counts = self._known_channels(), self._summary is None
         reader = BatchReader(channels, codebook, span, count_sequences=counts, share=share)
         return _Pass(channels, reader, span)
 
-    def _read_to_end(self, current: _Pass) -> Iterator[tuple[RowRange, Rows]]:
-        """The rows from the position to the end of the file; reports what is damaged."""
-        with self._open() as stream:
-            records = yield from self._read(current, stream, None)
-        self._finish(current.reader, current.channels, records, whole=current.span.everything)
-        cut = bool(records.ending or records.losses)
-        self._check_topics(current.reader, current.channels, cut=cut)
-
-    def _read(
-        self, current: _Pass, stream: BinaryIO, stop: int | None
-    ) -> Generator[tuple[RowRange, Rows], None, RecordStream]:
-        """The rows of the records from the position to `stop`; None for the end of the file."""
+    def _read(self, current: _Pass) -> Iterator[tuple[RowRange, Rows]]:
+        """The rows from the position of a pass to the end, or the last complete record."""
+        stop = self._complete if self._grows else None
+        if stop is not None and current.position >= stop:
+            return
         wanted = None if current.span.everything else current.span.overlaps
-        records = RecordStream(
-            stream, self._summary, wanted, self._found, first=current.position, stop=stop
-        )
-        try:
-            yield from current.reader.read(records)
-        finally:
-            self._damage |= dict.fromkeys((*records.losses, *current.reader.found.lost))
-        return records
+        with self._open() as stream:
+            if current is self._pass and stop is not None:
+                self._check(stream)
+            records = RecordStream(
+                stream, self._summary, wanted, self._found, first=current.position, stop=stop
+            )
+            try:
+                yield from current.reader.read(records)
+            finally:
+                self._damage |= dict.fromkeys((*records.losses, *current.reader.found.lost))
+            if current is self._pass and stop is not None:
+                current.position = stop
+                # It names the records of the first pass only.
+                self._summary = None
+                self.times = current.reader.found.times or self.times
+                self._advance(stream)
+        if stop is None:
+            self._finish(current.reader, current.channels, records, whole=current.span.everything)
+            cut = bool(records.ending or records.losses)
+            self._check_topics(current.reader, current.channels, cut=cut)
 
     def read(self, rows: RowRange) -> Rows:
         """Read a range of rows again, with a codebook of its own.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -17,7 +18,8 @@ from fte_sniff.protocol import Gap, PortEvent, PortEventKind
 from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.reader import RecordingReader
 
 POLL_S: Final = 0.1
@@ -140,7 +142,7 @@ class FollowedInput(RecordingInput):
             now_s = time.monotonic()
             if reader.grow():
                 changed_s = now_s
-                yield from self._new(self._batches_of(reader.added(codebook, wanted)), span)
+                yield from self._new(reader.added(codebook, wanted), span)
             if reader.times and reader.times[1] >= wanted.end_ns:
                 following.ended = TranslatableText("{path}: --to is reached", path=self.name)
                 return
@@ -154,7 +156,7 @@ class FollowedInput(RecordingInput):
             time.sleep(POLL_S)
         if not has_writer:
             reader.settle()
-            yield from self._new(self._batches_of(reader.added(codebook, wanted)), span)
+            yield from self._new(reader.added(codebook, wanted), span)
 
     def _is_finished(
         self, has_writer: bool, now_s: float, changed_s: float, named_s: float | None
@@ -166,16 +168,18 @@ class FollowedInput(RecordingInput):
             return True
         return now_s >= changed_s + following.idle_s
 
-    def _new(self, batches: Iterator[InputBatch], span: TimeRange | None) -> Iterator[InputBatch]:
+    def _new(
+        self, ranges: Iterator[tuple[RowRange, Rows]], span: TimeRange | None
+    ) -> Iterator[InputBatch]:
         """The batches, with the gaps that the file reports since the last ones."""
-        from dataclasses import replace
-
-        for batch in batches:
-            gaps = self._new_gaps(span)
-            self._troubles.update(event.kind for event in batch.events)
-            self._following.observe(batch.events)
-            self._has_rows |= bool(len(batch.rows))
-            yield replace(batch, gaps=gaps)
+        for passage, rows in ranges:
+            batch = self._batch_of(passage, rows)
+            if batch is None:
+                continue
+            self._troubles.update(event.kind for event in rows.events)
+            self._following.observe(rows.events)
+            self._has_rows |= bool(len(rows))
+            yield replace(batch, gaps=self._new_gaps(span))
             if self._following.stopped:
                 return
         if gaps := self._new_gaps(span):  # after the last row

@@ -124,12 +124,17 @@ class InputReading:
 
         The rows of inputs without times come last. Inputs are opened when their first rows are due.
         """
-        alone = len(self.inputs) == 1  # to look for its first time would only take time
-        successions = [
-            TimedInput(None if alone else chain[0].first_ns, partial(self._successive, chain))
-            for chain in _chains(self.inputs)
-        ]
-        for batch in merged_by_time(successions):
+        chains = _chains(self.inputs)
+        if len(chains) == 1:
+            batches = self._successive(chains[0])
+        else:
+            batches = merged_by_time(
+                [
+                    TimedInput(chain[0].first_ns, partial(self._successive, chain))
+                    for chain in chains
+                ]
+            )
+        for batch in batches:
             found = batch if self.limit is None else self._limited(batch, self.limit)
             self.written += len(found.rows)
             yield found
@@ -149,7 +154,7 @@ class InputReading:
 
     def batches_of(self, one: Input) -> Iterator[InputBatch]:
         """The rows of one input that match, without a limit; for each input in order."""
-        for batch in self._read(one, self._last):
+        for batch in self._successive([one], succession=self._last):
             self.written += len(batch.rows)
             yield batch
 
@@ -178,65 +183,69 @@ class InputReading:
         self.unreadable.append(error)
         self.notes.append(str(error))
 
-    def _successive(self, chain: Sequence[Input], open_inputs: int) -> Iterator[InputBatch]:
+    def _successive(
+        self, chain: Sequence[Input], open_inputs: int = 0, succession: _Succession | None = None
+    ) -> Iterator[InputBatch]:
         """The rows of inputs that follow each other, beside those of other open inputs."""
-        own = _Succession() if open_inputs else self._last
-        for first in chain:
-            one: Input | None = first
-            while one is not None:
-                if one is not first:
-                    self._report(one.gaps(self.span))
-                yield from self._read(one, own, open_inputs)
-                self._last = own
-                # Not kept, so that a long follow of many files needs no more memory.
-                successor, one.successor = one.successor, None
-                if successor is not None:
-                    successor.number = one.number
-                one = successor
+        own = succession or (_Succession() if open_inputs else self._last)
+        waiting = deque(chain)
+        while waiting:
+            one = waiting.popleft()
+            changes, read = self._begin(one, own, is_beside=open_inputs > 0), 0
+            facts = self._fact_stage()
+            for batch in one.batches(self.span, self.notes.append, open_inputs):
+                changes += self._observe(batch, own.detector)
+                self.progress.advance(one.position - read, len(batch.rows))
+                read = one.position
+                yield from self._selected(replace(batch, changes=changes, origin=one.number), facts)
+                changes = []
+            if facts is not None:
+                yield from self._selected(replace(facts.end(), origin=one.number))
+            if one.failure is not None:
+                self.skip(one.failure)
+            self.progress.files_done += 1
+            self.progress.advance((one.size or read) - read)
+            if one.losses:
+                changes.append(own.detector.interrupt(*DAMAGED))
+            if changes:
+                yield InputBatch(changes=changes, losses=one.losses)
+            self._last = own
+            # Not kept, so that a long follow of many files needs no more memory.
+            successor, one.successor = one.successor, None
+            if successor is not None:
+                successor.number = one.number
+                self._report(successor.gaps(self.span))
+                waiting.appendleft(successor)
+
+    def _begin(self, one: Input, succession: _Succession, *, is_beside: bool) -> list[StreamChange]:
+        """Begin to read an input; the changes before its first row."""
+        detector, before = succession.detector, succession.before
+        succession.before = one
+        changes = detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self.span))
+        if is_beside and before is None:
+            kind, reason = ANOTHER
+            gaps = [Gap(kind, reason=reason, port=port) for port in _ports_of(one)]
+            changes += [StreamChange(0, gap) for gap in gaps]
+        elif not one.follows(before):
+            changes.append(detector.interrupt(*ANOTHER))
+            if before is not None:
+                detector.lost.clear()
+        return changes
+
+    def _observe(self, batch: InputBatch, detector: GapDetector) -> list[StreamChange]:
+        """Count the rows of a batch; the changes before and between them."""
+        changes = [detector.interrupt(*DAMAGED)] if batch.after_gap else []
+        if gap := detector.observe(batch.times):
+            self._gaps.append(gap)
+        if batch.gaps:
+            detector.expect(batch.gaps)
+            self._report(batch.gaps)
+        self.tally.observe(batch.rows)
+        return changes + detector.changes(batch.rows, batch.events)
 
     def _report(self, gaps: Sequence[Gap]) -> None:
         self.reported_gaps += gaps
         self._gaps += gaps
-
-    def _read(
-        self, one: Input, succession: _Succession, open_inputs: int = 0
-    ) -> Iterator[InputBatch]:
-        detector = succession.detector
-        changes = detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self.span))
-        if open_inputs and succession.before is None:
-            kind, reason = ANOTHER
-            gaps = [Gap(kind, reason=reason, port=port) for port in _ports_of(one)]
-            changes += [StreamChange(0, gap) for gap in gaps]
-        elif not one.follows(succession.before):
-            changes.append(detector.interrupt(*ANOTHER))
-            if succession.before is not None:
-                detector.lost.clear()
-        succession.before, read = one, 0
-        facts = self._fact_stage()
-        for batch in one.batches(self.span, self.notes.append, open_inputs):
-            if batch.after_gap:
-                changes.append(detector.interrupt(*DAMAGED))
-            if gap := detector.observe(batch.times):
-                self._gaps.append(gap)
-            if batch.gaps:
-                detector.expect(batch.gaps)
-                self._report(batch.gaps)
-            self.tally.observe(batch.rows)
-            self.progress.advance(one.position - read, len(batch.rows))
-            read = one.position
-            changes += detector.changes(batch.rows, batch.events)
-            yield from self._selected(replace(batch, changes=changes, origin=one.number), facts)
-            changes = []
-        if facts is not None:
-            yield from self._selected(replace(facts.end(), origin=one.number))
-        if one.failure is not None:
-            self.skip(one.failure)
-        self.progress.files_done += 1
-        self.progress.advance((one.size or read) - read)
-        if one.losses:
-            changes.append(detector.interrupt(*DAMAGED))
-        if changes:
-            yield InputBatch(changes=changes, losses=one.losses)
 
     def _fact_stage(self) -> FactStage | None:
         if not self._has_facts:

@@ -307,20 +307,21 @@ class RecordingInput(Input):
         troubles: Counter[PortEventKind] = Counter()
         some = False
         ranges = self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1)
-        for found in self._batches_of(ranges):
-            troubles.update(event.kind for event in found.events)
-            some = some or bool(len(found.rows))
-            yield found
+        for passage, rows in ranges:
+            if (found := self._batch_of(passage, rows)) is not None:
+                troubles.update(event.kind for event in rows.events)
+                some = some or bool(len(rows))
+                yield found
         self._note_end(span, note, troubles, some=some)
         self.failure = self.reader.nothing_read
 
-    def _batches_of(self, ranges: Iterable[tuple[RowRange, Rows]]) -> Iterator[InputBatch]:
-        for passage, rows in ranges:
-            self.ends.update(rows.end_offsets())
-            self.position = max(self.position, passage.stop)
-            if len(rows) or rows.events or passage.after_loss:
-                reload = partial(self.reader.read, passage)
-                yield InputBatch(rows, passage.after_loss, reload)
+    def _batch_of(self, passage: RowRange, rows: Rows) -> InputBatch | None:
+        """The rows as a batch; None if there are none, nor anything to report."""
+        self.ends.update(rows.end_offsets())
+        self.position = max(self.position, passage.stop)
+        if not (len(rows) or rows.events or passage.after_loss):
+            return None
+        return InputBatch(rows, passage.after_loss, partial(self.reader.read, passage))
 
     def _note_end(
         self, span: TimeRange | None, note: Note, troubles: Counter[PortEventKind], *, some: bool

@@ -107,7 +107,8 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
-    AND, skips the chunks before it. A file is opened when the query reaches it, and skipped if its
+    AND, skips the chunks before it, and one such as `pl.col("time") < end` those after it. A file
+    is opened when the query reaches it, and skipped if its
     summary, as it is then, shows that the filter holds for none of its times, or for none of its
     ports.
     Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
@@ -150,8 +151,9 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
                 *(() if wanted is None else wanted.meta.root_names()),
             }
             facts = not DERIVED.isdisjoint(needed)
-            # Facts depend on rows before; the filter itself drops them.
-            span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS) if facts else first_ns)
+            span = TimeRange(first_ns, min(last_ns, _EVER[1] - 1) + 1)
+            if facts:  # they depend on rows before and after; the filter itself drops those
+                span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS))
             for columns in _first(_columns([RecordingReader(one.path)], span, facts=facts), left):
                 left = None if left is None else left - len(columns)
                 yield make(columns)
