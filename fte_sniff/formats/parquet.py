@@ -16,8 +16,8 @@ from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.errors import FileError, unreadable
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL, Damage, Fault, Frame, Row
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL, Fault
+from fte_sniff.protocol.rows import Codebook, Rows
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
 
@@ -119,24 +119,25 @@ class ParquetRows:
         columns = self._table.select(*_NEEDED)
         for start in range(0, self.count, BATCH_ROWS):
             table = self._collected(columns.slice(start, BATCH_ROWS))
-            yield Rows.from_rows([*self._rows(table, start)])
+            yield self._rows(table, start)
 
-    def _rows(self, table: pl.DataFrame, start: int) -> Iterator[Row]:
-        times = table["time"].to_physical()
-        faults = self._fault_sets(table["faults"])
-        columns = times, table["port"], table["offset"], table["cmd"], table["raw"]
-        rows = zip(*(column.to_list() for column in columns), faults, strict=True)
-        for number, (t_ns, port, offset, cmd, raw, fault) in enumerate(rows, start):
+    def _rows(self, table: pl.DataFrame, start: int) -> Rows:
+        names = ("time", "port", "offset", "cmd", "raw")
+        columns = [table[name].to_physical().to_list() for name in names]
+        times, ports, offsets, cmds, _ = columns
+        raws: list[bytes] = []
+        for at, (port, offset, cmd, text) in enumerate(zip(*columns[1:], strict=True)):
             try:
-                data = bytes.fromhex(raw)
-                is_frame = len(data) == FRAME_LENGTH and data[0] in _HEADERS and data[-1] == TAIL
-                if not data or port is None or offset is None or (cmd is not None and not is_frame):
-                    raise ValueError(raw)
-                yield (Damage if cmd is None else Frame)(port, offset, data, t_ns, fault)
+                raw = bytes.fromhex(text)
+                is_frame = len(raw) == FRAME_LENGTH and raw[0] in _HEADERS and raw[-1] == TAIL
+                if not raw or port is None or offset is None or (cmd is not None and not is_frame):
+                    raise ValueError(text)
             except (TypeError, ValueError):
-                raise FileError(
-                    f"{self._path}: row {number} (raw {raw}) is not a row of fte-sniff; {_OURS}"
-                ) from None
+                what = f"row {start + at} (raw {text}) is not a row of fte-sniff"
+                raise FileError(f"{self._path}: {what}; {_OURS}") from None
+            raws.append(raw)
+        faults, framed = self._fault_sets(table["faults"]), [cmd is not None for cmd in cmds]
+        return Rows.from_values(Codebook(), times, ports, offsets, raws, faults, framed)
 
     def _fault_sets(self, column: pl.Series) -> Sequence[tuple[Fault, ...]]:
         texts = column.cast(pl.List(pl.String())).list.join(",").to_list()

@@ -325,16 +325,18 @@ class Rows(Sequence["Row"]):
         events: Iterable[PortEvent] = (),
     ) -> Rows:
         """The columns of single rows."""
-        rows, codebook = list(rows), codebook or Codebook()
-        raws = [row.raw for row in rows]
-        columns = {
-            "t_ns": array("q", [_or_no_time(row.t_ns) for row in rows]),
-            "offset": array("q", [row.offset for row in rows]),
+        rows = list(rows)
+        found = cls.from_values(
+            codebook or Codebook(),
+            [row.t_ns for row in rows],
+            [row.port for row in rows],
+            [row.offset for row in rows],
+            [row.raw for row in rows],
+            [row.faults for row in rows],
+            [isinstance(row, Frame) for row in rows],
+        )
+        columns: dict[str, Buffer] = {
             "delay_ns": array("q", [_or_no_time(row.read_delay_ns) for row in rows]),
-            "length": array("I", map(len, raws)),
-            "port": array("H", [codebook.port_code(row.port) for row in rows]),
-            "faults": array("H", [codebook.fault_code(row.faults) for row in rows]),
-            "framed": _flags(isinstance(row, Frame) for row in rows),
             "unordered": _flags(row.order_uncertain for row in rows),
         }
         for name, code in FACTS.items():
@@ -343,9 +345,33 @@ class Rows(Sequence["Row"]):
                 columns[name] = array(code, [NO_FACT if one is None else one for one in facts])
         if not columns.keys().isdisjoint(FACTS):
             columns = {**no_facts(len(rows)), **columns}
+        return found.with_columns(events=events, **columns)
+
+    @classmethod
+    def from_values(
+        cls,
+        codebook: Codebook,
+        times: Sequence[int | None],
+        ports: Iterable[str],
+        offsets: Sequence[int],
+        raws: Sequence[bytes],
+        faults: Iterable[tuple[Fault, ...]],
+        framed: Sequence[bool],
+    ) -> Rows:
+        """The columns of these values, without read delays."""
+        columns = {
+            "t_ns": array("q", map(_or_no_time, times)),
+            "offset": array("q", offsets),
+            "delay_ns": array("q", [NO_TIME]) * len(raws),
+            "length": array("I", map(len, raws)),
+            "port": array("H", map(codebook.port_code, ports)),
+            "faults": array("H", map(codebook.fault_code, faults)),
+            "framed": _flags(framed),
+            "unordered": _flags([False] * len(raws)),
+        }
         first = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
         long = {at: raw for at, raw in enumerate(raws) if len(raw) > FRAME_LENGTH}
-        return cls(codebook, columns, first, long, tuple(events))
+        return cls(codebook, columns, first, long)
 
     @classmethod
     def concat(cls, parts: Sequence[Rows]) -> Rows:

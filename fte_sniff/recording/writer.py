@@ -21,7 +21,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol.rows import NO_ROWS, Ints, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
 from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
@@ -84,22 +84,15 @@ class RecordingFile:
                 self.mcap.add_channel(channel)
             return self._channels.id_of(port, topic)
 
-    def messages(self, rows: Rows, times: Ints, event_times: Ints) -> McapBatch:
-        """The messages of rows and their events, which are sorted by these log times.
+    def messages(self, rows: Rows, times: Ints, events_at: Ints) -> McapBatch:
+        """The messages of rows and their events, in the order of their log times.
 
-        A log time that would fall is raised. Each event comes before the first later row.
+        A log time that would fall is raised. `events_at` are the indexes of the events among the
+        messages, rising.
         """
-        times, event_times = self._rising(times), self._rising(event_times)
-        at = np.searchsorted(times, event_times, "right")
-        times = np.insert(times, at, event_times)
+        times = np.maximum(np.maximum.accumulate(times), self._last_time)
         self._last_time = int(times[-1])
-        return self._packer.pack(rows, times, at + np.arange(len(at)))
-
-    def _rising(self, times: Ints) -> Ints:
-        if not len(times):
-            return times
-        found: Ints = np.maximum(np.maximum.accumulate(times), self._last_time)
-        return found
+        return self._packer.pack(rows, times, events_at)
 
     def early_record(self) -> list[Metadata]:
         """The record of the first row that is before the first message; empty without one."""
@@ -268,7 +261,10 @@ class RecordingWriter:
 
     def _append(self, rows: Rows) -> None:
         floors = self._last_of_port
-        events = np.array([max(one.t_ns, floors.get(one.port, 0)) for one in rows.events], np.int64)
+        keys = [(max(one.t_ns, floors.get(one.port, 0)), at) for at, one in enumerate(rows.events)]
+        keys.sort()
+        rows = rows.with_columns(events=[rows.events[at] for _, at in keys])
+        events = np.array([t_ns for t_ns, _ in keys], np.int64)
         times = rows.t_ns.copy()
         for code in rows.counts("port"):
             port, own = rows.codebook.ports[code], rows.port == code
@@ -279,16 +275,21 @@ class RecordingWriter:
         self.span_ns = int(spans.min()), int(spans.max())
         self.rows += len(rows)
         self._pending_rows += len(rows)
-        self._pending.append(_Pending(rows, times, events))
+        for event, t_ns in zip(rows.events, events.tolist(), strict=True):
+            floors[event.port] = max(t_ns, floors.get(event.port, 0))
+        self._pending.append(_Pending(rows, *among(times, events)))
 
     def _batch(self) -> McapBatch:
         """The messages of all that is pending, sorted by time."""
         rows = Rows.concat([one.rows for one in self._pending])
         times = np.concatenate([one.times for one in self._pending])
-        event_times = np.concatenate([one.event_times for one in self._pending])
-        order, events = times.argsort(kind="stable"), event_times.argsort(kind="stable")
-        rows = rows.select(order, tuple(rows.events[at] for at in events.tolist()))
-        return self._file.messages(rows, times[order], event_times[events])
+        is_event = np.concatenate([one.is_event for one in self._pending])
+        order = times.argsort(kind="stable")
+        number = np.where(is_event, np.cumsum(is_event), np.cumsum(~is_event))[order] - 1
+        is_event = is_event[order]
+        events = tuple(rows.events[at] for at in number[is_event].tolist())
+        rows = rows.select(number[~is_event], events)
+        return self._file.messages(rows, times[order], np.flatnonzero(is_event))
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +298,14 @@ class _Pending:
 
     rows: Rows
     times: Ints
-    event_times: Ints
+    """Of rows and events, in their order."""
+    is_event: Bools
+
+
+def among(times: Ints, event_times: Ints) -> tuple[Ints, Bools]:
+    """The times of rows and events, each event before the first later row; which are events."""
+    at = np.searchsorted(np.maximum.accumulate(times), event_times, "right")
+    return np.insert(times, at, event_times), np.insert(np.zeros(len(times), np.bool_), at, True)
 
 
 NamedFacts = tuple[str, Mapping[str, str]]
@@ -378,7 +386,8 @@ class BulkWriter:
             self._waiting, self._waiting_rows = [], 0
             for chunk in _chunks(batch):
                 event_times = np.array([event.t_ns for event in chunk.events], np.int64)
-                messages = self._file.messages(chunk, chunk.t_ns, event_times)
+                times, is_event = among(chunk.t_ns, event_times)
+                messages = self._file.messages(chunk, times, np.flatnonzero(is_event))
                 while len(self._under_way) > cores():
                     self._write_first()
                 definitions = self._file.mcap.next_definitions()

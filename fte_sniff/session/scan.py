@@ -107,10 +107,9 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
-    AND, skips the chunks before it, and one such as `pl.col("time") < end` those after it. A file
-    is opened when the query reaches it, and skipped if its
-    summary, as it is then, shows that the filter holds for none of its times, or for none of its
-    ports.
+    AND, skips the chunks before it, and `pl.col("time") < end` those after it. A file is opened
+    when the query reaches it, and skipped if its summary, as it is then, shows that the filter
+    holds for none of its times, or for none of its ports.
     Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
     `collect(engine="streaming")` and the `sink_` methods.
 

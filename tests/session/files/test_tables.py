@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +19,7 @@ from polars.exceptions import ComputeError
 import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import FileError, RecordingWarning, UsageError
 from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Rows
@@ -30,6 +31,7 @@ from tests.examples import examples
 from tests.recording.conftest import some_rows
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
+from tests.torture.damage import CHUNK, records
 from tests.waiting import BOUND_S
 
 SAMPLES = Path(__file__).parents[3] / "samples"
@@ -520,6 +522,25 @@ def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Pat
     assert RecordingReader(path).span_ns == (0, START + 9)
     at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
     assert scan(path).filter(_time < at).collect()["port"].to_list() == ["b"]
+
+
+def test_chunks_after_the_last_time_of_a_filter_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PortFacts("a")]) as writer:
+        for number in range(10):
+            writer.write(in_columns(Frame("a", 10 * number, FRAME, START + number)))
+            writer.flush()
+    content = bytearray(path.read_bytes())
+    last = [place for place in records(bytes(content)) if place[0] == CHUNK][-1]
+    content[last[2] - 5 : last[2]] = bytes(5)
+    path.write_bytes(content)
+    at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
+    wanted = scan(path).select("offset", "time")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert wanted.filter(_time < at).collect()["offset"].to_list() == [0, 10, 20, 30, 40]
+    with pytest.warns(RecordingWarning):
+        assert len(wanted.filter(_time >= at).collect()) == 4
 
 
 @pytest.mark.parametrize("is_closed", [False, True], ids=["while it is written", "after its end"])
