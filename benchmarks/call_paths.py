@@ -1,4 +1,4 @@
-"""Modules that take part in a task: those in which a function is called, without imports.
+"""Modules that take part in a task: those in which a function is called, without imports; depth.
 
 python -m benchmarks.call_paths [--list]
 
@@ -36,6 +36,8 @@ class CallRecorder:
     def __init__(self) -> None:
         """Nothing is recorded before `recording` is entered."""
         self._files: set[str] = set()
+        self.depth = 0
+        """Frames of the package on the stack at the first decoding of messages; 0 without."""
 
     @property
     def modules(self) -> list[str]:
@@ -56,9 +58,20 @@ class CallRecorder:
 
     def _on_event(self, frame: FrameType, event: str, _argument: object) -> None:
         code = frame.f_code
-        inside = code.co_filename.startswith(f"{PACKAGE}{os.sep}")
-        if event == "call" and inside and code.co_name != "<module>":
+        if event == "call" and _is_inside(frame) and code.co_name != "<module>":
             self._files.add(code.co_filename)
+            if code.co_name == "decode_columns" and not self.depth:
+                self.depth = sum(map(_is_inside, _stack(frame)))
+
+
+def _is_inside(frame: FrameType) -> bool:
+    return frame.f_code.co_filename.startswith(f"{PACKAGE}{os.sep}")
+
+
+def _stack(frame: FrameType | None) -> Iterator[FrameType]:
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
 
 
 def command(*arguments: str) -> CallRecorder:
@@ -185,8 +198,10 @@ def main() -> None:
             subprocess.run(words, check=True)
         return
     interpret()
-    modules = TASKS[asked.task]().modules
-    print(f"{asked.task:<24} {len(modules):>3}")
+    recorder = TASKS[asked.task]()
+    modules = recorder.modules
+    deep = f"  {recorder.depth} frames deep" if recorder.depth else ""
+    print(f"{asked.task:<24} {len(modules):>3}{deep}")
     for module in modules if asked.list else ():
         print(f"  {module}")
 

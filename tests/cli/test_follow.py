@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import running
@@ -188,8 +189,15 @@ def test_all_files_of_a_capture_that_rotates_are_read(run, environment, tmp_path
     assert len(files) > 2
     assert f"{files[-1].name}: the program that recorded it has ended" in errors
     found = (tmp_path / "rows.csv").read_text()
-    assert found == run("decode", tmp_path, "--format", "csv").stdout
+    # Rows that are followed do not wait for the facts that depend on later rows.
+    whole = run("decode", tmp_path, "--format", "csv").stdout
+    assert without_facts(found) == without_facts(whole)
     assert found.count("\n") == 1 + sum(map(rows_in, files))
+
+
+def without_facts(text: str) -> list[str]:
+    """The lines of CSV without the last columns."""
+    return [line.rsplit(",", len(DERIVED))[0] for line in text.splitlines()]
 
 
 def recorded(path: Path, frames: int) -> bytes:
