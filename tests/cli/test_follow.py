@@ -328,7 +328,8 @@ def test_a_limit_and_the_end_of_a_range_end_it(run) -> None:
     for option in (["--limit", "3"], ["--to", "+1s"]):
         done = run("decode", "--follow", "--idle", "100", file, *option, "--format", "csv")
         assert done.returncode == 0
-        assert done.stdout == run("decode", file, *option, "--format", "csv").stdout
+        whole = run("decode", file, *option, "--format", "csv").stdout
+        assert without_facts(done.stdout) == without_facts(whole)
 
 
 def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
