@@ -19,6 +19,7 @@ import numpy as np
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.model import Model
 from fte_sniff.analysis.motors import ANSWERABLE, NAMES_MOTOR, motor_rows
+from fte_sniff.analysis.series import Keep
 from fte_sniff.protocol import (
     KINDS,
     MOTORS,
@@ -43,8 +44,6 @@ RUNNING: Final = 3
 GRADES: Final = 24
 """Grades of a value: half octaves."""
 
-_LOW: Final = -(2**62)
-
 
 class Windows(Model):
     """Counts and ranges by window, in named columns; only windows with rows take memory."""
@@ -52,8 +51,7 @@ class Windows(Model):
     def __init__(self) -> None:
         self.shift = SHIFT
         self._keys: Ints = np.zeros(0, np.int64)
-        self._sums: dict[str, Ints] = {}
-        self._highs: dict[str, Ints] = {}
+        self._columns: dict[tuple[Keep, str], Ints] = {}
 
     def __len__(self) -> int:
         return len(self._keys)
@@ -68,67 +66,59 @@ class Windows(Model):
         """Nanoseconds of a window."""
         return 1 << self.shift
 
+    def _column(self, keep: Keep, name: str) -> Ints:
+        found = self._columns.get((keep, name))
+        return keep.empty(len(self)) if found is None else found
+
     def count(self, name: str) -> Ints:
         """A column of counts."""
-        found = self._sums.get(name)
-        return np.zeros(len(self), np.int64) if found is None else found
+        return self._column(Keep.TOTAL, name)
 
     def names(self) -> list[str]:
         """The columns of counts."""
-        return list(self._sums)
+        return [name for keep, name in self._columns if keep is Keep.TOTAL]
 
     def range_of(self, name: str) -> tuple[Ints, Ints, Bools]:
         """The lowest and the highest value by window, and which windows have one."""
-        none = np.full(len(self), _LOW)
-        low, high = self._highs.get(f"-{name}", none), self._highs.get(name, none)
-        return -low, high, high != _LOW
+        low, high = self._column(Keep.LOW, name), self._column(Keep.HIGH, name)
+        return low, high, high != Keep.HIGH.value
 
     def add(self, batch: Batch) -> None:
         """Add what a batch counted."""
-        self._merge(batch.keys, batch.sums, batch.highs)
+        self._merge(batch.keys, batch.columns)
 
     def merge(self, other: Windows) -> None:
         """Add the windows of other rows."""
         while self.shift < other.shift:
             self._halve()
-        shift = self.shift - other.shift
-        self._merge(other._keys >> shift, other._sums, other._highs)
+        self._merge(other._keys >> (self.shift - other.shift), other._columns)
 
-    def _merge(self, keys: Ints, sums: dict[str, Ints], highs: dict[str, Ints]) -> None:
+    def _merge(self, keys: Ints, columns: dict[tuple[Keep, str], Ints]) -> None:
         if not len(keys):
             return
         merged, at = np.unique(np.concatenate((self._keys, keys)), return_inverse=True)
         old, new = at[: len(self._keys)], at[len(self._keys) :]
-        for name in {**self._sums, **sums}:
-            column = np.zeros(len(merged), np.int64)
-            if name in self._sums:
-                np.add.at(column, old, self._sums[name])
-            if name in sums:
-                np.add.at(column, new, sums[name])
-            self._sums[name] = column
-        for name in {**self._highs, **highs}:
-            column = np.full(len(merged), _LOW)
-            if name in self._highs:
-                np.maximum.at(column, old, self._highs[name])
-            if name in highs:
-                np.maximum.at(column, new, highs[name])
-            self._highs[name] = column
+        own, self._columns = self._columns, {}
+        for keep, name in {**own, **columns}:
+            column = self._columns[keep, name] = keep.empty(len(merged))
+            for places, having in ((old, own), (new, columns)):
+                if (keep, name) in having:
+                    keep.add(column, places, having[keep, name])
         self._keys = merged
         while len(self._keys) > MOST_WINDOWS:
             self._halve()
 
     def _halve(self) -> None:
-        keys, sums, highs = self._keys >> 1, self._sums, self._highs
+        keys, columns = self._keys >> 1, self._columns
         self.shift += 1
-        self._keys, self._sums, self._highs = np.zeros(0, np.int64), {}, {}
-        self._merge(keys, sums, highs)
+        self._keys, self._columns = np.zeros(0, np.int64), {}
+        self._merge(keys, columns)
 
     def since(self, first_ns: int) -> Windows:
         """The windows from a time on."""
         found, own = Windows(), self.starts_ns + self.width_ns > first_ns
         found.shift, found._keys = self.shift, self._keys[own]
-        found._sums = {name: column[own] for name, column in self._sums.items()}
-        found._highs = {name: column[own] for name, column in self._highs.items()}
+        found._columns = {name: column[own] for name, column in self._columns.items()}
         return found
 
 
@@ -137,22 +127,22 @@ class Batch:
 
     def __init__(self, t_ns: Ints, shift: int) -> None:
         self.keys, self._at = np.unique(t_ns >> shift, return_inverse=True)
-        self.sums: dict[str, Ints] = {}
-        self.highs: dict[str, Ints] = {}
+        self.columns: dict[tuple[Keep, str], Ints] = {}
+
+    def _add(self, keep: Keep, name: str, rows: Ints | Bools, values: Ints | int) -> None:
+        at = self._at[rows]
+        if len(at):
+            column = self.columns.setdefault((keep, name), keep.empty(len(self.keys)))
+            keep.add(column, at, values)
 
     def count(self, name: str, rows: Ints | Bools) -> None:
         """Count rows, by a mask or by indices."""
-        at = self._at[rows]
-        if len(at):
-            self.sums[name] = self.sums.get(name, 0) + np.bincount(at, minlength=len(self.keys))
+        self._add(Keep.TOTAL, name, rows, 1)
 
     def range(self, name: str, rows: Ints, values: Ints) -> None:
         """Extend a range by the values of rows, by indices."""
-        if not len(rows):
-            return
-        for key, signed in ((name, values), (f"-{name}", -values)):
-            highs = self.highs.setdefault(key, np.full(len(self.keys), _LOW))
-            np.maximum.at(highs, self._at[rows], signed)
+        self._add(Keep.LOW, name, rows, values)
+        self._add(Keep.HIGH, name, rows, values)
 
 
 def grade_of(values: Ints) -> Ints:

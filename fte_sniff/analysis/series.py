@@ -41,6 +41,10 @@ class Keep(Enum):
     HIGH = -(2**63)
     LAST = -(2**63) + 1
 
+    def empty(self, *shape: int) -> Ints:
+        """Windows without values."""
+        return np.full(shape, self.value, np.int64)
+
     def add(self, kept: Ints, cells: Ints, values: Ints | int) -> None:
         """Add values, in order of time, to the windows `cells` of `kept`."""
         match self:
@@ -107,7 +111,7 @@ class _Level(Model):
             return
         start = max(self.first, windows.start)
         for keep, old in self.kept.items():
-            new = np.full((max(groups, known), len(windows)), keep.value, np.int64)
+            new = keep.empty(max(groups, known), len(windows))
             kept = old[:, start - self.first :] if size else old
             new[:known, start - windows.start : start - windows.start + kept.shape[1]] = kept
             self.kept[keep] = new
@@ -249,7 +253,7 @@ class Series(Model):
         level, numbers, cells = self._columns(span, columns)
         found = []
         for keep in (Keep.LOW, Keep.HIGH, Keep.LAST):
-            column: Ints = np.full(columns, keep.value, np.int64)
+            column = keep.empty(columns)
             if group < len(level.kept[keep]):
                 kept = level.kept[keep][group, numbers - level.first]
                 known = kept != keep.value
