@@ -144,6 +144,10 @@ def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
     return answer_ns, unanswered, ~waits | any_missed
 
 
+_TAIL_ROWS: Final = 256
+"""Rows at the end of a batch in which the last frames usually are."""
+
+
 class _Past(NamedTuple):
     """What damage needs to know of the rows before a batch; rows without time have `NO_TIME`."""
 
@@ -154,6 +158,10 @@ class _Past(NamedTuple):
 
     def after(self, rows: Rows) -> _Past:
         """The past of the rows that follow these."""
+        if len(rows) > _TAIL_ROWS:
+            found = _Past().after(rows[-_TAIL_ROWS:])
+            if min(map(len, found.steps)) == _AROUND:
+                return found
         motors, t_ns, is_command = _motor_frames(rows)[1:]
         frames = list(
             zip(motors[-2:].tolist(), t_ns[-2:].tolist(), is_command[-2:].tolist(), strict=True)

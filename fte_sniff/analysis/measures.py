@@ -17,10 +17,19 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
+from fte_sniff.analysis.findings import Findings
 from fte_sniff.analysis.model import Ends, Model
 from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
 from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, MOTORS, Direction
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    KINDS,
+    MOTORS,
+    Direction,
+    Gap,
+    GapKind,
+    PortEvent,
+)
 from fte_sniff.protocol.rows import NO_TIME, Array, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
 
@@ -42,6 +51,7 @@ class Argument(Enum):
     PERCENTILE = "p50, p95, p99 or max"
     MOTOR = "a motor"
     FIELD = "a field"
+    CAUSE = "a cause, a cause and a motor, or nothing"
     NOTHING = "nothing"
 
 
@@ -76,7 +86,7 @@ class Rule:
     measure: str
     """A key of `MEASURES`."""
     argument: str
-    """A percentile, a field, or a motor's number; empty if the measure takes none."""
+    """A percentile, a field, a motor, or `cause,motor`; empty if the measure takes none."""
     filter_text: str | None
     """The filter that selects rows, or commands; None for all."""
     operator: str
@@ -220,6 +230,9 @@ class Measure(Model, ABC):
 
     def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here; see `Gap.port_lost`."""
+
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Add port events."""
 
     @property
     def row(self) -> RowPosition | None:
@@ -643,6 +656,41 @@ _MOTOR, _SPEED = NAME_OF_ROLE[Role.MOTOR], NAME_OF_ROLE[Role.SPEED]
 _FEEDBACK: Final = next(kind.name for kind in KINDS if kind.direction is Direction.FEEDBACK)
 _HAS_FIELD: Final = "a matching row with the field"
 
+
+class _FindingCount(Measure):
+    """`findings([CAUSE [, MOTOR]])`."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._cause, _, motor = rule.argument.partition(",")
+        self._motor = int(motor) if motor else None
+        self._findings = Findings()
+
+    def observe(self, rows: Rows, matches: Bools) -> None:
+        self._findings.observe(rows)
+
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        self._findings.observe_events(events)
+
+    def interrupt(self, port_lost: bool | None = None) -> None:
+        """Rows are missing here."""
+        self._findings.observe_change(Gap(GapKind.OTHER_RECORDING, port_lost=port_lost))
+
+    def merge(self, later: Self) -> None:
+        super().merge(later)
+        self._findings.merge(later._findings)
+
+    def value(self, total: RowCount) -> float | None:
+        """The findings of the cause and motor; None if they could not be examined."""
+        missing = self._findings.not_covered()
+        if self._cause in missing or len(missing) == len(Findings.CAUSES):
+            return None
+        return sum(
+            self._cause in ("", one.cause) and self._motor in (None, one.motor or self._motor)
+            for one in self._findings.found()
+        )
+
+
 MEASURES: Final[Mapping[str, MeasureKind]] = {
     "count": MeasureKind(_MatchCount, Argument.FILTER, "count(malformed) == 0", "a row", "rows"),
     "share": MeasureKind(
@@ -678,6 +726,14 @@ MEASURES: Final[Mapping[str, MeasureKind]] = {
     ),
     "online": MeasureKind(
         _OnlineShare, Argument.MOTOR, "online(1) >= 0.99", "feedback of the motor", is_share=True
+    ),
+    "findings": MeasureKind(
+        _FindingCount,
+        Argument.CAUSE,
+        "findings(unanswered, 3) == 0",
+        "rows with times that show the cause",
+        "findings",
+        is_timed=True,
     ),
     "min": MeasureKind(
         _FieldValues, Argument.FIELD, f"min({_SPEED}, {_MOTOR} = 1) >= -300", _HAS_FIELD

@@ -3,6 +3,7 @@
 rule      measure ( == | != | < | <= | > | >= ) number
 measure   count(FILTER) | share(FILTER) | rate(FILTER) | max_gap(FILTER)
           | delay(p50 | p95 | p99 | max [, FILTER]) | unanswered([FILTER]) | online(MOTOR)
+          | findings([CAUSE [, MOTOR]])
           | min(FIELD [, FILTER]) | max(FIELD [, FILTER]) | mean(FIELD [, FILTER]) | duration()
 """
 
@@ -19,6 +20,7 @@ from typing import Any, Final
 from fte_sniff.analysis.filter.parser import Token, TokenType, parse, tokens
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
+from fte_sniff.analysis.findings import Findings
 from fte_sniff.analysis.measures import MEASURES, OPERATORS, Argument, Rule
 from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
@@ -118,6 +120,8 @@ class _RuleParser:
         """The first argument, unless it is a filter, and the filter; after the closing bracket."""
         takes = MEASURES[measure].takes
         argument = ""
+        if takes is Argument.CAUSE:
+            return self._cause(measure), None
         if takes in (Argument.PERCENTILE, Argument.FIELD, Argument.MOTOR):
             argument = self._first_argument(takes, measure)
             if takes is not Argument.MOTOR and self._peek().operator == ",":
@@ -130,12 +134,24 @@ class _RuleParser:
         self._expect_symbol(")", f"write {MEASURES[measure].example}")
         return argument, None
 
+    def _cause(self, measure: str) -> str:
+        """A cause, `cause,motor`, or nothing; after the closing bracket."""
+        argument = ""
+        if self._peek().operator != ")":
+            argument = self._first_argument(Argument.CAUSE, measure)
+            if self._peek().operator == ",":
+                self._index += 1
+                argument += f",{self._first_argument(Argument.MOTOR, measure)}"
+        self._expect_symbol(")", f"write {MEASURES[measure].example}")
+        return argument
+
     def _first_argument(self, takes: Argument, measure: str) -> str:
         token = self._take()
         choices = {
             Argument.PERCENTILE: PERCENTILES,
             Argument.MOTOR: tuple(map(str, MOTORS)),
             Argument.FIELD: FIELDS,
+            Argument.CAUSE: Findings.CAUSES,
         }[takes]
         if token.text in choices and token.type in (TokenType.NAME, TokenType.NUMBER):
             return token.text

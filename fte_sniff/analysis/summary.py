@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Self
 
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.findings import Findings
 from fte_sniff.analysis.model import Model, RowModel
 from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
@@ -29,8 +30,9 @@ class RowSource(Model):
 class StatisticsSummary(RowModel):
     """Statistics of all rows so far."""
 
-    def __init__(self, setup: LineSetup) -> None:
+    def __init__(self, setup: LineSetup, *, with_findings: bool = False) -> None:
         """`setup` has the baud of ports for which no input has one."""
+        self.findings = Findings() if with_findings else None
         self.sources: list[RowSource] = []
         self.statistics = Statistics(setup)
         self.answers = Answers()
@@ -45,12 +47,16 @@ class StatisticsSummary(RowModel):
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Count port events."""
         self.statistics.observe_events(events)
+        if self.findings is not None:
+            self.findings.observe_events(events)
 
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
         self.statistics.observe_change(change)
         if isinstance(change, Gap):
             self.answers.interrupt(change.port_lost)
+        if self.findings is not None:
+            self.findings.observe_change(change)
 
     def merge(self, later: Self) -> None:
         """Add the inputs that follow, as if they had been observed here."""
@@ -58,6 +64,8 @@ class StatisticsSummary(RowModel):
         self.statistics.merge(later.statistics)
         self.answers.merge(later.answers)
         self.flags.merge(later.flags)
+        if self.findings is not None and later.findings is not None:
+            self.findings.merge(later.findings)
 
     def _observe(self, rows: Rows) -> None:
         self.sources[-1].count.observe(rows)
@@ -65,6 +73,8 @@ class StatisticsSummary(RowModel):
         found = motor_rows(rows)
         self.answers.observe(rows, found)
         self.flags.observe(rows, found)
+        if self.findings is not None:
+            self.findings.observe(rows)
 
     @property
     def total(self) -> RowCount:

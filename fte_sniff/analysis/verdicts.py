@@ -16,7 +16,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.measures import RowPosition, Rule
 from fte_sniff.analysis.model import RowModel
 from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows
 
@@ -87,6 +87,11 @@ class RuleCheck(RowModel):
                 self.unseen += change.rows or 0
             for measure in self._measures:
                 measure.interrupt(change.port_lost)
+
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Add port events."""
+        for measure in self._measures:
+            measure.observe_events(events)
 
     def _observe(self, rows: Rows) -> None:
         self.total.observe(rows)

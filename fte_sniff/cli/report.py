@@ -74,6 +74,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         reading.notes,
         _delays(summary),
         language,
+        [] if summary.findings is None else summary.findings.found(),
     )
     text = page(timeline, statistics_json(summary, reading), facts)
     try:
@@ -103,7 +104,9 @@ def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> S
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
 
-    summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
+    # A filter hides rows whose absence would be a finding.
+    with_findings = reading.row_filter is None
+    summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD), with_findings=with_findings)
     for one in reading.inputs:
         summary.begin(one.name)
         for batch in reading.batches_of(one):

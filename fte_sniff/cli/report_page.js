@@ -456,6 +456,15 @@
 
   const showAll = () => range.setv({ start: whole[0], end: whole[1] });
   document.getElementById("whole").addEventListener("click", showAll);
+  for (const link of document.querySelectorAll("a.finding")) {
+    link.addEventListener("click", () => {
+      const start = Number(link.dataset.start), end = Number(link.dataset.end);
+      const around = Math.max(1000, (end - start) / 4);
+      range.setv({
+        start: Math.max(whole[0], start - around), end: Math.min(whole[1], end + around),
+      });
+    });
+  }
   document.getElementById("plots").addEventListener("dblclick", showAll);
   if (damage) source("faults-rows").selected.change.connect(() => showRows(source("faults-rows").selected.indices));
   range.change.connect(redraw);

@@ -56,6 +56,7 @@ from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.findings import Finding
     from fte_sniff.protocol import Gap, Row
     from fte_sniff.protocol.rows import Ints
 
@@ -85,6 +86,8 @@ class ReportFacts:
     delays_ns: Mapping[int, Sequence[tuple[float, float, int]]]
     """By motor, the histogram of its answer delays: from, to, and how many."""
     language: str = "en"
+    findings: Sequence[Finding] = ()
+    """What is wrong, best first."""
 
     version = __version__
 
@@ -114,6 +117,7 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         printable=printable,
         translated=_,
         count=lambda number: UNKNOWN if number is None else f"{number:,}",
+        at=lambda t_ns: iso_time(t_ns).replace("T", " ")[:19],
         moment=lambda time: UNKNOWN if time is None else time.replace("T", " ")[:23],
     )
     own = files("fte_sniff.cli")

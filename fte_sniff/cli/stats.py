@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 
 import click
@@ -40,7 +41,10 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     from fte_sniff.analysis.summary import StatisticsSummary
 
     check_inputs(query.files)
-    make = partial(StatisticsSummary, LineSetup(query.baud or DEFAULT_BAUD))
+    # A filter hides rows whose absence would be a finding.
+    with_findings = form == "text" and query.filter_text is None
+    setup = LineSetup(query.baud or DEFAULT_BAUD)
+    make = partial(StatisticsSummary, setup, with_findings=with_findings)
     summary, measured = measure(query, make, jobs, cluster)
     if form == "json":
         print_json(statistics_json(summary, measured.reading))
@@ -48,4 +52,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
         from fte_sniff.cli.stats_report import print_lines, report_lines
 
         print_lines(partial(report_lines, summary, measured.reading))
+        if summary.findings is not None and (found := summary.findings.found()):
+            files = shlex.join(map(str, query.files))
+            click.echo(f"\nfindings   {len(found)}; show them with: fte-sniff findings {files}")
     measured.finish()

@@ -1,0 +1,107 @@
+"""`fte-sniff findings`, and the findings in `check`, `stats` and `report`."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+
+KEYS = [
+    *("cause", "port", "motor", "kind", "first", "last", "events", "rows"),
+    *("usual", "text", "filter"),
+]
+
+
+def test_a_finding_names_cause_motor_span_and_the_command_that_shows_it(run, samples) -> None:
+    path = samples / "motor3.mcap"
+    done = run("findings", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    head, text, command = done.stdout.splitlines()[:3]
+    assert head == "1. unanswered, motor 3, 12:00:29 to 12:01:00"
+    assert "motor 3 answered 109 of 187 commands; usually all" in text
+    assert shlex.split(command)[:3] == ["fte-sniff", "view", str(path)]
+    shown = run("decode", *shlex.split(command)[2:], "--format", "jsonl").stdout.splitlines()
+    assert len(shown) == 187 - 109
+    assert {json.loads(line)["motor"] for line in shown} == {3}
+
+
+def test_the_object_has_the_findings_and_what_was_examined(run, samples) -> None:
+    found = json.loads(run("findings", samples / "motor3.mcap", "--format", "json").stdout)
+    assert found.keys() == {"findings", "examined"}
+    assert [list(one) for one in found["findings"]] == [KEYS] * len(found["findings"])
+    assert [(one["cause"], one["motor"]) for one in found["findings"]] == [
+        ("unanswered", 3),
+        ("late", 3),
+    ]
+    assert found["examined"]["rows"] == 3762
+    assert found["examined"]["not_covered"] == []
+
+
+def test_standard_input_has_findings_too(run, samples) -> None:
+    content = (samples / "motor3.mcap").read_bytes()
+    done = run("findings", "-", stdin=content)
+    assert "1. unanswered, motor 3" in done.stdout
+    assert "fte-sniff view" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("clean.mcap", ""), ("clean.hex", "no row has a time; try --start")],
+)
+def test_no_findings_are_reported_with_what_was_examined(run, samples, name, reason) -> None:
+    done = run("findings", samples / name)
+    assert done.returncode == 0
+    assert done.stdout.startswith("no findings in 1,200 rows")
+    assert ("not examined" in done.stdout) is bool(reason)
+    assert reason in done.stdout
+
+
+def test_a_filter_is_refused_because_it_hides_answers(run, samples) -> None:
+    done = run("findings", samples / "clean.mcap", "--filter", "motor = 1")
+    assert done.returncode == 2
+    assert "leave --filter out" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("rule", "result"),
+    [
+        ("findings() == 2", "pass"),
+        ("findings(unanswered) == 1", "pass"),
+        ("findings(unanswered, 3) == 0", "fail"),
+        ("findings(unanswered, 1) == 0", "pass"),
+    ],
+)
+def test_a_rule_counts_findings_by_cause_and_motor(run, samples, rule, result) -> None:
+    done = run("check", samples / "motor3.mcap", "--expect", rule, "--format", "json")
+    assert [one["verdict"] for one in json.loads(done.stdout)["rules"]] == [result]
+
+
+def test_a_rule_about_what_cannot_be_examined_is_not_covered(run, samples) -> None:
+    done = run("check", samples / "clean.hex", "--expect", "findings(late) == 0")
+    assert done.returncode == 1
+    assert "not covered" in done.stdout
+
+
+def test_an_unknown_cause_of_a_rule_is_named(run, samples) -> None:
+    done = run("check", samples / "clean.mcap", "--expect", "findings(lat) == 0")
+    assert done.returncode == 2
+    assert "did you mean late?" in done.stderr
+
+
+def test_stats_name_the_number_of_findings_and_the_command(run, samples) -> None:
+    path = samples / "motor3.mcap"
+    last = run("stats", path).stdout.splitlines()[-1]
+    assert last == f"findings   2; show them with: fte-sniff findings {path}"
+    assert "findings  " not in run("stats", path, "--filter", "motor = 1").stdout
+
+
+def test_a_report_begins_with_the_findings(run, samples: Path, tmp_path: Path) -> None:
+    pytest.importorskip("bokeh")
+    out = tmp_path / "r.html"
+    assert run("report", samples / "motor3.mcap", "-o", out).returncode == 0
+    text = out.read_text()
+    start = text.index("motor 3 answered 109 of 187 commands")
+    assert start < text.index("What was captured")
+    assert 'class="finding" data-start="1769860829' in text
