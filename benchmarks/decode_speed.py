@@ -1,13 +1,11 @@
 """Measures the commands that read files on raw bytes and hex logs, against recordings and a copy.
 
     python -m benchmarks.decode_speed [--frames 1000000] [--rounds 3] [--work csv stats ...]
-                                      [--against CHECKOUT]
 
 The inputs hold the same rows: raw bytes, damaged raw bytes, hex lines, a log with times and
 directions, and a recording. Each command is a process; the figure is rows in a second of processor
 time, from the difference between all rows and an eighth of them, so that start-up does not count;
-the median of the rounds. `--against` names another checkout, whose commands read a tenth of the
-rows in alternation.
+the median of the rounds. `benchmarks.against` compares two checkouts.
 """
 
 from __future__ import annotations
@@ -34,8 +32,6 @@ from tests.support.recorded_rows import write_recording
 START_NS = 1_770_000_000 * 10**9
 PART = 8
 """Divisor for the rows of the part."""
-SLOWER = 10
-"""Divisor for the rows that the other checkout reads."""
 INPUTS = ("recording", "raw", "damaged", "hex", "log")
 WORK: Mapping[str, tuple[str, ...]] = {
     "csv": ("decode", "--format", "csv"),
@@ -83,13 +79,13 @@ def written(folder: Path, frames: int) -> Path:
     return folder
 
 
-def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> float:
+def cost(command: tuple[str, ...], folder: Path) -> float:
     """Processor seconds of a process."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         command,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(checkout.resolve())},
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent.resolve())},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         check=True,
@@ -99,46 +95,37 @@ def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> float:
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """One checkout of the program, and its inputs: all rows, and a part of them."""
+class Inputs:
+    """All rows, and a part of them, in every input format."""
 
-    checkout: Path
     whole: Path
     part: Path
     between: int
     """Rows that only the whole has."""
 
-    def seconds_a_row(self, work: str, source: str) -> float:
-        """Processor time of a row; the start-up is in both runs."""
+    @classmethod
+    def written(cls, folder: Path, frames: int) -> Inputs:
+        """Write them."""
+        part = frames // PART
+        return cls(written(folder / "whole", frames), written(folder / "part", part), frames - part)
+
+    def speed(self, work: str, source: str) -> float:
+        """Rows in a second of processor time; the start-up is in both runs."""
         command = (sys.executable, "-m", "fte_sniff", *WORK[work], NAME[source])
-        used = [cost(command, folder, self.checkout) for folder in (self.whole, self.part)]
-        return max(used[0] - used[1], 0.001) / self.between
+        used = [cost(command, folder) for folder in (self.whole, self.part)]
+        return self.between / max(used[0] - used[1], 0.001)
 
 
-def contestant(checkout: Path, folder: Path, frames: int) -> Contestant:
-    """A checkout with its inputs."""
-    part = frames // PART
-    whole = written(folder / f"{frames}", frames)
-    return Contestant(checkout, whole, written(folder / f"{part}", part), frames - part)
-
-
-def measure(contestants: list[Contestant], rounds: int, works: list[str]) -> None:
-    """Print a line for each command and input: rows a second, of each checkout, and ratios."""
+def measure(inputs: Inputs, rounds: int, works: list[str]) -> None:
+    """Print a line for each command and input: rows a second, and relative to the recording."""
     print("rows in a second of processor time")
     for work in works:
         of_recording = 0.0
         for source in INPUTS:
-            found = [
-                [one.seconds_a_row(work, source) for one in contestants] for _ in range(rounds)
-            ]
-            speeds = [1 / median(each) for each in zip(*found, strict=True)]
-            of_recording = of_recording or speeds[0]
-            told = (
-                f"{work:8}{source:10}{speeds[0]:12,.0f}  {speeds[0] / of_recording:5.2f}x recording"
-            )
-            if speeds[1:]:
-                told += f"  {speeds[0] / speeds[1]:6.1f}x of {speeds[1]:9,.0f}"
-            print(told, flush=True)
+            found = median(inputs.speed(work, source) for _ in range(rounds))
+            of_recording = of_recording or found
+            line = f"{work:8}{source:10}{found:12,.0f}  {found / of_recording:5.2f}x recording"
+            print(line, flush=True)
 
 
 def main() -> None:
@@ -146,16 +133,11 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--work", nargs="*", choices=WORK, default=list(WORK))
-    parser.add_argument("--against", type=Path)
     chosen = parser.parse_args()
-    here = Path(__file__).parent.parent
     with TemporaryDirectory() as name:
-        contestants = [contestant(here, Path(name), chosen.frames)]
-        if chosen.against:
-            fewer = chosen.frames // SLOWER
-            contestants.append(contestant(chosen.against, Path(name), fewer))
-        measure(contestants, chosen.rounds, chosen.work)
-        copied = cost(("cp", NAME["raw"], "copy"), contestants[0].whole, here)
+        inputs = Inputs.written(Path(name), chosen.frames)
+        measure(inputs, chosen.rounds, chosen.work)
+        copied = cost(("cp", NAME["raw"], "copy"), inputs.whole)
         print(f"cp of the raw bytes: {chosen.frames / max(copied, 1e-4):,.0f} rows a second")
 
 

@@ -1,11 +1,11 @@
 """Measures reading of logs: a log with times against the same bytes as raw, and plain hex.
 
-    python -m benchmarks.log_import [--lines 2000000] [--rounds 3] [--against CHECKOUT]
+    python -m benchmarks.log_import [--lines 2000000] [--rounds 3] [--shapes LINES]
 
 Each figure is rows in a second of processor time to a recording, from the difference between all
 lines and an eighth of them, so that start-up does not count; the median of the rounds. Also the
 time to find the evidence, the time for 1 MB of a repeated token, and the memory for one line of
-250 MB. `--against` names another checkout, which reads a hundredth of the lines. `--shapes LINES`
+250 MB. `benchmarks.against` compares two checkouts. `--shapes LINES`
 measures only logs whose lines have no shape in common: the processor time of the whole process
 against that of the same bytes as raw, in turn, the least of the rounds.
 """
@@ -91,7 +91,7 @@ SHAPES: dict[str, Callable[[int, str, bytes], str]] = {
 """Lines of a frame by its number, time and bytes; only the first two have a shape in common."""
 
 
-def print_ratios(folder: Path, lines: int, rounds: int, checkout: Path) -> None:
+def print_ratios(folder: Path, lines: int, rounds: int) -> None:
     """Print the processor time of logs with such lines, and its ratio to that of raw bytes."""
     data = (write_inputs(folder / "shapes", lines) / "rows.bin").read_bytes()
     frames = [data[at : at + FRAME_LENGTH] for at in range(0, len(data), FRAME_LENGTH)]
@@ -105,17 +105,17 @@ def print_ratios(folder: Path, lines: int, rounds: int, checkout: Path) -> None:
         text = "".join(f"{form(*row)}\n" for row in rows)
         (folder / "shapes" / "rows.log").write_text(text)
         used = [
-            [cost((*one, "--force"), folder / "shapes", checkout) for one in (raw, log)]
+            [cost((*one, "--force"), folder / "shapes") for one in (raw, log)]
             for _ in range(rounds)
         ]
         least = [min(own) for own in zip(*used, strict=True)]
         print(f"{name:24} {least[1]:6.2f} s  {least[1] / least[0]:5.1f} times raw")
 
 
-def speed(work: str, whole: Path, part: Path, lines: int, checkout: Path) -> float:
+def speed(work: str, whole: Path, part: Path, lines: int) -> float:
     """Rows in a second of processor time."""
     command = (sys.executable, "-m", "fte_sniff", "decode", *WORK[work], "--force")
-    used = [cost(command, folder, checkout) for folder in (whole, part)]
+    used = [cost(command, folder) for folder in (whole, part)]
     return lines * (1 - 1 / PART) / max(used[0] - used[1], 1e-3)
 
 
@@ -157,21 +157,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lines", type=int, default=2_000_000)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--against", type=Path)
     parser.add_argument("--shapes", type=int, metavar="LINES")
     chosen = parser.parse_args()
-    here = Path(__file__).parent.parent
     with TemporaryDirectory() as name:
         folder = Path(name)
         if chosen.shapes:
-            print_ratios(folder, chosen.shapes, chosen.rounds, chosen.against or here)
+            print_ratios(folder, chosen.shapes, chosen.rounds)
             return
         # First: a new process begins with the peak memory of the one that starts it.
         print(f"a line of 250 MB: {memory_mb(folder):.0f} MB")
         whole = write_inputs(folder / "whole", chosen.lines)
         part = write_inputs(folder / "part", chosen.lines // PART)
         speeds = {
-            work: median(speed(work, whole, part, chosen.lines, here) for _ in range(chosen.rounds))
+            work: median(speed(work, whole, part, chosen.lines) for _ in range(chosen.rounds))
             for work in WORK
         }
         for work, rows in speeds.items():
@@ -179,12 +177,6 @@ def main() -> None:
         print(f"evidence {evidence_seconds(whole / 'rows.log'):.2f} s")
         seconds, token = slowest_token(folder)
         print(f"1 MB of a repeated token: at most {seconds:.2f} s, of {token!r}")
-        if chosen.against:
-            few = chosen.lines // 100
-            old = [write_inputs(folder / f"old{n}", few // n) for n in (1, PART)]
-            for work in ("log", "hex"):
-                rows = speed(work, *old, few, chosen.against)
-                print(f"against {work:6}{rows:14,.0f} rows/s")
 
 
 if __name__ == "__main__":
