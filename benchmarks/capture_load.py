@@ -5,7 +5,7 @@ records and shows them. Lost are bytes that were sent and are not in the recordi
 bytes that the terminal had no room for, because it was not read in time. CPU is the share of one
 core from the first frame to the last; memory is the peak.
 
-    python -m benchmarks.capture_load [--seconds S] [--bauds B ...] [--busy]
+    python -m benchmarks.capture_load [--seconds S] [--bauds B ...] [--busy] [--also OPTIONS]
     python -m benchmarks.capture_load --highest       the highest pace that loses nothing
 """
 
@@ -15,6 +15,7 @@ import argparse
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,13 +65,14 @@ HEADER = (
 )
 
 
-def run(baud: int, seconds: float, *, busy: bool = False) -> Load:
-    """Load the program at the pace of `baud` in both directions."""
+def run(baud: int, seconds: float, *, busy: bool = False, also: Sequence[str] = ()) -> Load:
+    """Load the program at the pace of `baud` in both directions; `also` are options of `live`."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         lines = [PacedLine(kind) for kind in KINDS]
         arguments = [line.device for line in lines]
-        program = LiveProgram(["live", *arguments, "--baud", str(baud), "-o", "x.mcap"], folder)
+        words = ["live", *arguments, "--baud", str(baud), "-o", "x.mcap", *also]
+        program = LiveProgram(words, folder)
         if busy:
             program.keep_busy()
         before = taken(program.capture_pid), taken(program.pid)
@@ -137,13 +139,17 @@ def main() -> None:
     parser.add_argument("--bauds", type=int, nargs="+", default=BAUDS)
     parser.add_argument("--busy", action="store_true", help="press keys meanwhile")
     parser.add_argument("--highest", action="store_true")
+    parser.add_argument("--also", default="", help="further options of live, in one word")
     options = parser.parse_args()
     if options.highest:
         _highest(options.seconds)
     else:
         print(HEADER)
         for baud in options.bauds:
-            print(run(baud, options.seconds, busy=options.busy).line(), flush=True)
+            print(
+                run(baud, options.seconds, busy=options.busy, also=options.also.split()).line(),
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

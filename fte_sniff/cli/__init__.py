@@ -8,12 +8,14 @@ Modules:
     check              `fte-sniff check`: a verdict about files, for acceptance tests and CI.
     check_report       Verdicts as a table, JSON or JUnit XML.
     completion         `fte-sniff completion`: scripts for shells; ports, files, filters.
+    datagrams          Rows of a capture as UDP datagrams.
     decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
     decoder            `fte-sniff decoder`: decoders for sigrok, Wireshark and JSON tools.
     doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
     encode             `fte-sniff encode`: bytes of a frame from its values.
     extras             Packages of the extras: the command that installs one.
     findings           `fte-sniff findings`: what is wrong, when, and the rows that show it.
+    foxglove_server    Rows of a capture for viewers, over WebSocket.
     hex                `fte-sniff hex`: explain pasted bytes.
     input_files        Input arguments to session inputs.
     live               `fte-sniff live`: capture a port, record it, and show it.

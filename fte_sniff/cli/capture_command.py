@@ -20,6 +20,8 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
+from fte_sniff.cli.datagrams import Datagrams, address_of
+from fte_sniff.cli.foxglove_server import DEFAULT_ADDRESS, FoxgloveServer
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
@@ -38,7 +40,7 @@ from fte_sniff.cli.service import FileCommand, FinishedFiles, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import STDOUT, has_no_reader, print_err
 from fte_sniff.errors import FteSniffError, UsageError, printable
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 
@@ -73,6 +75,29 @@ capture_options = all_of(
         help="Continue when the view is killed or its terminal closed.",
     ),
     click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
+    click.option(
+        "--format",
+        "form",
+        type=click.Choice([form.value for form in TEXT_FORMATS]),
+        help="Print the rows in this format instead of the screen, each at once.",
+    ),
+    click.option(
+        "--udp",
+        metavar="HOST:PORT",
+        help="Send each row as a JSON object to this UDP port of this machine.",
+    ),
+    click.option(
+        "--serve",
+        is_flag=False,
+        flag_value=DEFAULT_ADDRESS,
+        metavar="[HOST:PORT]",
+        help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
+    ),
+    click.option(
+        "--network",
+        is_flag=True,
+        help="Allow --udp and --serve to use a network: anyone there can read.",
+    ),
     click.option(
         "--check",
         "rules",
@@ -122,6 +147,10 @@ def run_capture(
     dtr: str,
     rts: str,
     plain: bool,
+    form: str | None,
+    udp: str | None,
+    serve: str | None,
+    network: bool,
     headless: bool,
     on_file: str | None,
     lang: str | None,
@@ -149,16 +178,26 @@ def run_capture(
     judge = None if rules is None else Judge(rules)
     drive = None
     if headless or on_file is not None:
-        others = {"--plain": plain, "--filter": filter_text, "--alert": alert_text}
+        others = {
+            "--plain": plain,
+            "--format": form,
+            "--filter": filter_text,
+            "--alert": alert_text,
+        }
         _check_headless(headless, plan, [name for name, given in others.items() if given])
         observers = _service(plan, FileCommand(on_file))
     elif _is_stdout(plan.recording):
+        if form is not None:
+            raise UsageError("the recording goes to standard output; leave out --format")
         observers = [Announcer(plan), StdoutReport(plan)]
-    elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+    elif plain or form or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
         lines = PlainLines(
-            row_filter(filter_text), alert_of(alert_text), ports=len(plan.wiring.names) > 1
+            row_filter(filter_text),
+            alert_of(alert_text),
+            OutputFormat(form or OutputFormat.TABLE),
+            ports=len(plan.wiring.names) > 1,
         )
         observers = [Announcer(plan), Report(plan), lines]
     else:
@@ -180,6 +219,12 @@ def run_capture(
         rest = RestOfScreen(plan)
         screen = Screen(start, rest)
         observers, drive = [screen, Announcer(plan, intro=None), rest], screen.show
+    if udp is not None:
+        address = address_of(udp, "--udp", network=network)
+        observers = [*observers, Datagrams(address, row_filter(filter_text))]
+    if serve is not None:
+        server = FoxgloveServer(address_of(serve, "--serve", network=network), plan)
+        observers = [*observers, server]
     if judge is not None:
         observers = [judge, *observers]
     code = capture(plan, observers, _ending_signals(plan), drive)
@@ -394,12 +439,20 @@ class PlainLines(Observer):
     """Prints one line for each row that passes a filter."""
 
     def __init__(
-        self, wanted: RowFilter | None, alert: Alert | None = None, *, ports: bool = False
+        self,
+        wanted: RowFilter | None,
+        alert: Alert | None = None,
+        form: OutputFormat = OutputFormat.TABLE,
+        *,
+        ports: bool = False,
     ) -> None:
-        """With `ports` each line names its port; None filters nothing, and alerts to nothing."""
+        """With `ports` a line of a table names its port; None filters nothing, alerts to nothing.
+
+        `form` is a text format.
+        """
         self._select = list if wanted is None else wanted.select
         self._alert = alert
-        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
+        self._writer = row_writer(form, sys.stdout, ports=ports)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""
@@ -408,6 +461,11 @@ class PlainLines(Observer):
         if rings and sys.stderr.isatty():
             sys.stderr.write("\a")
             sys.stderr.flush()
+        sys.stdout.flush()
+
+    def ended(self, session: LiveSession) -> None:
+        """Write what the format requires at its end."""
+        self._writer.close()
         sys.stdout.flush()
 
 

@@ -1,0 +1,92 @@
+"""`--udp`: the rows of a capture as datagrams for other programs, such as PlotJuggler."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import socket
+from typing import TYPE_CHECKING
+
+from fte_sniff.cli.capture_loop import Observer
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.formats.writers import printable_json
+from fte_sniff.protocol import Row, iso_time, record
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.session.live_session import LiveSession
+
+
+def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
+    """The address of `HOST:PORT`; an empty host is this machine, and an IPv6 host has brackets.
+
+    Raises UsageError if it is not valid, or is another machine and `network` is false.
+    """
+    name, colon, number = text.rpartition(":")
+    shown = f"{option} {printable(text)}"
+    if not colon or not (number.isdecimal() and number.isascii() and int(number) < 1 << 16):
+        raise UsageError(f"{shown} is not HOST:PORT, such as 127.0.0.1:9870")
+    try:
+        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
+    except (OSError, UnicodeError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
+        raise UsageError(f"{shown}: the host is not known ({reason})") from None
+    host = str(found[0][4][0])
+    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
+        raise UsageError(
+            f"{shown} is not this machine: anyone in that network could read; add --network if they"
+            " may"
+        )
+    return host, int(number)
+
+
+def datagram(row: Row) -> bytes:
+    """The row as a JSON object, nested by its topic, so that a plotter names it as a recording's.
+
+    `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that the row does
+    not have are left out.
+    """
+    from fte_sniff.recording.messages.encode import topic_of
+
+    values = {name: value for name, value in record(row).items() if value is not None}
+    whole: dict[str, object] = {}
+    if row.t_ns is not None:
+        values["time"] = iso_time(row.t_ns)
+        whole["timestamp"] = row.t_ns / 1e9
+    nested: object = values
+    for part in reversed(topic_of(row).name.strip("/").split("/")):
+        nested = {part: nested}
+    assert isinstance(nested, dict)
+    text = json.dumps(whole | nested, ensure_ascii=False, separators=(",", ":"))
+    return printable_json(text).encode("utf-8", "backslashreplace")
+
+
+class Datagrams(Observer):
+    """Sends each row as a datagram; what cannot be sent at once is lost, and counted."""
+
+    def __init__(self, address: tuple[str, int], wanted: RowFilter | None) -> None:
+        self._select = list if wanted is None else wanted.select
+        self._address = address
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._sent = self._lost = 0
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Send the rows that pass the filter."""
+        for row in self._select(update.rows):
+            try:
+                self._socket.sendto(datagram(row), self._address)
+            except OSError:  # full, too large, no network, or nobody listens
+                self._lost += 1
+            else:
+                self._sent += 1
+
+    def ended(self, session: LiveSession) -> None:
+        """Print how many rows were sent."""
+        self._socket.close()
+        host, port = self._address
+        lost = f", {self._lost:,} could not be sent" if self._lost else ""
+        print_err(f"{self._sent:,} rows sent to UDP {host} port {port}{lost}")
