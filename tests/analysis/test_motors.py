@@ -89,9 +89,9 @@ def test_a_state_has_the_values_of_the_last_frames(rows: list[Row]) -> None:
             assert target is not None
             assert (target.kind, dict(target.values), target.t_ns) == (last.kind, values, last.t_ns)
         for name in ("rpm", "pulses"):
-            told = [row for row in feedback if name in row.values]
+            reported = [row for row in feedback if name in row.values]
             reading = state.present.get(name)
-            wanted = (told[-1].values[name], told[-1].t_ns) if told else None
+            wanted = (reported[-1].values[name], reported[-1].t_ns) if reported else None
             assert wanted == (reading and (reading.value, reading.t_ns))
         _check_flags(state, feedback)
 

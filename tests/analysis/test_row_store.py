@@ -145,7 +145,7 @@ class StoreMachine(RuleBasedStateMachine):
 
 
 def _walked(store: RowStore, index: int, by: int) -> int | None:
-    """The nearest row that is longer than ten bytes, told by the bytes that stand aside."""
+    """The nearest row that is longer than ten bytes, found by the bytes kept aside."""
 
     def is_long(rows: Rows) -> Bools:
         return np.array([at in rows.long for at in range(len(rows))], np.bool_)

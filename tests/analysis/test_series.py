@@ -35,14 +35,14 @@ def test_no_spike_is_lost_at_any_resolution(
     end = data.draw(st.integers(start + 1, times[-1] + 5))
     spans = series.envelope(0, (start, end), columns)
     inside = [value for time, value in zip(times, values, strict=True) if start <= time < end]
-    told = ~np.isnan(spans.low)
-    assert (told == ~np.isnan(spans.high)).all()
-    assert (spans.low[told] <= spans.last[told]).all()
-    assert (spans.last[told] <= spans.high[told]).all()
+    reported = ~np.isnan(spans.low)
+    assert (reported == ~np.isnan(spans.high)).all()
+    assert (spans.low[reported] <= spans.last[reported]).all()
+    assert (spans.last[reported] <= spans.high[reported]).all()
     if inside:
         assert np.nanmin(spans.low) <= min(inside)
         assert np.nanmax(spans.high) >= max(inside)
-    shown = {*spans.low[told], *spans.high[told], *spans.last[told]}
+    shown = {*spans.low[reported], *spans.high[reported], *spans.last[reported]}
     assert shown <= set(values)
 
 

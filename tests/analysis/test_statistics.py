@@ -301,13 +301,13 @@ def test_delays_cover_all_answers_and_have_the_time_of_the_longest() -> None:
     ),
     st.integers(0, 20),
 )
-def test_flags_equal_a_count_by_hand(told: list[tuple[int, int, int]], cut: int) -> None:
+def test_flags_equal_a_count_by_hand(reported: list[tuple[int, int, int]], cut: int) -> None:
     rows = [
         frame("speed_feedback", at * MS, motor=motor, rpm=0, error=error, online=online)
-        for at, (motor, error, online) in enumerate(told)
+        for at, (motor, error, online) in enumerate(reported)
     ]
     for flags in summary_of(rows[:cut], rows[cut:]).flags.stats():
-        own = [(at, error) for at, (motor, error, _) in enumerate(told) if motor == flags.motor]
+        own = [(at, error) for at, (motor, error, _) in enumerate(reported) if motor == flags.motor]
         bits = {}
         for bit in range(8):
             at = [at for at, error in own if error >> bit & 1]
@@ -316,7 +316,7 @@ def test_flags_equal_a_count_by_hand(told: list[tuple[int, int, int]], cut: int)
         found = {b: (s.rows, s.first_ns, s.last_ns) for b, s in flags.error_bits.items()}
         assert found == bits
         assert list(found) == sorted(found)
-        there = [bool(online >> (flags.motor - 1) & 1) for _, _, online in told]
+        there = [bool(online >> (flags.motor - 1) & 1) for _, _, online in reported]
         away = [at for at, here in enumerate(there) if not here]
         assert flags.offline.rows == len(away)
         assert flags.offline.first_ns == (away[0] * MS if away else None)

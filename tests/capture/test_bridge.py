@@ -189,12 +189,12 @@ def test_a_change_of_baud_comes_before_the_bytes_behind_it(bridges, pty, until):
         host.write(b"quick")
         assert from_far(pty, 5) == b"quick"
     kept.end()
-    told = [
+    reported = [
         item.data if isinstance(item, Chunk) else item.count
         for item in kept.items
         if item.port == HOST and (is_change(item) or (isinstance(item, Chunk) and item.data))
     ]
-    assert told == [b"slow", 921_600, b"quick"]
+    assert reported == [b"slow", 921_600, b"quick"]
 
 
 def is_change(item):

@@ -38,8 +38,8 @@ def test_the_facts_have_the_whole_tie():
     clock = Clock(7, 8, 9)
     facts = clock.facts()
     assert facts["clock"] in ("CLOCK_BOOTTIME", "CLOCK_MONOTONIC")
-    told = ("clock_utc_at_tie_ns", "clock_steady_at_tie_ns", "clock_tie_uncertainty_ns")
-    assert [facts[name] for name in told] == ["7", "8", "9"]
+    reported = ("clock_utc_at_tie_ns", "clock_steady_at_tie_ns", "clock_tie_uncertainty_ns")
+    assert [facts[name] for name in reported] == ["7", "8", "9"]
 
 
 @pytest.mark.parametrize(

@@ -226,13 +226,21 @@ def test_an_overrun_is_reported_where_it_happened_and_reading_goes_on(pty, until
     pty.send(b"c" * 3000)
     until(lambda: source.bytes_read == 4000)
     items = iter(source)
-    told = []
-    while told[-1:] != [b"a"]:
-        told += told_by(next(items))
+    reported = []
+    while reported[-1:] != [b"a"]:
+        reported += told_by(next(items))
     # There is room again, and what is sent now is kept.
     pty.send(b"b" * 10)
-    told += itertools.chain.from_iterable(told_by(item) for item in bytes_taken(items, 10, source))
-    assert [word for word in told if word != b"c"] == ["opened", b"a", "overrun", b"b", "closed"]
+    reported += itertools.chain.from_iterable(
+        told_by(item) for item in bytes_taken(items, 10, source)
+    )
+    assert [word for word in reported if word != b"c"] == [
+        "opened",
+        b"a",
+        "overrun",
+        b"b",
+        "closed",
+    ]
 
 
 def test_the_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty, until):

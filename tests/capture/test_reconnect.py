@@ -103,7 +103,7 @@ def test_an_adapter_that_comes_back_under_another_name_goes_on(new_pty, adapter,
     adapter.plug(second)
     found = received.until_event(PortEventKind.FOUND_AGAIN)
     assert found.detail.endswith(f" s as {second.device}")
-    # The events are stamped a little before and after what is told, which is rounded to 0.1 s.
+    # The events are stamped a little before and after what is reported, which is rounded to 0.1 s.
     told_s = float(found.detail.split()[1])
     assert FIRST_WAIT_S - 0.06 <= told_s <= (found.t_ns - lost.t_ns) / 1e9 + 0.06
     second.send(b" and after")

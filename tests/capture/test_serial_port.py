@@ -79,7 +79,7 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("/dev/no-such-port", ["/dev/no-such-port: no such port;"]),
         ("no-such-port", ["no-such-port: no such port;"]),
@@ -113,9 +113,9 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
         ("spy:///dev/ttyUSB0?color", ["give it a file"]),
     ],
 )
-def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, told):
+def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, reported):
     message = message_of(name)
-    for part in told:
+    for part in reported:
         assert part in message
 
 
@@ -171,15 +171,15 @@ def test_a_busy_port_names_who_has_it(pty):
 
 
 @pytest.mark.parametrize(
-    ("holders", "told"),
+    ("holders", "reported"),
     [
         ([], "this or another program has it open"),
         ([Holder(7, "cat")], "cat (pid 7) has it open"),
         ([Holder(7, "cat"), Holder(8, "od")], "cat (pid 7) and od (pid 8) have it open"),
     ],
 )
-def test_the_holders_of_a_port_are_named(holders, told):
-    assert holders_text(holders) == told
+def test_the_holders_of_a_port_are_named(holders, reported):
+    assert holders_text(holders) == reported
 
 
 @pytest.fixture

@@ -21,11 +21,11 @@ PLACE = st.integers(-50_000, 50_000)
 
 def passed(motor, seconds):
     """The motor's speeds and places, step by step."""
-    told = []
+    reported = []
     for _ in range(int(seconds / STEP_S)):
         motor.step(STEP_S)
-        told.append((motor.rpm, motor.pulses))
-    return told
+        reported.append((motor.rpm, motor.pulses))
+    return reported
 
 
 @given(SPEED, SPEED)
@@ -101,7 +101,7 @@ def test_a_motor_that_goes_offline_runs_down_and_then_obeys_its_target():
     assert round(motor.rpm) == 1000
 
 
-def told(controller, motor):
+def reported(controller, motor):
     """The feedback of a motor, decoded; None while it is silent."""
     raw = controller.feedback(motor)
     if raw is None:
@@ -136,7 +136,7 @@ def test_mecanum_wheels_turn_as_the_chassis_moves(controller, motion, signs):
     controller.advance_to(3)
     wanted = wheel_speeds(*motion)
     for motor, sign, rpm in zip(MOTORS, signs, wanted, strict=True):
-        feedback = told(controller, motor)
+        feedback = reported(controller, motor)
         assert (feedback.kind.name, feedback.cmd) == ("speed_feedback", 3)
         assert abs(feedback.values["rpm"] - rpm) <= 2
         assert (feedback.values["rpm"] > 0) - (feedback.values["rpm"] < 0) == sign
@@ -155,7 +155,8 @@ def test_each_motor_answers_in_its_own_mode(controller):
     obey(controller, "position", motor=2, rpm=1000, pulses=-4000)
     controller.advance_to(4)
     kinds = {
-        motor: (told(controller, motor).kind.name, told(controller, motor).cmd) for motor in MOTORS
+        motor: (reported(controller, motor).kind.name, reported(controller, motor).cmd)
+        for motor in MOTORS
     }
     assert kinds == {
         1: ("speed_feedback", 1),
@@ -163,8 +164,8 @@ def test_each_motor_answers_in_its_own_mode(controller):
         3: ("speed_feedback", 3),
         4: ("speed_feedback", 3),
     }
-    assert abs(told(controller, 1).values["rpm"] - 300) <= 1
-    assert told(controller, 2).values["pulses"] == -4000
+    assert abs(reported(controller, 1).values["rpm"] - 300) <= 1
+    assert reported(controller, 2).values["pulses"] == -4000
 
 
 def test_reset_stops_all_and_zeroes_positions(controller):
@@ -173,15 +174,15 @@ def test_reset_stops_all_and_zeroes_positions(controller):
     controller.advance_to(3)
     obey(controller, "reset")
     controller.advance_to(5)
-    assert [told(controller, motor).values["rpm"] for motor in MOTORS] == [0, 0, 0, 0]
+    assert [reported(controller, motor).values["rpm"] for motor in MOTORS] == [0, 0, 0, 0]
     obey(controller, "position", motor=2, rpm=0, pulses=0)
-    assert told(controller, 2).values["pulses"] == 0
+    assert reported(controller, 2).values["pulses"] == 0
 
 
 def test_a_position_past_the_field_wraps_as_a_counter_does(controller):
     controller.motors[1].pulses = 2**31 + 5
     obey(controller, "position", motor=1, rpm=0, pulses=0)
-    assert told(controller, 1).values["pulses"] == -(2**31) + 5
+    assert reported(controller, 1).values["pulses"] == -(2**31) + 5
 
 
 def test_frames_that_are_no_commands_change_nothing(controller):
@@ -198,7 +199,7 @@ def test_now_and_then_one_motor_is_offline_and_silent_and_the_flags_show_which(s
     spells = []
     for tenths in range(1, 4000):
         controller.advance_to(tenths / 10)
-        feedback = [told(controller, motor) for motor in MOTORS]
+        feedback = [reported(controller, motor) for motor in MOTORS]
         silent = [motor for motor, one in zip(MOTORS, feedback, strict=True) if one is None]
         assert len(silent) <= 1
         bit = sum(1 << (motor - 1) for motor in silent)

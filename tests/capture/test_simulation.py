@@ -203,7 +203,7 @@ def test_nothing_asked_gives_the_defaults():
 
 
 @pytest.mark.parametrize(
-    ("query", "told"),
+    ("query", "reported"),
     [
         ("sed=1", ["'sed'", "did you mean seed?", "rate", "frames"]),
         ("zzz=1", ["'zzz'", "it knows seed, rate"]),
@@ -225,12 +225,12 @@ def test_nothing_asked_gives_the_defaults():
         ("seed=\x1b[31m", [r"seed=\x1b[31m"]),
     ],
 )
-def test_a_bad_parameter_is_one_line_that_names_it_and_what_is_legal(query, told):
+def test_a_bad_parameter_is_one_line_that_names_it_and_what_is_legal(query, reported):
     with pytest.raises(PortError) as refused:
         parse_parameters(query)
     message = str(refused.value)
     assert message.isprintable()
-    for part in told:
+    for part in reported:
         assert part in message
 
 

@@ -154,13 +154,13 @@ def test_errors_that_are_only_marked_are_counted_by_their_marks():
 def test_many_errors_are_reported_once_a_second():
     counters = Counting()
     watch = UartWatch(counters)
-    told = []
+    reported = []
     for beat in range(2500):
         counters.add(framing=3)
         watch.feed(b"x")
-        told.append(watch.report(beat * 1_000_000))
-    assert [beat for beat, news in enumerate(told) if news] == [0, 1000, 2000]
-    assert sum(counts.total for counts in told if counts) + watch.flush().total == 7500
+        reported.append(watch.report(beat * 1_000_000))
+    assert [beat for beat, news in enumerate(reported) if news] == [0, 1000, 2000]
+    assert sum(counts.total for counts in reported if counts) + watch.flush().total == 7500
 
 
 def test_a_source_reports_errors_and_marks_the_bytes(pty):
@@ -204,10 +204,10 @@ def test_a_uart_of_this_machine_is_read():
         counters = counters_of(os.fdopen(descriptor, "rb", buffering=0, closefd=False))
         if counters is None:
             pytest.skip("its driver does not count")
-        told = dict(
+        reported = dict(
             re.findall(r"(fe|pe|brk|oe):(\d+)", Path("/proc/tty/driver/serial").read_text())
         )
-        expected = [int(told.get(name, 0)) for name in ("fe", "pe", "brk", "oe")]
+        expected = [int(reported.get(name, 0)) for name in ("fe", "pe", "brk", "oe")]
         assert list(counters().by_kind[:4]) == expected
     finally:
         os.close(descriptor)

@@ -45,9 +45,11 @@ def test_importing_the_capture_room_is_all_it_takes():
         "port = serial.serial_for_url('sim://?seed=4', 115200)\n"
         "print(port.read(100).hex())"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     frames = itertools.islice(simulate(SimulationParameters(seed=4)), 10)
-    assert told.stdout.strip() == b"".join(item.data for item in frames).hex()
+    assert reported.stdout.strip() == b"".join(item.data for item in frames).hex()
 
 
 @pytest.mark.parametrize("sizes", [[1], [7, 1, 23], [400]])
@@ -173,7 +175,7 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
 
 
 @pytest.mark.parametrize(
-    ("url", "told"),
+    ("url", "reported"),
     [
         ("sim://?sed=1", "did you mean seed"),
         ("sim://seed=1", "after '?'"),
@@ -181,8 +183,8 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
         ("sim://?rate=1153", "at most 1152"),
     ],
 )
-def test_what_cannot_be_simulated_is_pyserials_own_exception(url, told):
-    with pytest.raises(serial.SerialException, match=told.replace("?", r"\?")):
+def test_what_cannot_be_simulated_is_pyserials_own_exception(url, reported):
+    with pytest.raises(serial.SerialException, match=reported.replace("?", r"\?")):
         serial.serial_for_url(url, 115_200)
 
 

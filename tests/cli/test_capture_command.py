@@ -65,10 +65,10 @@ def test_a_storm_of_signals_is_one(environment, tmp_path: Path) -> None:
                 os.read(process.stdout.fileno(), 1 << 16)
         code, _, errors = ended(process)
     assert code == 0, errors
-    told = errors.splitlines()
-    assert told[0] == "recording to x.mcap"
-    assert " rows, " in told[1]
-    assert told[2:] == ["recorded to x.mcap"]
+    lines_shown = errors.splitlines()
+    assert lines_shown[0] == "recording to x.mcap"
+    assert " rows, " in lines_shown[1]
+    assert lines_shown[2:] == ["recorded to x.mcap"]
 
 
 def test_a_capture_that_is_stuck_does_not_hold_up_the_end(run, environment, tmp_path: Path) -> None:
@@ -314,12 +314,12 @@ def test_a_busy_processor_is_not_reported_as_a_slow_disk(
     settings = {"BUSY": "1"} if is_busy else {}
     with recording_on_a_slow_disk(environment, tmp_path, **settings) as (process, slow):
         process.send_signal(signal.SIGINT)
-        told = stderr_until(process, " are not written yet; Ctrl-C drops them")
+        lines_shown = stderr_until(process, " are not written yet; Ctrl-C drops them")
         slow.unlink()
         code, _, errors = ended(process)
     assert code == 0, errors
-    assert ("the processor is busy: " in told) == is_busy
-    assert ("the disk is slow: " in told) == (not is_busy)
+    assert ("the processor is busy: " in lines_shown) == is_busy
+    assert ("the disk is slow: " in lines_shown) == (not is_busy)
 
 
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
@@ -411,7 +411,7 @@ def test_no_command_replaces_a_file_that_is_being_recorded(
 
 
 def test_several_that_start_at_once_record_to_a_file_each(environment, tmp_path: Path) -> None:
-    told = []
+    lines_shown = []
     with ExitStack() as stack:
         arguments = ("live", SIM, "--count", "20")
         processes = [
@@ -420,9 +420,9 @@ def test_several_that_start_at_once_record_to_a_file_each(environment, tmp_path:
         for process in processes:
             code, _, errors = ended(process)
             assert code == 0, errors
-            told.append(errors.splitlines()[-1].removeprefix("recorded to "))
-    assert sorted(told) == sorted(path.name for path in tmp_path.iterdir())
-    assert len(told) == len(processes)
+            lines_shown.append(errors.splitlines()[-1].removeprefix("recorded to "))
+    assert sorted(lines_shown) == sorted(path.name for path in tmp_path.iterdir())
+    assert len(lines_shown) == len(processes)
 
 
 def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_path: Path) -> None:
@@ -467,8 +467,8 @@ def test_full_standard_output_is_one_line_after_the_path_of_the_recording(
 
 def bytes_waiting(stream: IO[bytes]) -> int:
     """How many bytes can be read there at once."""
-    told = fcntl.ioctl(stream, termios.FIONREAD, bytes(4))
-    return int.from_bytes(told, sys.byteorder)
+    lines_shown = fcntl.ioctl(stream, termios.FIONREAD, bytes(4))
+    return int.from_bytes(lines_shown, sys.byteorder)
 
 
 def captures_of(process: Process) -> list[Path]:

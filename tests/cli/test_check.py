@@ -61,12 +61,12 @@ def test_the_table(run, samples: Path) -> None:
 
 def test_a_rate_without_times_fails_and_names_its_need(run, samples: Path) -> None:
     arguments = ["check", samples / "clean.raw", "--expect", "rate(feedback) != 0", "--format"]
-    text, told, suites = (run(*arguments, form) for form in ("text", "json", "junit"))
-    assert {text.returncode, told.returncode, suites.returncode} == {1}
+    text, reported, suites = (run(*arguments, form) for form in ("text", "json", "junit"))
+    assert {text.returncode, reported.returncode, suites.returncode} == {1}
     _, failed, needs = text.stdout.splitlines()
     assert re.fullmatch(r"! rate\(feedback\) != 0 +no duration +!= 0 +fail", failed)
     assert needs == "    needs two different times; no row has a time, try --start"
-    (rule,) = json.loads(told.stdout)["rules"]
+    (rule,) = json.loads(reported.stdout)["rules"]
     assert (rule["verdict"], rule["measured"], rule["row"]) == ("fail", None, None)
     assert rule["needs"] == needs.removeprefix("    needs ")
     ((case,),) = JUnitXml.fromstring(suites.stdout.encode())
@@ -78,9 +78,9 @@ def test_a_rate_without_times_fails_and_names_its_need(run, samples: Path) -> No
 def test_every_key_is_described(run, samples: Path) -> None:
     done = run("check", samples / "damaged.mcap", "--expect", BAD, "--format", "json")
     described = set(re.findall(r"`(\w+)(?:\[\])?`", (ROOT / "docs/check.md").read_text()))
-    told = json.loads(done.stdout)
-    (rule,) = told["rules"]
-    assert set(told) | set(rule) | set(rule["row"]) <= described
+    reported = json.loads(done.stdout)
+    (rule,) = reported["rules"]
+    assert set(reported) | set(rule) | set(rule["row"]) <= described
 
 
 def test_the_first_row_names_its_file(run, samples: Path, tmp_path: Path) -> None:
@@ -91,24 +91,26 @@ def test_the_first_row_names_its_file(run, samples: Path, tmp_path: Path) -> Non
     bad.write_bytes((samples / "damaged.mcap").read_bytes())
     for jobs in ("1", "2"):
         arguments = ["check", folder, "--expect", BAD, "--jobs", jobs, "--format"]
-        text, told, suites = (run(*arguments, form).stdout for form in ("text", "json", "junit"))
+        text, reported, suites = (
+            run(*arguments, form).stdout for form in ("text", "json", "junit")
+        )
         first = f"first in {bad} at 2026-01-31T12:00:00.066938325Z, offset 20 of sim://"
         assert text.splitlines()[2].startswith(f"    {first}")
-        assert json.loads(told)["rules"][0]["row"]["file"] == str(bad)
+        assert json.loads(reported)["rules"][0]["row"]["file"] == str(bad)
         ((case,),) = JUnitXml.fromstring(suites.encode())
         assert first in case.result[0].message
-    told = run("check", bad, "--expect", BAD, "--format", "json").stdout
-    assert json.loads(told)["rules"][0]["row"]["file"] == str(bad)
+    reported = run("check", bad, "--expect", BAD, "--format", "json").stdout
+    assert json.loads(reported)["rules"][0]["row"]["file"] == str(bad)
 
 
 def test_damage_of_a_file_is_in_every_form(run, samples: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((samples / "clean.mcap").read_bytes()[:3000])
     arguments = ["check", cut, "--expect", "count(malformed) == 0", "--format"]
-    told, suites = (run(*arguments, form) for form in ("json", "junit"))
-    assert (told.returncode, suites.returncode) == (0, 0)
-    (note,) = json.loads(told.stdout)["notes"]
-    assert told.stderr == suites.stderr == f"fte-sniff: {note}\n"
+    reported, suites = (run(*arguments, form) for form in ("json", "junit"))
+    assert (reported.returncode, suites.returncode) == (0, 0)
+    (note,) = json.loads(reported.stdout)["notes"]
+    assert reported.stderr == suites.stderr == f"fte-sniff: {note}\n"
     assert note.startswith(f"{cut}: it is cut off")
     (suite,) = ElementTree.fromstring(suites.stdout)
     assert suite.findtext("system-err") == note
@@ -124,13 +126,13 @@ def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path
         f'[[rule]]\nname = "perhaps"\nexpect = "{UNCOVERED}"\nmay_be_uncovered = true\n'
     )
     arguments = ["check", samples / "clean.mcap", "--rules", rules, "--format", "json"]
-    told = json.loads(run(*arguments, "--expect", BAD).stdout)
-    assert [(one["name"], one["verdict"]) for one in told["rules"]] == [
+    reported = json.loads(run(*arguments, "--expect", BAD).stdout)
+    assert [(one["name"], one["verdict"]) for one in reported["rules"]] == [
         ("good", "pass"),
         ("perhaps", "not covered"),
         (BAD, "pass"),
     ]
-    assert told["passed"] is True
+    assert reported["passed"] is True
     assert run(*arguments).returncode == 0
 
 
@@ -382,9 +384,9 @@ def test_a_capture_is_judged_as_its_recording_is(
     live = run("live", port, "--check", rules, "--plain", *options, recording)
     assert live.returncode == code, live.stderr
     if code < 2:
-        told = run("check", recording, "--rules", rules)
-        assert told.returncode == code
-        assert told.stdout in live.stderr
+        reported = run("check", recording, "--rules", rules)
+        assert reported.returncode == code
+        assert reported.stdout in live.stderr
     else:
         assert "verdict" not in live.stderr
 

@@ -82,13 +82,13 @@ def test_recording_raw_and_hex_have_equal_rows(run, samples: Path, name: str) ->
 def test_what_it_wrote_it_reads_back_at_the_same_times(
     run, samples: Path, tmp_path: Path, end: str, name: str
 ) -> None:
-    def told(file: Path) -> list[tuple[str, str, list[str]]]:
+    def reported(file: Path) -> list[tuple[str, str, list[str]]]:
         rows = jsonl(run("decode", file, "--format", "jsonl").stdout)
         return [(row["time"], row["raw"], row["faults"]) for row in rows]
 
     written = tmp_path / f"rows.{end}"
     assert run("decode", samples / f"{name}.mcap", "-o", written).returncode == 0
-    assert told(written) == told(samples / f"{name}.mcap")
+    assert reported(written) == reported(samples / f"{name}.mcap")
 
 
 def test_times_ports_and_order_come_from_the_recording(run, samples: Path) -> None:
@@ -123,10 +123,10 @@ def test_filter_limit_and_summary(run, samples: Path) -> None:
 
 
 def test_summary_names_faults_and_the_time_covered(run, samples: Path) -> None:
-    told = run("decode", samples / "damaged.mcap").stderr
-    assert "malformed" in told
-    assert "%" in told
-    assert "s from 2026-01-31T12:00:0" in told
+    reported = run("decode", samples / "damaged.mcap").stderr
+    assert "malformed" in reported
+    assert "%" in reported
+    assert "s from 2026-01-31T12:00:0" in reported
     assert "nothing malformed" in run("decode", samples / "clean.raw").stderr
 
 
@@ -296,9 +296,9 @@ def test_losses_inside_a_recording_are_reported(run, tmp_path: Path, samples: Pa
 
 
 def test_a_limit_is_not_taken_for_the_whole_file(run, samples: Path) -> None:
-    told = run("decode", samples / "clean.mcap", "--limit", "2").stderr
-    assert "stopped at the limit" in told
-    assert "malformed" not in told
+    reported = run("decode", samples / "clean.mcap", "--limit", "2").stderr
+    assert "stopped at the limit" in reported
+    assert "malformed" not in reported
 
 
 def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
@@ -507,9 +507,9 @@ def test_rows_that_no_filter_or_span_lets_through_are_not_missed_on_the_wire(
     assert "1,200 rows read, 0 written" in filtered
     later = run("decode", samples / "clean.mcap", "--from", "2027-01-01")
     assert later.returncode == 0
-    *_, told, total = later.stderr.splitlines()
-    assert "clean.mcap: none of its 1,20" in told
-    assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in told
+    *_, reported, total = later.stderr.splitlines()
+    assert "clean.mcap: none of its 1,20" in reported
+    assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in reported
     assert total == "0 rows; no row is between --from and --to"
 
 
@@ -581,8 +581,10 @@ def test_a_day_or_zone_that_is_none(run, samples: Path, option: str, value: str)
 
 def test_a_log_that_swaps_the_directions_is_reported(run) -> None:
     swapped = SSCOM.replace("发→◇", "x").replace("收←◆", "发→◇").replace("x", "收←◆")
-    told = run("decode", "-", stdin=swapped).stderr
-    assert "stdin: 2 of 2 frames go the other way than the log says (received, header AA" in told
+    reported = run("decode", "-", stdin=swapped).stderr
+    assert (
+        "stdin: 2 of 2 frames go the other way than the log says (received, header AA" in reported
+    )
 
 
 EXPECTED = sorted((SAMPLES / "expected").iterdir())
@@ -734,12 +736,12 @@ def test_nothing_is_measured_across_a_gap(run, tmp_path: Path, gap: str) -> None
     paths = GAPS[gap](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
     for some in (paths, [tmp_path / "copy.mcap"]):
-        told = stats(run, *some)
-        (port,) = told["ports"]
+        reported = stats(run, *some)
+        (port,) = reported["ports"]
         assert port["rows"] == 40
         assert port["silences"]["count"] == 2 * 19
         assert port["streams"][0]["period"]["longest_s"] == STEP / 1e9
-        assert told["motors"][0]["neither"] == 2
+        assert reported["motors"][0]["neither"] == 2
         models = viewed(some)
         assert models.statistics.ports()[0].silences.count == 2 * 19
         assert models.motors.states(None)[0].unanswered == 2 * 19

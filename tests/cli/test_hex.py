@@ -247,7 +247,7 @@ def test_hex_takes_back_what_encode_prints(run, kind: FrameKind) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         ("speed --motor 5 --rpm 0", ["motor 5", "1..4"]),
         ("speed --motor 1 --rpm 32768", ["rpm 32768", "-32768..32767 RPM"]),
@@ -276,12 +276,14 @@ def test_hex_takes_back_what_encode_prints(run, kind: FrameKind) -> None:
         ("sped --motor 1", ["No such command 'sped'"]),
     ],
 )
-def test_what_does_not_fit_is_one_line_that_names_it(run, arguments: str, told: list[str]) -> None:
+def test_what_does_not_fit_is_one_line_that_names_it(
+    run, arguments: str, reported: list[str]
+) -> None:
     done = run("encode", *arguments.split())
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
-    assert all(word in done.stderr for word in told), done.stderr
+    assert all(word in done.stderr for word in reported), done.stderr
 
 
 @given(

@@ -709,15 +709,17 @@ def test_attached_capture_records_both_directions_of_another_program(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (("--attach", "/dev/ttyUSB0", "/dev/ttyUSB1"), "--attach takes one PORT"),
         (("--attach", "sim://"), "only a device can be attached to"),
         (("--pid", "7", "/dev/ttyUSB0"), "--pid works with --attach"),
     ],
 )
-def test_attach_that_cannot_work_is_a_usage_error(run, words: tuple[str, ...], told: str) -> None:
+def test_attach_that_cannot_work_is_a_usage_error(
+    run, words: tuple[str, ...], reported: str
+) -> None:
     done = run("live", *words)
     assert (done.returncode, done.stdout) == (2, "")
-    assert told in done.stderr
+    assert reported in done.stderr
     assert done.stderr.count("\n") == 1

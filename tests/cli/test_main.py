@@ -113,8 +113,8 @@ def test_rows_that_were_written_before_ctrl_c_stay_and_are_counted(
         wait_until(lambda: part.exists() and part.stat().st_size)
         process.send_signal(signal.SIGINT)
         assert process.wait(BOUND_S) in (130, -signal.SIGINT)
-        told = process.stderr.read().decode()
-    assert told == "fte-sniff: interrupted; part.csv holds the rows up to there\n"
+        reported = process.stderr.read().decode()
+    assert reported == "fte-sniff: interrupted; part.csv holds the rows up to there\n"
     assert [path.name for path in tmp_path.iterdir()] == ["part.csv"]
     assert (tmp_path / "part.csv").read_text().startswith("time,port,")
 

@@ -102,9 +102,9 @@ def test_a_cluster_that_loses_a_worker_midway_still_gives_them(
         busy = next(worker for worker, tasks in client.processing().items() if tasks)
         worker_pid = client.run(os.getpid, workers=[busy])[busy]
         os.kill(worker_pid, signal.SIGKILL)
-        told = process.stdout.read().decode()
+        reported = process.stdout.read().decode()
         assert process.wait(BOUND_S) == 0
-    assert told == expected
+    assert reported == expected
 
 
 def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(

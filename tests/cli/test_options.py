@@ -85,7 +85,7 @@ def test_no_text_is_no_span() -> None:
 
 
 @pytest.mark.parametrize(
-    ("since", "until", "times", "told"),
+    ("since", "until", "times", "reported"),
     [
         ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is not a time"),
         ("25:00", None, (FIRST, LAST), "'25:00' is not a time; write it as"),
@@ -107,11 +107,11 @@ def test_no_text_is_no_span() -> None:
     ],
 )
 def test_what_is_no_span_is_refused(
-    since: str | None, until: str | None, times: tuple[int, int | None] | None, told: str
+    since: str | None, until: str | None, times: tuple[int, int | None] | None, reported: str
 ) -> None:
     with pytest.raises(FteSniffError) as caught:
         time_range(since, until, [times])
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
     assert len(str(caught.value)) < 300
     assert caught.value.exit_code == 2
 

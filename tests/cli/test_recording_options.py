@@ -142,12 +142,12 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         assert process.stdout.read(100).startswith(b"\x89MCAP")
         process.stdout.close()
         assert process.stderr is not None
-        told = process.stderr.read().decode()
+        reported = process.stderr.read().decode()
         assert process.wait(BOUND_S) == 4
     said = r"fte-sniff: standard output: its reader is gone; the recording ended after [\d,]+ rows"
-    assert len(re.findall(said, told)) == told.count("gone") == 1
-    assert "not recorded" not in told
-    assert "Traceback" not in told
+    assert len(re.findall(said, reported)) == reported.count("gone") == 1
+    assert "not recorded" not in reported
+    assert "Traceback" not in reported
 
 
 @pytest.mark.parametrize(

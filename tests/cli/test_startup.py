@@ -81,10 +81,10 @@ def test_a_recording_is_read_without_loading_what_logs_need(environment: dict[st
 def test_a_screen_begins_with_what_its_first_rows_need(
     environment, tmp_path: Path, arguments: list[str | Path], needed: set[str]
 ) -> None:
-    told = tmp_path / "loaded"
+    reported = tmp_path / "loaded"
     program = (
         "import atexit, pathlib, sys\nfrom fte_sniff.cli import main\n"
-        f"def tell(): pathlib.Path({str(told)!r}).write_text('\\n'.join(sys.modules))\n"
+        f"def tell(): pathlib.Path({str(reported)!r}).write_text('\\n'.join(sys.modules))\n"
         "atexit.register(tell)\nmain()"
     )
     with terminal(
@@ -93,7 +93,7 @@ def test_a_screen_begins_with_what_its_first_rows_need(
         screen.until("speed")
         screen.type("Q")
         assert screen.ended() == 0
-    assert needed == {name for name in told.read_text().splitlines() if name in HEAVY}
+    assert needed == {name for name in reported.read_text().splitlines() if name in HEAVY}
 
 
 def test_help_of_every_command(run) -> None:

@@ -48,8 +48,8 @@ def read(path: Path) -> pl.DataFrame:
     return fte_sniff.read(path).with_columns(ns=pl.col("time").dt.epoch("ns"))
 
 
-def assert_times(told: dict, times: pl.Series) -> None:
-    assert (t_ns(told["first_time"]), t_ns(told["last_time"])) == (times.min(), times.max())
+def assert_times(reported: dict, times: pl.Series) -> None:
+    assert (t_ns(reported["first_time"]), t_ns(reported["last_time"])) == (times.min(), times.max())
 
 
 @pytest.mark.parametrize(
@@ -66,29 +66,29 @@ def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
     """Whoever reads the pipe gets all columns, however narrow the terminal behind it is."""
     name, asked = command
     asked = asked if name == "hex" else str(samples / asked)
-    told = []
+    reported = []
     for columns in ("40", "300"):
         environment["COLUMNS"] = columns
-        told.append(run(name, asked).stdout)
-    assert told[0] == told[1]
-    assert max(map(len, told[0].splitlines())) > 80
+        reported.append(run(name, asked).stdout)
+    assert reported[0] == reported[1]
+    assert max(map(len, reported[0].splitlines())) > 80
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_extents_status_and_faults(run, samples: Path, name: str) -> None:
-    told, rows = numbers(run, samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
-    (port,) = told["ports"]
-    for part in (told, *told["files"], port):
+    reported, rows = numbers(run, samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
+    (port,) = reported["ports"]
+    for part in (reported, *reported["files"], port):
         assert (part["rows"], part["bytes"]) == (len(rows), rows["length"].sum())
         assert_times(part, rows["ns"])
-    assert told["duration_s"] == pytest.approx((rows["ns"].max() - rows["ns"].min()) / SECOND)
-    assert port["rows_per_s"] == pytest.approx((len(rows) - 1) / told["duration_s"])
+    assert reported["duration_s"] == pytest.approx((rows["ns"].max() - rows["ns"].min()) / SECOND)
+    assert port["rows_per_s"] == pytest.approx((len(rows) - 1) / reported["duration_s"])
     for direction, count in port["frames"].items():
         assert count == len(rows.filter(pl.col("direction") == direction))
-    for status, count in told["status"].items():
+    for status, count in reported["status"].items():
         own = rows.filter(pl.col("status") == status)
         assert count == {"rows": len(own), "bytes": own["length"].sum()}
-    assert port["status"] == told["status"]
+    assert port["status"] == reported["status"]
     having = rows.explode("faults").drop_nulls("faults")
     assert {fault["fault"] for fault in port["faults"]} == set(having["faults"])
     for fault in port["faults"]:
@@ -111,15 +111,15 @@ def test_lines_and_silences(run, samples: Path, name: str) -> None:
     silent = rows.with_columns(silent=pl.col("ns") - pl.col("end").shift()).filter(
         pl.col("silent") > 0
     )
-    told = port["silences"]
-    assert told["count"] == len(silent)
-    assert told["longest_s"] == pytest.approx(silent["silent"].max() / SECOND)
+    reported = port["silences"]
+    assert reported["count"] == len(silent)
+    assert reported["longest_s"] == pytest.approx(silent["silent"].max() / SECOND)
     longest = silent.filter(pl.col("silent") == pl.col("silent").max())["ns"][0]
-    assert t_ns(told["longest_until"]) == longest
+    assert t_ns(reported["longest_until"]) == longest
     for percent in (50, 95, 99):
         exact = silent["silent"].quantile(percent / 100, "higher") / SECOND
         lower = silent["silent"].quantile(percent / 100, "lower") / SECOND
-        assert lower * 0.95 <= told[f"p{percent}_s"] <= exact * 1.05
+        assert lower * 0.95 <= reported[f"p{percent}_s"] <= exact * 1.05
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -130,11 +130,11 @@ def test_streams(run, samples: Path, name: str) -> None:
     sound = rows.filter(motor | pl.col("kind").is_in(["reset", "mecanum"])).with_columns(
         motor=pl.when(motor).then("motor")
     )
-    told = {(one["kind"], one["motor"]): one for one in port["streams"]}
+    reported = {(one["kind"], one["motor"]): one for one in port["streams"]}
     groups = sound.partition_by("kind", "motor", as_dict=True)
-    assert set(told) == set(groups)
+    assert set(reported) == set(groups)
     for key, own in groups.items():
-        one = told[key]
+        one = reported[key]
         assert one["frames"] == len(own)
         values = {
             column: {"least": own[column].min(), "greatest": own[column].max()}
@@ -156,8 +156,8 @@ def test_streams(run, samples: Path, name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_motors(run, samples: Path, name: str) -> None:
     rows = read(samples / f"{name}.mcap").drop_nulls("kind").to_dicts()
-    for told in numbers(run, samples / f"{name}.mcap")["motors"]:
-        number, asked, delays, unanswered = told["motor"], None, [], 0
+    for reported in numbers(run, samples / f"{name}.mcap")["motors"]:
+        number, asked, delays, unanswered = reported["motor"], None, [], 0
         commands = feedback = 0
         for row in rows:
             if row["direction"] == "control" and row["motor"] in (None, number):
@@ -169,20 +169,20 @@ def test_motors(run, samples: Path, name: str) -> None:
                 if asked is not None and asked["cmd"] == row["cmd"]:
                     delays.append((row["ns"] - asked["ns"]) / SECOND)
                     asked = None
-        assert (told["commands"], told["feedback"]) == (commands, feedback)
-        assert (told["answered"], told["unanswered"]) == (len(delays), unanswered)
-        assert told["delay"]["longest_s"] == (pytest.approx(max(delays)) if delays else None)
+        assert (reported["commands"], reported["feedback"]) == (commands, feedback)
+        assert (reported["answered"], reported["unanswered"]) == (len(delays), unanswered)
+        assert reported["delay"]["longest_s"] == (pytest.approx(max(delays)) if delays else None)
         own = [row for row in rows if row["direction"] == "feedback" and row["motor"] == number]
         for bit in range(8):
             having = [row["ns"] for row in own if row["error"] >> bit & 1]
-            found = [one for one in told["error_bits"] if one["bit"] == bit]
+            found = [one for one in reported["error_bits"] if one["bit"] == bit]
             assert [one["frames"] for one in found] == ([len(having)] if having else [])
             assert [t_ns(one["first_time"]) for one in found] == having[:1]
             assert [t_ns(one["last_time"]) for one in found] == having[-1:]
         every = [row for row in rows if row["direction"] == "feedback" and 1 <= row["motor"] <= 4]
         here = [row["online"] >> (number - 1) & 1 for row in every]
-        assert told["offline"]["frames"] == here.count(0)
-        assert told["offline"]["times_lost"] == sum(a > b for a, b in pairwise(here))
+        assert reported["offline"]["frames"] == here.count(0)
+        assert reported["offline"]["times_lost"] == sum(a > b for a, b in pairwise(here))
 
 
 def pieces(run, source: Path, folder: Path) -> list[Path]:
@@ -219,10 +219,10 @@ def test_files_together_are_the_file_that_they_were(run, samples: Path, tmp_path
 
 def test_files_that_overlap_in_time_have_no_answers(run, samples: Path, tmp_path: Path) -> None:
     shutil.copy(samples / "clean.mcap", tmp_path / "copy.mcap")
-    told = numbers(run, samples / "clean.mcap", "copy.mcap")
-    assert told["rows"] == 2400
-    assert {motor["answered"] for motor in told["motors"]} == {None}
-    assert {motor["delay"]["p50_s"] for motor in told["motors"]} == {None}
+    reported = numbers(run, samples / "clean.mcap", "copy.mcap")
+    assert reported["rows"] == 2400
+    assert {motor["answered"] for motor in reported["motors"]} == {None}
+    assert {motor["delay"]["p50_s"] for motor in reported["motors"]} == {None}
     text = run("stats", samples / "clean.mcap", "copy.mcap").stdout
     assert text.count("overlap in time") == 1
 
@@ -231,18 +231,18 @@ def test_files_that_overlap_in_time_have_no_answers(run, samples: Path, tmp_path
 @pytest.mark.parametrize("ending", ["raw", "hex"])
 def test_without_times_there_are_counts_alone(run, samples: Path, name: str, ending: str) -> None:
     file = samples / f"{name}.{ending}"
-    told = numbers(run, file)
+    reported = numbers(run, file)
     rows = [json.loads(row) for row in run("decode", file, "--format", "jsonl").stdout.splitlines()]
-    (port,) = told["ports"]
-    assert (told["rows"], port["rows"]) == (len(rows), len(rows))
+    (port,) = reported["ports"]
+    assert (reported["rows"], port["rows"]) == (len(rows), len(rows))
     assert (
-        told["bytes"]
+        reported["bytes"]
         == sum(row["length"] for row in rows)
         == len((samples / f"{name}.raw").read_bytes())
     )
-    for status, count in told["status"].items():
+    for status, count in reported["status"].items():
         assert count["rows"] == sum(row["status"] == status for row in rows)
-    assert (told["first_time"], told["duration_s"], port["line_use"]) == (None, None, None)
+    assert (reported["first_time"], reported["duration_s"], port["line_use"]) == (None, None, None)
     assert {one["frames_per_s"] for one in port["streams"]} == {None}
     text = run("stats", file).stdout
     assert text.count("no times") == 1
@@ -253,24 +253,28 @@ def test_without_times_there_are_counts_alone(run, samples: Path, name: str, end
 def test_standard_input(run, samples: Path, ending: str) -> None:
     file = samples / f"clean.{ending}"
     done = run("stats", "-", "--format", "json", stdin=file.read_bytes())
-    told, expected = json.loads(done.stdout), numbers(run, file)
-    assert told["files"][0]["name"] == "stdin"
+    reported, expected = json.loads(done.stdout), numbers(run, file)
+    assert reported["files"][0]["name"] == "stdin"
     for key in ("rows", "bytes", "first_time", "status", "motors"):
-        assert told[key] == expected[key]
+        assert reported[key] == expected[key]
 
 
 def test_filter_and_span(run, samples: Path) -> None:
     wanted = "motor = 1 AND kind = 'speed'"
     options = ["--from", "+10s", "--to", "+35s"]
-    told = numbers(run, samples / "clean.mcap", "--filter", wanted, *options)
+    reported = numbers(run, samples / "clean.mcap", "--filter", wanted, *options)
     start = read(samples / "clean.mcap")["ns"].min()
     inside = read(samples / "clean.mcap").filter(
         pl.col("ns").is_between(start + 10 * SECOND, start + 35 * SECOND, closed="left")
     )
     own = inside.filter((pl.col("motor") == 1) & (pl.col("kind") == "speed"))
-    assert (told["filter"], told["rows_read"], told["rows"]) == (wanted, len(inside), len(own))
-    assert_times(told, own["ns"])
-    ((stream,),) = (port["streams"] for port in told["ports"])
+    assert (reported["filter"], reported["rows_read"], reported["rows"]) == (
+        wanted,
+        len(inside),
+        len(own),
+    )
+    assert_times(reported, own["ns"])
+    ((stream,),) = (port["streams"] for port in reported["ports"])
     assert (stream["kind"], stream["motor"]) == ("speed", 1)
     text = run("stats", samples / "clean.mcap", "--filter", wanted, *options).stdout
     assert f"holds for {len(own):,} of {len(inside):,} rows" in text
@@ -324,11 +328,12 @@ def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> No
         fte_sniff.Frame("p", 10 * at, raw, start + at * step, (), 0) for at, raw in enumerate(raws)
     ]
     with_gaps(tmp_path / "a.mcap", rows)
-    told = numbers(run, "a.mcap")
+    reported = numbers(run, "a.mcap")
     assert [
-        (one["rows"], t_ns(one["first_time"]), t_ns(one["last_time"])) for one in told["left_out"]
+        (one["rows"], t_ns(one["first_time"]), t_ns(one["last_time"]))
+        for one in reported["left_out"]
     ] == [(100, start + first * step, start + (first + 99) * step) for first in (100, 300)]
-    (port,), taken = told["ports"], 10 * BYTE_NS
+    (port,), taken = reported["ports"], 10 * BYTE_NS
     assert port["rows_per_s"] == pytest.approx(100)
     assert port["line_use"] == pytest.approx(100 * taken / (99 * step + taken))
     assert port["silences"]["count"] == 3 * 99
@@ -336,7 +341,7 @@ def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> No
     (stream,) = port["streams"]
     assert stream["frames_per_s"] == pytest.approx(100)
     assert stream["period"]["longest_s"] == step / SECOND
-    motor = told["motors"][0]
+    motor = reported["motors"][0]
     # The last of each piece may have been answered by what is not here.
     assert (motor["commands"], motor["unanswered"], motor["neither"]) == (300, 297, 3)
     text = run("stats", "a.mcap").stdout
@@ -391,8 +396,12 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "rows       0, 0 bytes" in done.stdout
     assert done.stderr == "fte-sniff: nothing came: check the wire, the ground and the baud rate\n"
-    told = numbers(run, "a.mcap")
-    assert (told["rows"], told["first_time"], told["ports"][0]["rows_per_s"]) == (0, None, None)
+    reported = numbers(run, "a.mcap")
+    assert (reported["rows"], reported["first_time"], reported["ports"][0]["rows_per_s"]) == (
+        0,
+        None,
+        None,
+    )
     between = run("stats", "a.mcap", "--from", "2026-01-01T00:00:00Z")
     assert "no row is between" in between.stderr
 
@@ -486,10 +495,10 @@ def test_ctrl_c_stops_at_once_and_reports_what_was_read(environment, tmp_path: P
         assert process.wait(BOUND_S) in (130, -signal.SIGINT)
         assert process.stdout is not None
         assert process.stderr is not None
-        told, errors = process.stdout.read(), process.stderr.read()
+        reported, errors = process.stdout.read(), process.stderr.read()
         assert b"Traceback" not in errors
-        if process.returncode == 130 and told:  # it was reading
-            assert told.startswith(b"files      stdin\nrows       ")
+        if process.returncode == 130 and reported:  # it was reading
+            assert reported.startswith(b"files      stdin\nrows       ")
             assert re.fullmatch(
                 rb"fte-sniff: interrupted; 0 of 1 files and [\d,]+ rows were read\n", errors
             )
@@ -504,6 +513,6 @@ def keys_of(value: object) -> set[str]:
 def test_every_key_is_described(run, samples: Path) -> None:
     described = set(re.findall(r"`(\w+)(?:\[\])?`", (ROOT / "docs/stats.md").read_text()))
     names = {f"{name}.mcap" for name in NAMES}
-    told = set().union(*(keys_of(numbers(run, samples / name)) for name in names))
+    reported = set().union(*(keys_of(numbers(run, samples / name)) for name in names))
     rows = {"rpm", "pulses", "vx_cm_s", "vy_cm_s", "wz_mrad_s"}
-    assert told - rows <= described
+    assert reported - rows <= described

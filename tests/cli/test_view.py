@@ -51,14 +51,14 @@ def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) ->
 
 
 def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path: Path) -> None:
-    told = tmp_path / "err.log"
+    reported = tmp_path / "err.log"
     arguments = ("live", "sim://?rate=500", "-o", "x.mcap")
-    with terminal(environment, tmp_path, *arguments, errors=told) as screen:
+    with terminal(environment, tmp_path, *arguments, errors=reported) as screen:
         screen.until("speed fb")
-        assert told.read_bytes() == b""
+        assert reported.read_bytes() == b""
         screen.type("Q")
         assert screen.ended() == 0
-    count, where = told.read_text().splitlines()
+    count, where = reported.read_text().splitlines()
     assert re.fullmatch(r"[0-9,]+ rows, nothing malformed, \d+\.\d{3} s from \S+Z", count)
     assert where == "recorded to x.mcap"
     assert b"recorded to" not in screen.drawn

@@ -57,8 +57,8 @@ def typescript(builds: Path) -> Lines:
     _run("npm", "install", "--no-audit", "--no-fund", "--no-package-lock", cwd=folder)
 
     def lines(path: Path) -> list[str]:
-        told = _run("node", "read.mjs", path, cwd=folder, within_s=READ_WITHIN_S)
-        return told.splitlines()
+        reported = _run("node", "read.mjs", path, cwd=folder, within_s=READ_WITHIN_S)
+        return reported.splitlines()
 
     return lines
 

@@ -56,10 +56,10 @@ def rerun_lines(path: Path) -> list[str]:
         at = batch.schema.names.index
         times = (batch[at(f"message_{which}_time")].cast("int64") for which in ("log", "publish"))
         (column,) = (name for name in batch.schema.names if name.endswith(":message"))
-        told = (message[0] for message in batch[column].to_pylist())
+        reported = (message[0] for message in batch[column].to_pylist())
         lines += (
             _line(chunk.entity_path, logged.as_py(), published.as_py(), _rerun_fields(message))
-            for logged, published, message in zip(*times, told, strict=True)
+            for logged, published, message in zip(*times, reported, strict=True)
         )
     return sorted(lines)
 

@@ -37,7 +37,7 @@ def read_back(text: str) -> list[Row]:
     return rows
 
 
-def told(rows: list[Row]) -> list[tuple[bytes, int | None]]:
+def reported(rows: list[Row]) -> list[tuple[bytes, int | None]]:
     return [(row.raw, row.t_ns) for row in rows]
 
 
@@ -56,7 +56,7 @@ FRAMES = st.sampled_from(
     ]
 )
 GAPS = st.sampled_from([0, 1, 86_806, 868_060, 5_000_000, 10**9])
-"""Also shorter than a frame takes: rows of one read may have been told as of one time."""
+"""Also shorter than a frame takes: rows of one read may have been reported as of one time."""
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -71,7 +71,7 @@ def test_rows_come_back_at_their_times(
         Frame("a name  with spaces", 10 * at, raw, times[at] if timed else None)
         for at, (raw, _) in enumerate(steps)
     ]
-    assert told(read_back(written(rows, form, ports=ports))) == told(rows)
+    assert reported(read_back(written(rows, form, ports=ports))) == reported(rows)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -94,7 +94,7 @@ def test_a_row_without_a_time_has_none_among_others(form: OutputFormat) -> None:
         Frame("p", 10, frame("reset"), None),
         Frame("p", 20, frame("reset"), BEGIN_NS + 5),
     ]
-    assert told(read_back(written(rows, form))) == told(rows)
+    assert reported(read_back(written(rows, form))) == reported(rows)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -107,7 +107,7 @@ def test_the_last_moment_there_is(form: OutputFormat) -> None:
 def test_rows_of_a_table_need_no_heading() -> None:
     rows: list[Row] = [Frame("p", 10, frame("reset"), BEGIN_NS)]
     _, line = written(rows, OutputFormat.TABLE).splitlines()
-    assert told(read_back(line)) == told(rows)
+    assert reported(read_back(line)) == reported(rows)
 
 
 @pytest.mark.parametrize(

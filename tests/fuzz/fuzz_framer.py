@@ -113,7 +113,7 @@ def check(data: bytes) -> None:
 
 
 def main() -> None:
-    """Run the fuzzer until it finds something, or is told to end."""
+    """Run the fuzzer until it finds something, or is ended."""
     atheris.Setup(sys.argv, check)
     atheris.Fuzz()
 

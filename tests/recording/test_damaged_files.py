@@ -42,7 +42,7 @@ CHUNK = 6
 
 
 def _read(path: Path) -> tuple[list[Row], RecordingReader]:
-    """The rows record by record; read by columns, they and all that is told are the same."""
+    """The rows record by record; read by columns, they and all that is reported are the same."""
     columns = RecordingReader(path)
     at_once = [row for batch in columns.batches() for row in batch]
     reader = RecordingReader(path)

@@ -300,8 +300,8 @@ def test_a_full_disk_leaves_valid_files_and_recording_goes_on_when_there_is_spac
         recorder.close()
         files = _files(folder)
         found = [row for file in files for row in _rows(file)]
-        told = [gap for file in files for gap in _named(file, GAP_NAME)]
-        assert sum(int(gap["rows"]) for gap in told) + len(found) == 14 * 500
+        reported = [gap for file in files for gap in _named(file, GAP_NAME)]
+        assert sum(int(gap["rows"]) for gap in reported) + len(found) == 14 * 500
         assert found[: len(before)] == before
         assert found[-2000:] == [row for batch in batches[10:] for row in batch]
         assert "were not recorded: recording stopped: the disk is full" in str(recorder.failure)
@@ -535,8 +535,8 @@ def test_a_trigger_keeps_exactly_its_window(
     ]
     assert _rows(path) == wanted
     assert list(RecordingReader(path).events()) == [event]
-    told = _named(path, LEFT_OUT_NAME)
-    assert sum(int(one["rows"]) for one in told) == len(rows) - len(wanted)
+    reported = _named(path, LEFT_OUT_NAME)
+    assert sum(int(one["rows"]) for one in reported) == len(rows) - len(wanted)
 
 
 def test_rows_that_wait_for_a_trigger_are_limited(

@@ -188,10 +188,10 @@ def test_losses_are_reported_in_bytes_times_and_messages(
     assert (damage.lost_messages, damage.chunks) == (len(rows), 3)
     assert damage.least_lost_messages >= 1
     with (tmp_path / "repaired.mcap").open("rb") as file:
-        told = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
-    assert told["fte-sniff"]["host"] == "bench"
-    assert told["fte-sniff.repair"]["lost.bytes"] == str(stop - start)
-    assert told["fte-sniff.repair"]["lost.messages"] == str(len(rows))
+        reported = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
+    assert reported["fte-sniff"]["host"] == "bench"
+    assert reported["fte-sniff.repair"]["lost.bytes"] == str(stop - start)
+    assert reported["fte-sniff.repair"]["lost.messages"] == str(len(rows))
 
 
 def test_garbage_between_chunks_and_after_the_end_costs_no_row(

@@ -362,8 +362,8 @@ def test_a_killed_writer_leaves_what_was_flushed(tmp_path: Path, flushes: int) -
         for _ in range(flushes):
             child.stdout.readline()
         child.send_signal(signal.SIGKILL)
-        told = [int(line) for line in child.stdout.read().splitlines() if line]
-    flushed = max([50 * flushes, *told])
+        reported = [int(line) for line in child.stdout.read().splitlines() if line]
+    flushed = max([50 * flushes, *reported])
     reader = RecordingReader(path)
     offsets = [row.offset for row in reader]
     assert offsets == [10 * n for n in range(len(offsets))]

@@ -62,7 +62,7 @@ def chunk(port: str, ms: float, data: bytes) -> Chunk:
 
 
 def event(port: str, ms: float, kind: PortEventKind) -> PortEvent:
-    return PortEvent(START_NS + round(ms * MS), port, kind, "told", 7)
+    return PortEvent(START_NS + round(ms * MS), port, kind, "reported", 7)
 
 
 def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended]:
@@ -118,7 +118,7 @@ def test_a_count_is_of_rows_of_all_ports() -> None:
 def test_the_end_names_the_port_that_was_lost() -> None:
     items = [chunk("a", 1, b""), chunk("b", 2, b""), event("b", 3, PortEventKind.LOST)]
     _, _, ended = run(Known(items, SourceEnd.LOST))
-    assert ended.reason == "b was lost: told"
+    assert ended.reason == "b was lost: reported"
     assert isinstance(ended.error, PortError)
 
 

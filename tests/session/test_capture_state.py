@@ -71,15 +71,15 @@ def test_what_a_view_is_shown(messages: tuple[Message, ...], shown: dict[str, ob
 
 
 def test_why_a_recording_stopped_is_kept_while_it_goes_on_elsewhere() -> None:
-    told = after(BEGUN, batch(Change(None, FULL), Change(TWO)), batch())
-    assert (told.error, told.stopped_recording) == (FULL, FULL)
-    assert (told.recording, told.recordings) == (TWO, (ONE, TWO))
+    reported = after(BEGUN, batch(Change(None, FULL), Change(TWO)), batch())
+    assert (reported.error, reported.stopped_recording) == (FULL, FULL)
+    assert (reported.recording, reported.recordings) == (TWO, (ONE, TWO))
 
 
 def test_the_end_has_the_last_word_on_what_went_wrong() -> None:
     lost, outcome = PortError("a: lost"), Outcome(ONE, TWO)
-    told = after(BEGUN, batch(Change(None, FULL)), Ended("lost", lost, outcome))
-    assert (told.error, told.stopped_recording, told.outcome) == (lost, FULL, outcome)
+    reported = after(BEGUN, batch(Change(None, FULL)), Ended("lost", lost, outcome))
+    assert (reported.error, reported.stopped_recording, reported.outcome) == (lost, FULL, outcome)
     assert after(BEGUN, batch(Change(None, FULL)), Ended()).error is None
     assert after(BEGUN).outcome is None
 

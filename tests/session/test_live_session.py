@@ -210,8 +210,8 @@ def test_a_recording_that_fails_is_reported_at_once_and_the_capture_goes_on(tmp_
         assert "recording stopped" in str(session.state.error)
         told_at = session.state.total_rows
         until(session, lambda rows: rows > told_at + 200)
-    told = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
-    assert told["port.1.granted"] == "no low latency setting; line errors unavailable"
+    reported = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
+    assert reported["port.1.granted"] == "no low latency setting; line errors unavailable"
 
 
 def test_a_recording_that_is_deleted_is_reported_at_once_and_the_capture_goes_on(

@@ -146,7 +146,7 @@ SEEDS = st.integers(0, 99)
 
 
 def wire(port: str, carries: str, seed: int, fault: float, rate: float, late: list[int]) -> list:
-    """A wire as an adapter reads it: bytes late by up to 16 ms, and silence told."""
+    """A wire as an adapter reads it: bytes late by up to 16 ms, and silence reported."""
     asked = SimulationParameters(
         seed=seed, rate=rate, frames=60, drop=fault, noise=fault, wire=carries
     )

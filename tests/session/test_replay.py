@@ -175,15 +175,15 @@ def test_batches_come_in_order_with_their_progress() -> None:
     parts = [Rows.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
     session = ReplaySession((InputBatch(part) for part in parts), "file", 1000)
     found: list[Row] = []
-    told = []
+    reported = []
     for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()
         found += update.rows
         if not update.state.running:
             break
-        told.append((update.state.progress, len(found) / 1000))
+        reported.append((update.state.progress, len(found) / 1000))
     assert found == rows
-    assert all(progress == share for progress, share in told)
+    assert all(progress == share for progress, share in reported)
     assert session.poll().state.progress is None
 
 

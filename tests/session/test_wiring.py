@@ -14,9 +14,11 @@ FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
 
 def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) -> list[PortEvent]:
     return [
-        told
+        reported
         for number in range(count)
-        for told in watch.observe(port, in_columns(Frame(port, 10 * number, raw, number, **more)))  # type: ignore[arg-type]
+        for reported in watch.observe(
+            port, in_columns(Frame(port, 10 * number, raw, number, **more))
+        )  # type: ignore[arg-type]
     ]
 
 
@@ -36,19 +38,19 @@ def test_the_others_header_is_pointed_out_once() -> None:
     look(watch, "a", CONTROL, SETTLED)
     look(watch, "b", FEEDBACK, SETTLED)
     assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
-    (told,) = look(watch, "a", FEEDBACK, 50)
-    assert (told.port, told.kind) == ("a", PortEventKind.WIRING)
-    assert told.detail.startswith("feedback frames on the wire that carries control frames")
-    (told,) = look(watch, "b", CONTROL, 50)
-    assert told.port == "b"
+    (reported,) = look(watch, "a", FEEDBACK, 50)
+    assert (reported.port, reported.kind) == ("a", PortEventKind.WIRING)
+    assert reported.detail.startswith("feedback frames on the wire that carries control frames")
+    (reported,) = look(watch, "b", CONTROL, 50)
+    assert reported.port == "b"
     assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", CONTROL, 50) == []
 
 
 def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
     watch = WiringWatch(["a", "b"])
     assert look(watch, "a", FEEDBACK, SETTLED) == []
-    (told,) = look(watch, "b", FEEDBACK, 100)
-    assert "on a too" in told.detail
+    (reported,) = look(watch, "b", FEEDBACK, 100)
+    assert "on a too" in reported.detail
     assert look(watch, "a", FEEDBACK, 100) == []
 
 
@@ -56,8 +58,8 @@ def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixe
     watch = WiringWatch(["a", "b"])
     look(watch, "a", FEEDBACK, SETTLED)
     assert len(look(watch, "b", FEEDBACK, SETTLED)) == 1
-    (told,) = look(watch, "b", CONTROL, 50)
-    assert "swapped or mixed wiring" in told.detail
+    (reported,) = look(watch, "b", CONTROL, 50)
+    assert "swapped or mixed wiring" in reported.detail
     assert look(watch, "b", CONTROL, 50) + look(watch, "b", FEEDBACK, 50) == []
 
 

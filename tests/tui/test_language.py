@@ -198,9 +198,9 @@ def test_every_mistake_in_a_filter_is_shown_in_chinese(text: str) -> None:
     set_language("zh")
     with pytest.raises(FilterError) as caught:
         RowFilter.parse(text)
-    told = error_text(caught.value)
-    assert CHARACTER.search(told)
-    assert not re.search(r"\b(the|write|is|are|compare|wants)\b", told.replace(text, ""))
+    reported = error_text(caught.value)
+    assert CHARACTER.search(reported)
+    assert not re.search(r"\b(the|write|is|are|compare|wants)\b", reported.replace(text, ""))
     assert str(caught.value).isascii() or not text.isascii()
 
 
@@ -255,9 +255,9 @@ def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffE
     set_language("zh")
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == english
-    told = error_text(again)
-    assert CHARACTER.search(told)
-    assert not re.search(r"\b(the|is|no|cannot|be|make)\b", told)
+    reported = error_text(again)
+    assert CHARACTER.search(reported)
+    assert not re.search(r"\b(the|is|no|cannot|be|make)\b", reported)
 
 
 @pytest.mark.parametrize(
@@ -273,9 +273,9 @@ def test_reasons_of_the_system_are_unchanged_in_english_and_shown_in_chinese(num
     assert reason_of(error) == error.strerror
     assert one_line(error) == str(error)
     set_language("zh")
-    for told in (_(reason_of(error)), _(one_line(error))):
-        assert CHARACTER.search(told)
-        assert not re.search("[A-Za-z]", told.replace("[Errno", ""))
+    for reported in (_(reason_of(error)), _(one_line(error))):
+        assert CHARACTER.search(reported)
+        assert not re.search("[A-Za-z]", reported.replace("[Errno", ""))
 
 
 GONE = (
@@ -305,10 +305,12 @@ GONE = (
     ],
 )
 def test_events_of_a_port_are_shown_in_chinese(error: OSError, chinese: str) -> None:
-    told = one_line(error)
-    assert told == str(error).replace("(5, 'Input/output error')", "[Errno 5] Input/output error")
+    reported = one_line(error)
+    assert reported == str(error).replace(
+        "(5, 'Input/output error')", "[Errno 5] Input/output error"
+    )
     set_language("zh")
-    assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, told))
+    assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, reported))
 
 
 def test_a_search_that_cannot_be_read_is_explained_in_chinese(feed: Any, speed_rows: Rows) -> None:
@@ -381,7 +383,7 @@ def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, sample
         junk[place : place + chance.choice([1, 40])] = chance.randbytes(chance.choice([1, 40]))
         altered.append(bytes(junk))
     set_language("zh")
-    told = set[str]()
+    reported = set[str]()
     for damaged in altered:
         path.write_bytes(damaged)
         try:
@@ -389,11 +391,11 @@ def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, sample
             for _columns in reader.batches():
                 pass
         except FteSniffError as error:
-            told.add(error_text(error))
+            reported.add(error_text(error))
         else:
-            told.update(_(loss) for loss in (*reader.losses, reader.ending) if loss)
-    assert len(told) > 10
-    for loss in told:
+            reported.update(_(loss) for loss in (*reader.losses, reader.ending) if loss)
+    assert len(reported) > 10
+    for loss in reported:
         assert CHARACTER.search(loss), loss
         plain = loss.replace(str(path), "").replace("fte-sniff repair", "")
         assert not re.search(r"\b(a|the|is|of|at|bytes?|chunk|record|not|it)\b", plain), loss

@@ -631,10 +631,10 @@ def test_without_times_no_rates_are_shown() -> None:
 
 
 def test_port_events_and_unread_rows_are_shown(speed_rows: Rows) -> None:
-    told = _page(speed_rows(10), 100, behind=speed_rows(1234, start=10))
+    reported = _page(speed_rows(10), 100, behind=speed_rows(1234, start=10))
     event = PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "parity")
-    told.models.statistics.observe_events([event] * 3)
-    text = told.text.plain
+    reported.models.statistics.observe_events([event] * 3)
+    text = reported.text.plain
     assert "port events: line error 3 (last 12:00:00.000)" in text
     assert "1,234 rows to go" in text
 
@@ -866,7 +866,7 @@ def _spans(columns: int, at: dict[int, tuple[float, float]]) -> EnvelopeColumns:
 
 
 def _curves(
-    told: dict[int, tuple[float, float]],
+    reported: dict[int, tuple[float, float]],
     asked: dict[int, tuple[float, float]],
     otherwise: Sequence[int] = (),
     standing: float | None = None,
@@ -874,7 +874,9 @@ def _curves(
     columns = dots_across(28)
     other = np.zeros(columns, np.bool_)
     other[list(otherwise)] = True
-    return Curves(_spans(columns, asked), _spans(columns, told), other, standing, 0.1 * SECOND_NS)
+    return Curves(
+        _spans(columns, asked), _spans(columns, reported), other, standing, 0.1 * SECOND_NS
+    )
 
 
 def _drawn(curves: Curves, full_range: bool = True) -> list[str]:
@@ -1013,9 +1015,9 @@ def test_a_key_plots_the_full_range_and_the_usual_one_again(feed: Any) -> None:
 
 
 def test_feedback_is_held_for_a_second_and_a_target_until_the_next() -> None:
-    told = _drawn(_curves({0: (5, 5)}, {}))[2][8:]
-    assert told[:5].strip()
-    assert not told[6:].strip()
+    reported = _drawn(_curves({0: (5, 5)}, {}))[2][8:]
+    assert reported[:5].strip()
+    assert not reported[6:].strip()
     asked = _drawn(_curves({}, {0: (5, 5)}))[2][8:]
     assert asked[-4:].strip()
     ended = _drawn(_curves({}, {0: (5, 5)}, otherwise=[20]))[2][8:]
@@ -1029,12 +1031,12 @@ def test_what_was_asked_before_stands_from_the_left() -> None:
 
 
 def test_the_line_and_the_dots_differ_without_colour() -> None:
-    told = "".join(_drawn(_curves(dict.fromkeys(range(40), (5, 5)), {})))
+    reported = "".join(_drawn(_curves(dict.fromkeys(range(40), (5, 5)), {})))
     asked = "".join(_drawn(_curves({}, dict.fromkeys(range(40), (5, 5)))))
-    assert told != asked
+    assert reported != asked
     dots = [
         sum(bin(ord(sign) - 0x2800).count("1") for sign in text if sign >= "⠀")
-        for text in (told, asked)
+        for text in (reported, asked)
     ]
     assert dots[0] == 40
     assert dots[1] == 20

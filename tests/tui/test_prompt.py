@@ -622,19 +622,19 @@ def test_the_begin_of_a_save_is_shown_at_once(feed: Any, speed_rows: Rows, tmp_p
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
         await settle(app, pilot)
-        told = []
+        reported = []
         write = SaveJob.write
 
         def seen(saving: SaveJob, rows: Sequence[Row]) -> None:
-            told.append(page(app))
+            reported.append(page(app))
             write(saving, rows)
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(SaveJob, "write", seen)
             await save_to(app, pilot, tmp_path / "rows.csv")
             await until(app, pilot, lambda: app.export.job is None)
-        assert "saving to" in told[0]
-        assert "would be saved" not in told[0]
+        assert "saving to" in reported[0]
+        assert "would be saved" not in reported[0]
 
     play(feed, scenario, (140, 24))
 

@@ -72,7 +72,7 @@ def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, wid
 
 
 @pytest.mark.parametrize(
-    ("opener", "told", "words"),
+    ("opener", "reported", "words"),
     [
         ("question_mark", ("esc Back", "down Down", "G End"), "Keys and signs"),
         ("ctrl+p", ("enter Pick", "esc Back", "up Up"), "type to find"),
@@ -81,14 +81,14 @@ def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, wid
     ],
 )
 def test_the_bottom_line_shows_the_keys_of_the_open_page(
-    feed: Any, opener: str, told: Sequence[str], words: str
+    feed: Any, opener: str, reported: Sequence[str], words: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, opener)
         await settle(app, pilot)
         assert words in page(app)
         bottom = lines(app)[-1]
-        assert all(key in bottom for key in told)
+        assert all(key in bottom for key in reported)
         assert "Follow" not in bottom
         await pilot.click(KeyLine, offset=(bottom.index("esc"), 0))
         await settle(app, pilot)
@@ -356,7 +356,7 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "reported"),
     [
         (("u",), "no row is marked"),
         (("n",), "no search yet"),
@@ -369,13 +369,13 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
     ],
 )
 def test_the_notice_of_a_key_ends_with_the_next_key(
-    feed: Any, keys: Sequence[str], told: str
+    feed: Any, keys: Sequence[str], reported: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         notice = app.query_one(NoticeLine)
         await press(app, pilot, *(key.replace("at", "@") if key == "at" else key for key in keys))
-        assert notice.display == bool(told)
-        assert told in page(app)
+        assert notice.display == bool(reported)
+        assert reported in page(app)
         await press(app, pilot, "k")
         assert not notice.display
 
@@ -528,11 +528,11 @@ def test_a_long_notice_keeps_the_mistake_and_the_fix(feed: Any, size: tuple[int,
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         app.query_one(NoticeLine).warn(LONG)
         await settle(app, pilot)
-        told = " ".join(" ".join(lines(app)).split())
-        assert told.count("-o") == 1
+        reported = " ".join(" ".join(lines(app)).split())
+        assert reported.count("-o") == 1
         if size != (40, 12):
-            assert "20260131T120000Z.mcap cannot be written" in told
-        assert "the disk is full; name another place with -o" in told
+            assert "20260131T120000Z.mcap cannot be written" in reported
+        assert "the disk is full; name another place with -o" in reported
         assert max(map(cell_len, lines(app))) <= size[0]
 
     play(feed, scenario, size)

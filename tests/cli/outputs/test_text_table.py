@@ -26,18 +26,18 @@ def tables(draw: st.DrawFn) -> list[list[str]]:
 
 @given(tables())
 def test_without_a_width_nothing_is_cut(lines: list[list[str]]) -> None:
-    told = [text.plain for text in table_of(lines).lines(None)]
-    assert len(told) == len(lines)
-    for text, cells in zip(told, lines, strict=True):
+    reported = [text.plain for text in table_of(lines).lines(None)]
+    assert len(reported) == len(lines)
+    for text, cells in zip(reported, lines, strict=True):
         for cell in cells:
             assert cell.strip() in text
 
 
 @given(tables(), st.integers(40, 120))
 def test_it_keeps_to_the_width(lines: list[list[str]], width: int) -> None:
-    told = [text.plain for text in table_of(lines).lines(width)]
-    assert max(map(cell_len, told)) <= width
-    assert len(told) == len(lines)
+    reported = [text.plain for text in table_of(lines).lines(width)]
+    assert max(map(cell_len, reported)) <= width
+    assert len(reported) == len(lines)
 
 
 def test_names_are_shortened_before_columns_are_left_out() -> None:

@@ -296,9 +296,9 @@ def test_after_damage_such_a_frame_is_doubted_until_the_line_is_calm_again() -> 
     framer = Framer("p")
     rows = framer.feed(Chunk("p", None, stream)) + framer.flush()
     assert [row.faults for row in rows if row.raw == plain] == [()] * 203
-    told = [row.faults for row in rows if row.raw == doubted]
-    assert told[0] == (Fault.AMBIGUOUS,)
-    assert told[5:] == [()] * 5
+    reported = [row.faults for row in rows if row.raw == doubted]
+    assert reported[0] == (Fault.AMBIGUOUS,)
+    assert reported[5:] == [()] * 5
 
 
 TWO_READINGS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
@@ -306,13 +306,13 @@ TWO_READINGS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 
 
 def test_what_is_both_one_frame_and_two_truncated_ones_is_read_by_what_is_before() -> None:
-    def told(stream: bytes) -> list[tuple[int, tuple[Fault, ...]]]:
+    def reported(stream: bytes) -> list[tuple[int, tuple[Fault, ...]]]:
         framer = Framer("p")
         rows = framer.feed(Chunk("p", None, stream)) + framer.flush()
         return [(len(row.raw), row.faults) for row in rows]
 
-    assert told(TWO_READINGS) == [(10, (Fault.AMBIGUOUS,))]
-    assert told(b"\x00\x00" + TWO_READINGS) == [(6, (Fault.NOISE,)), (6, (Fault.TRUNCATED,))]
+    assert reported(TWO_READINGS) == [(10, (Fault.AMBIGUOUS,))]
+    assert reported(b"\x00\x00" + TWO_READINGS) == [(6, (Fault.NOISE,)), (6, (Fault.TRUNCATED,))]
 
 
 def test_silence_distinguishes_one_frame_from_two_truncated_ones() -> None:

@@ -173,7 +173,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("absent.mcap", "no such file"),
         ("", "there is no recording (*.mcap) in it"),
@@ -181,13 +181,13 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
         ("text.mcap", "is not an MCAP recording"),
     ],
 )
-def test_an_unreadable_file_is_reported_at_once(tmp_path: Path, name: str, told: str) -> None:
+def test_an_unreadable_file_is_reported_at_once(tmp_path: Path, name: str, reported: str) -> None:
     if name == "text.mcap":
         (tmp_path / name).write_text("AA 01 and so on")
     for use in (fte_sniff.scan, fte_sniff.read):
         with pytest.raises(FileError) as caught:
             use(tmp_path / name)
-        assert told in str(caught.value)
+        assert reported in str(caught.value)
 
 
 def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
@@ -215,10 +215,10 @@ def test_a_damaged_recording_is_read_with_a_warning_that_names_the_loss(tmp_path
         for use in (fte_sniff.read, lambda file: fte_sniff.scan(file).collect()):
             with pytest.warns(fte_sniff.RecordingWarning) as caught:
                 assert _without_facts(_records(use(path))) == rows
-            (told,) = (str(warning.message) for warning in caught)
-            assert told.startswith(f"{path}: ")
-            assert len(told.splitlines()) == 1
-            assert all(loss in told for loss in lost)
+            (reported,) = (str(warning.message) for warning in caught)
+            assert reported.startswith(f"{path}: ")
+            assert len(reported.splitlines()) == 1
+            assert all(loss in reported for loss in lost)
     with pytest.warns(fte_sniff.RecordingWarning) as caught:
         fte_sniff.read([cut, SAMPLES / "clean.mcap", flipped])
     assert [warning.filename for warning in caught] == [__file__, __file__]
