@@ -224,6 +224,16 @@ class Lane:
         """The bytes of its runs."""
         return {run.data for run in self.runs}
 
+    @cached_property
+    def in_records(self) -> set[tuple[int, bytes]]:
+        """Record and bytes of its runs."""
+        return {(run.record, run.data) for run in self.runs}
+
+    @cached_property
+    def starts(self) -> list[int]:
+        """Where its runs begin."""
+        return [run.start for run in self.runs]
+
     def cut(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
         found = [self]
@@ -234,7 +244,7 @@ class Lane:
                 found.append(Lane(dict.fromkeys(self.cuts, cut), own))
         return max(found, key=lambda lane: lane.score)
 
-    @property
+    @cached_property
     def labels(self) -> set[str | None]:
         """What is before the runs."""
         return {label_of(kind, key) for kind in _PATTERNS for key in self.cuts}
@@ -247,22 +257,36 @@ class Lane:
         """
         if len(self.different) <= _FEW_DIFFERENT or self.different.isdisjoint(other.different):
             return False
-        theirs = {(run.record, run.data) for run in other.runs}
-        again = sum((run.record, run.data) in theirs for run in self.runs)
-        if again >= _SAME * len(self.runs):
+        records = other.in_records
+        if self._mostly((run.record, run.data) in records for run in self.runs):
             return True
         if not self.labels <= other.labels:
             return False
         if len({*self.frames}) > _FEW_DIFFERENT and are_known(self.frames, other.frames):
             return True
-        starts = [run.start for run in other.runs]
-        near = [(run.data, bisect(starts, run.start)) for run in self.runs]
-        for step in (-1, 0):
-            pairs = [(own, at + step) for own, at in near if 0 <= at + step < len(starts)]
-            same = len({at for own, at in pairs if own == other.runs[at].data})
-            if same >= _SAME * len(self.runs):
-                return True
-        return False
+        return any(self._follows(other, step) for step in (-1, 0))
+
+    def _follows(self, other: Lane, step: int) -> bool:
+        """Whether almost each run is that of another lane before it (-1) or after it (0)."""
+        starts, runs, found = other.starts, other.runs, set[int]()
+
+        def is_that(run: Placed) -> bool:
+            at = bisect(starts, run.start) + step
+            is_same = 0 <= at < len(starts) and run.data == runs[at].data
+            if is_same:
+                found.add(at)
+            return is_same
+
+        return self._mostly(map(is_that, self.runs)) and len(found) >= _SAME * len(self.runs)
+
+    def _mostly(self, same: Iterable[bool]) -> bool:
+        """Whether almost all of its runs are the same; it stops at one too many that is not."""
+        others = 0
+        for one in same:
+            others += not one
+            if len(self.runs) - others < _SAME * len(self.runs):
+                return False
+        return True
 
     def differs_from(self, other: Lane) -> list[bool]:
         """Whether another word, or other numbers, are before its runs."""
