@@ -1,10 +1,10 @@
 """Mutants of the program: small faults that the tests should notice.
 
-    python -m tests.mutants [--count 100] [--seed 1] [--of PATH ...] [--wide]
+    python -m tests.mutants [--count 100] [--seed 1] [--of PATH ...]
 
 Each mutant is one changed expression or statement in a copy of the project. The tests that run are
-those of the module, then those that import it; with `--wide`, then those of its package. A mutant
-that none of them notices has survived: it is printed with its line. Exit code 1 if one survived.
+those of the module, then those that import it, then those of its package. A mutant that no test
+notices has survived. Exit code 1 if one survived.
 """
 
 from __future__ import annotations
@@ -143,23 +143,21 @@ def _all(module: Path) -> Iterator[ast.AST]:
         yield from changes_of(node)
 
 
-def tests_of(module: Path, *, wide: bool) -> list[list[str]]:
+def tests_of(module: Path) -> list[list[str]]:
     """The tests to run, one group after the other."""
     inside = module.with_suffix("")
-    own = [
-        ROOT / "tests" / inside.parent / f"test_{inside.name}.py",
-        ROOT / "tests" / inside,
-        ROOT / "tests" / inside.parent.parent / f"test_{inside.parent.name}.py",
-    ]
+    tests = ROOT / "tests"
+    own = [tests / inside.parent / f"test_{inside.name}.py", tests / inside]
     name = re.compile(rf"\b{PACKAGE}\.{'.'.join(inside.parts)}\b")
     importing = [
-        path
-        for path in sorted((ROOT / "tests").rglob("test_*.py"))
-        if path not in own and name.search(path.read_text("utf-8"))
+        path for path in sorted(tests.rglob("test_*.py")) if name.search(path.read_text("utf-8"))
     ]
-    groups = [[path for path in own if path.exists()], importing[:MOST_FILES]]
-    if wide:
-        groups.append([ROOT / "tests" / module.parts[0]])
+    folder = next(one for one in (tests / inside).parents if one.exists())
+    groups = [
+        [path for path in own if path.exists()],
+        importing[:MOST_FILES],
+        sorted(folder.glob("test_*.py")),
+    ]
     return [[str(path.relative_to(ROOT)) for path in group] for group in groups if group]
 
 
@@ -202,23 +200,19 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--of", nargs="*", default=[], metavar="PATH", help="in the package")
-    parser.add_argument("--wide", action="store_true")
     options = parser.parse_args()
-    killed, survived, undecided = 0, 0, 0
+    killed = survived = 0
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
         for one in chosen(options.count, options.seed, options.of):
-            groups = tests_of(one.module, wide=options.wide)
             file = folder / PACKAGE / one.module
             before = file.read_text("utf-8")
             file.write_text(one.source, "utf-8")
-            found = any(notices(folder, one, tests) for tests in groups)
+            found = any(notices(folder, one, tests) for tests in tests_of(one.module))
             file.write_text(before, "utf-8")
-            verdict = "killed" if found else "survived" if groups else "has no tests"
-            killed, survived = killed + found, survived + (not found and bool(groups))
-            undecided += not groups
-            print(f"{verdict}: {one}", flush=True)
-    print(f"{killed} killed, {survived} survived, {undecided} without tests of the module")
+            killed, survived = killed + found, survived + (not found)
+            print(f"{'killed' if found else 'survived'}: {one}", flush=True)
+    print(f"{killed} killed, {survived} survived")
     return int(survived > 0)
 
 
