@@ -205,6 +205,15 @@ class Events(Model):
         """By flag and motor, the bits that were raised."""
         self._carried = _Carried()
 
+    def since(self, first_ns: int) -> Events:
+        """The events from a time on."""
+        found = Events()
+        found.windows = self.windows.since(first_ns)
+        found.ports = {port: one.since(first_ns) for port, one in self.ports.items()}
+        found.lost = [one for one in self.lost if one[2] is None or one[2] >= first_ns]
+        found.bytes = self.bytes
+        return found
+
     def interrupt(self) -> None:
         """Rows are missing here."""
         self._carried = _Carried()

@@ -336,9 +336,16 @@ class Findings(RowModel):
     def found(self, alpha: float = ALPHA) -> list[Finding]:
         """The findings, best first."""
         self._settle()
+        return self._found_in(self.events, alpha)
+
+    def recent(self, since_ns: int, alpha: float = ALPHA) -> list[Finding]:
+        """The findings in the rows from a time on, for a capture that runs; rows may follow."""
+        return self._found_in(self.events.since(since_ns), alpha)
+
+    def _found_in(self, events: Events, alpha: float) -> list[Finding]:
         if self.total.times is None or not self.frames:
             return []
-        return _ranked(list(_all_of(self.events, *self.total.times, alpha)))
+        return _ranked(list(_all_of(events, *self.total.times, alpha)))
 
     def not_covered(self) -> dict[str, str]:
         """By cause, why it could not be examined."""

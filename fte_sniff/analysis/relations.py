@@ -1,7 +1,7 @@
 """Relations between rows: the frames of a stream, and commands and their answers.
 
 A stream is the frames of one kind, to or from one motor, on one port. The answer of a command is
-the first feedback of the motor with the same CMD before the motor's next command.
+the first feedback of the motor with the same CMD before the motor's next command and the deadline.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from fte_sniff.analysis.motors import (
     NAMES_MOTOR,
     MotorFrames,
     find_answers,
+    is_overdue,
     motor_rows,
 )
 from fte_sniff.protocol import KINDS, MOTORS
-from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Bools, Codes, Ints, Rows
+from fte_sniff.protocol.rows import NO_FACT, NO_KIND, NO_TIME, Bools, Codes, Ints, Rows
+from fte_sniff.protocol.spec import motor_bit
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.row_store import RowStore
@@ -115,7 +117,7 @@ class AnswerState(Enum):
 
     ANSWERED = "answered"
     UNANSWERED = "unanswered"
-    """Another command to the motor came first."""
+    """Another command to the motor, or the deadline, came first."""
     WAITING = "waiting"
     """It is the last command to the motor, and no answer came yet."""
     UNKNOWN = "unknown"
@@ -278,7 +280,8 @@ class RowRelations:
                 at = int(found[-1])
                 if not commands[at] or rows.cmds[at] != row.cmds[0]:
                     return None
-                return self._paired(motor, start + at, rows[at : at + 1], index, row)
+                found_command = self._paired(motor, start + at, rows[at : at + 1], index, row)
+                return found_command if found_command.answer is not None else None
         return None
 
     def _answer(self, index: int, row: Rows, motor: int) -> CommandAnswer:
@@ -297,6 +300,9 @@ class RowRelations:
                     answer = self._paired(motor, index, row, start + at, rows[at : at + 1])
                 self._decided[motor] = answer
                 return answer
+        missed = int(row.unanswered[0])
+        if missed != NO_FACT and missed >> motor_bit(motor) & 1:
+            return CommandAnswer(motor, AnswerState.UNANSWERED, index)
         self._searched[motor] = max(end, index + 1)
         waits = end == self._store.next and not self._is_lost(index)
         state = AnswerState.WAITING if waits else AnswerState.UNKNOWN
@@ -306,6 +312,8 @@ class RowRelations:
         self, motor: int, command: int, asking: Rows, answer: int, answering: Rows
     ) -> CommandAnswer:
         asked_ns, answered_ns = int(asking.t_ns[0]), int(answering.t_ns[0])
+        if is_overdue(asked_ns, answering.t_ns):
+            return CommandAnswer(motor, AnswerState.UNANSWERED, command)
         known = NO_TIME not in (asked_ns, answered_ns) and answered_ns >= asked_ns
         delay_ns = answered_ns - asked_ns if known else None
         return CommandAnswer(motor, AnswerState.ANSWERED, command, answer, delay_ns)

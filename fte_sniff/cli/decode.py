@@ -71,6 +71,8 @@ def command(
                 with hidden() if len(batch.rows) else nullcontext():
                     sink.write(batch.rows, batch.events)
     print_notes(reading)
+    if reading.row_filter is not None and reading.row_filter.advice:
+        print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
     print_err(summary(reading.tally, reading))
     exit_if_unreadable(reading)
 

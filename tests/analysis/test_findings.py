@@ -75,6 +75,14 @@ def test_batches_and_parts_give_the_findings_of_a_single_pass(kind: str) -> None
     assert [(one.cause, one.motor) for one in found] == [(one.cause, one.motor) for one in whole]
 
 
+def test_findings_of_the_last_minutes_are_those_of_their_rows() -> None:
+    rows, what = rows_with("error")
+    model = findings_in(rows)
+    before, after = (START_NS + int(t * SECOND) for t in (what.start_s - 60, what.end_s + 30))
+    assert [(one.cause, one.motor) for one in model.recent(before)] == [(Cause.ERROR_FLAG, 3)]
+    assert model.recent(after) == []
+
+
 def test_a_lost_port_explains_what_happens_while_it_is_lost() -> None:
     rows, what = rows_with("lost")
     start, end = (START_NS + int(t * SECOND) for t in (what.start_s - 5, what.end_s + 5))

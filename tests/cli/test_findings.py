@@ -105,3 +105,12 @@ def test_a_report_begins_with_the_findings(run, samples: Path, tmp_path: Path) -
     start = text.index("motor 3 answered 109 of 187 commands")
     assert start < text.index("What was captured")
     assert 'class="finding" data-start="1769860829' in text
+
+
+def test_a_filter_of_motor_and_damage_mentions_the_probable_motor(run, samples) -> None:
+    path = samples / "damaged.mcap"
+    done = run("decode", path, "--filter", "motor = 3 AND malformed")
+    assert "motor_hint is the motor that they probably belonged to" in done.stderr
+    found = run("decode", path, "--filter", "motor_hint = 3 AND malformed")
+    assert "motor_hint is" not in found.stderr
+    assert len(found.stdout.splitlines()) > len(done.stdout.splitlines())

@@ -18,6 +18,7 @@ damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import inf
@@ -27,10 +28,11 @@ import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.parser import parse
-from fte_sniff.errors import FilterError, printable
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.errors import FilterError, TranslatableText, printable
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, Status, encode, status_of
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,20 @@ class RowFilter:
         """Whether it reads a column that depends on later rows; see `analysis.facts`."""
         return not DERIVED.isdisjoint(self.names)
 
+    @property
+    def advice(self) -> str:
+        """What the user probably wants instead, one line; empty if nothing."""
+        motor = NAME_OF_ROLE[Role.MOTOR]
+        words = set(re.findall(r"[a-z_]+", self.text.lower()))
+        if motor not in words or words & DERIVED or words.isdisjoint(_DAMAGED):
+            return ""
+        return TranslatableText(
+            "{motor} is empty in most damaged rows; {hint} is the motor that they probably"
+            " belonged to",
+            motor=motor,
+            hint="motor_hint",
+        )
+
     def mask(self, frame: pl.DataFrame) -> pl.Series:
         """Whether each row of a frame with `row_frame`'s columns passes; never null.
 
@@ -79,6 +95,12 @@ class RowFilter:
     def select(self, rows: Rows) -> Rows:
         """The rows that pass, in order, and the port events between them."""
         return rows.select(self.matches(rows), rows.events)
+
+
+_DAMAGED: Final = frozenset(
+    {str(Status.MALFORMED), *(str(one) for one in Fault if status_of((one,)) is Status.MALFORMED)}
+)
+"""Words of filters for damaged rows."""
 
 
 ALERT_INTERVAL_S: Final = 1.0
