@@ -69,7 +69,7 @@ def command(
         with _opened(form, output, reading, line, force=force) as sink:
             for batch in reading:
                 with hidden() if len(batch.rows) else nullcontext():
-                    sink.write(batch.rows, batch.events)
+                    sink.write(batch.rows)
     print_notes(reading)
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")

@@ -21,7 +21,7 @@ from fte_sniff.formats.writers import (
     row_writer,
 )
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol import Gap, PortEvent
+from fte_sniff.protocol import Gap
 from fte_sniff.protocol.rows import FEW, Rows
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ UNKNOWN = ExportSource()
 class Sink(Protocol):
     """Writes rows in one format. Each method may raise OSError or FileError."""
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        """Write rows; a recording also holds the port events between them."""
+    def write(self, rows: Rows) -> None:
+        """Write rows; a recording also holds the port events among them."""
 
     def close(self) -> None:
         """Write what the format requires at its end, and close the file."""
@@ -101,7 +101,7 @@ class _TextSink:
         self._writer = row_writer(form, self._stream, ports=ports)
         self._rows = 0
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+    def write(self, rows: Rows) -> None:
         self._rows += len(rows)
         write_rows(self._writer, rows, self._rows)
         self._stream.flush()
@@ -145,7 +145,7 @@ class RawSink:
         self.ports: set[str] = set()
         """The ports of the rows; nothing in the file separates them."""
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+    def write(self, rows: Rows) -> None:
         """See `Sink`."""
         self.ports.update(rows.ports())
         self._stream.write(rows.tobytes())
@@ -166,7 +166,7 @@ class PcapngSink:
         self._stream = open(path, "wb", closefd=not isinstance(path, int))  # noqa: SIM115
         self._writer = PcapngWriter(self._stream, source.bauds)
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+    def write(self, rows: Rows) -> None:
         """See `Sink`."""
         self._writer.write(rows)
         self._stream.flush()
@@ -476,7 +476,7 @@ class ParquetSink:
         if self._error is not None:
             raise self._error
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+    def write(self, rows: Rows) -> None:
         """See `Sink`."""
         from fte_sniff.analysis.dataframe import table_frame
 
@@ -539,8 +539,8 @@ class _RecordingSink:
         self._source = source
         self._writer = BulkWriter(path, ports, facts)
 
-    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
-        self._writer.write(rows.with_columns(events=events))
+    def write(self, rows: Rows) -> None:
+        self._writer.write(rows)
 
     def close(self) -> None:
         from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata
