@@ -547,6 +547,14 @@ class Rows(Sequence["Row"]):
             times += extent[:2]
         return (min(times), max(times)) if times else None
 
+    @property
+    def first_ns(self) -> int | None:
+        """The time of its first row or event, whichever is earlier; None without both."""
+        times = [event.t_ns for event in self.events[:1]]
+        if len(self):
+            times.append(int(self.buffers["t_ns"][0]))
+        return min(times, default=None)
+
     def split_at(self, t_ns: int) -> tuple[Rows, Rows]:
         """The rows before the first one that has this time or a later one, and the others.
 

@@ -251,10 +251,13 @@ class Recorder:
     def _rotate_within(self, rows: Rows, limit_ns: int) -> Rows:
         """Record rows up to the last rotation that is due between them; return the others."""
         while self._backoff.is_due and (writer := self._writer) is not None:
-            span_ns = writer.span_ns or rows.span_ns
-            if span_ns is None:
+            if writer.span_ns is not None:
+                first_ns = writer.span_ns[0]
+            elif (begins_ns := rows.first_ns) is not None:
+                first_ns = begins_ns
+            else:
                 break
-            before, rows = rows.split_at(span_ns[0] + limit_ns)
+            before, rows = rows.split_at(first_ns + limit_ns)
             self._append(before)
             if not (len(rows) or rows.events):
                 break
