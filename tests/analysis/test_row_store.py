@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import (
@@ -246,3 +249,37 @@ def test_a_limit_hides_rows_as_if_they_had_not_come(count: int, limit: int, filt
     assert counter.position(-1).total == min(count, limit)
     whole.limit = None
     assert len(whole) == count
+
+
+def facts_in_store(rows: Rows, cut: int, **options: Any) -> tuple[RowStore, Rows]:
+    """A store of the rows, with the facts of those before a cut; and the rows with all facts."""
+    facts = Facts()
+    known = Rows.concat([facts.feed(rows), facts.interrupt()])
+    store = RowStore(**options)
+    store.view.set_filter(RowFilter.parse("unanswered"))
+    for start in range(0, len(rows), 7):
+        store.append(rows[start : start + 7])
+    store.fill(known[:cut])
+    return store, known
+
+
+def commands_without_answer() -> Rows:
+    raws = [bytes.fromhex(f"AA010{1 + n % 2}000000000000EE") for n in range(40)]
+    return Rows.from_rows(Frame("p", 10 * n, raw, n * 10**6) for n, raw in enumerate(raws))
+
+
+@pytest.mark.parametrize("cut", [0, 1, 17, 40])
+def test_a_filter_of_facts_shows_rows_once_their_facts_are_known(cut: int) -> None:
+    store, known = facts_in_store(commands_without_answer(), cut, block_rows=8)
+    assert store.view.count == int((known[:cut].unanswered > 0).sum())
+    assert store.known == cut
+    store.fill(known[cut:])
+    assert store.view.count == int((known.unanswered > 0).sum())
+    assert [row.unanswered for row in store.rows(0, 40)] == [row.unanswered for row in known]
+
+
+def test_facts_stay_with_rows_that_leave_memory_and_come_back() -> None:
+    rows = commands_without_answer()
+    store, known = facts_in_store(rows, 40, block_rows=8, source=Again([*rows]), most_blocks=1)
+    assert [row.unanswered for row in store.rows(0, 40)] == [row.unanswered for row in known]
+    assert store.view.count == 38
