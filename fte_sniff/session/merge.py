@@ -79,7 +79,8 @@ class MergeLane:
         if keys is None:
             keys = np.maximum.accumulate(np.maximum(rows.t_ns, self.last[0]))
         keys = np.atleast_2d(keys)
-        self.parts.append(LanePart(rows, keys, origin))
+        if len(rows) or origin is not None:
+            self.parts.append(LanePart(rows, keys, origin))
         self.events.extend(rows.events)
         if len(rows):
             self.last = tuple(keys[:, -1].tolist())

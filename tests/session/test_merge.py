@@ -115,6 +115,14 @@ def test_events_stand_where_they_happened() -> None:
     assert order.ready(final=True) == [row("b", 4), event("a", 5), row("b", 6)]
 
 
+def test_an_event_holds_up_no_row_behind_it() -> None:
+    order = PortLanes({"a": 0, "b": 0})
+    order.put(row("a", 10), event("a", 11), row("a", 12), row("b", 20))
+    order.advance("a", 13 * MS, None, data=True)
+    order.advance("b", 21 * MS, None, data=True)
+    assert order.ready() == [row("a", 10), event("a", 11), row("a", 12)]
+
+
 @pytest.mark.parametrize(
     ("uncertain", "times", "marked"),
     [
