@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,8 +15,9 @@ from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes, summary
 from fte_sniff.cli.progress import ProgressLine, progress_line
 from fte_sniff.cli.streams import ending_signals, print_err
-from fte_sniff.errors import UsageError, unwritable
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.errors import UsageError, printable, unwritable
+from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.following import Following
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -32,6 +34,12 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
     help="Write to this file instead of standard output; its extension selects the format.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+@click.option(
+    "--columns",
+    metavar="NAME,NAME",
+    callback=lambda _context, _option, text: None if text is None else _columns(text),
+    help="Only these columns, in this order; CSV or JSON lines, by default CSV.",
+)
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     query: InputQuery,
@@ -39,6 +47,7 @@ def command(
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
+    columns: tuple[str, ...] | None,
     limit: int | None,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw), hex text (.hex .txt .log) and Parquet.
@@ -53,10 +62,14 @@ def command(
     fte-sniff decode samples/damaged.raw --filter "status = 'malformed'"
     fte-sniff decode samples/clean.mcap --from +10s --to +20s
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
+    fte-sniff decode samples/clean.mcap --columns time,motor,rpm
     fte-sniff decode --follow capture.mcap --filter "error = 1"
     """
     check_inputs(query.files, output)
-    form = form or _format_for(output)
+    is_named = output is not None and output.suffix
+    form = form or (OutputFormat.CSV if columns and not is_named else _format_for(output))
+    if columns and form not in CHOOSABLE:
+        raise UsageError(f"--columns chooses those of csv and jsonl; {form} has its own")
     if following is not None and form is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -65,6 +78,8 @@ def command(
         # The rows of a stream do not wait, unless the filter needs it.
         facts = form in _WITH_FACTS and following is None and STDIN not in query.files
         reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
+        if columns:
+            reading.source = replace(reading.source, columns=columns)
         hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
         with _opened(form, output, reading, line, force=force) as sink:
             for batch in reading:
@@ -79,6 +94,18 @@ def command(
 
 _WITH_FACTS = (OutputFormat.JSONL, OutputFormat.CSV, OutputFormat.PARQUET)
 """The formats with the columns that depend on later rows."""
+
+
+def _columns(text: str) -> tuple[str, ...]:
+    """The columns of a list with commas; raises UsageError if one is unknown or named twice."""
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in COLUMN_BY_NAME:
+            known = ", ".join(COLUMN_BY_NAME)
+            raise UsageError(f"--columns: there is no column {printable(name)!r}; use {known}")
+        if names.count(name) > 1:
+            raise UsageError(f"--columns names {name} twice")
+    return names
 
 
 def _format_for(output: Path | None) -> OutputFormat:

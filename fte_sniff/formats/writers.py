@@ -74,15 +74,24 @@ class FrameWriter(Protocol):
         ...
 
 
-def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
+ALL_COLUMNS: Final = tuple(COLUMN_BY_NAME)
+"""The names of all columns, in order."""
+
+CHOOSABLE: Final = (OutputFormat.JSONL, OutputFormat.CSV)
+"""The formats whose columns can be chosen."""
+
+
+def row_writer(
+    form: OutputFormat, stream: TextIO, *, ports: bool, columns: Sequence[str] = ALL_COLUMNS
+) -> RowWriter:
     """Create the writer of a text format or hex; a table is coloured on a terminal.
 
-    `ports` is whether a table has a column for the port.
+    `ports` is whether a table has a column for the port, `columns` those of `CHOOSABLE` formats.
     """
     if form is OutputFormat.JSONL:
-        return JsonlWriter(stream)
+        return JsonlWriter(stream, columns)
     if form is OutputFormat.CSV:
-        return CsvWriter(stream)
+        return CsvWriter(stream, columns)
     if form is OutputFormat.HEX:
         return HexWriter(stream)
     from fte_sniff.formats.text_table import PlainWriter, RichWriter
@@ -107,16 +116,21 @@ class _LineWriter:
 class JsonlWriter(_LineWriter):
     """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
 
+    def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
+        super().__init__(stream)
+        self._columns = columns
+
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
-        self._stream.writelines(map(_line, rows))
+        self._stream.writelines(_line(row, self._columns) for row in rows)
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a DataFrame with the columns of the row contract."""
         from fte_sniff.formats.text_frame import time_texts
 
         lines = BytesIO()
-        frame.with_columns(time_texts(frame["time"]).alias("time")).write_ndjson(lines)
+        texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
+        texts.select(self._columns).write_ndjson(lines)
         # Only a port's name can have other characters than ASCII.
         is_ascii = all(port.isascii() for port in frame.get_column("port").unique())
         buffer = getattr(self._stream, "buffer", None) if is_ascii else None
@@ -127,10 +141,11 @@ class JsonlWriter(_LineWriter):
             buffer.write(lines.getbuffer())
 
 
-def _line(row: Row) -> str:
+def _line(row: Row, columns: Sequence[str]) -> str:
     values = record(row)
     if row.t_ns is not None:
         values["time"] = iso_time(row.t_ns)
+    values = {name: values[name] for name in columns}
     return printable_json(json.dumps(values, ensure_ascii=False, separators=(",", ":"))) + "\n"
 
 
@@ -151,15 +166,16 @@ def _escaped(found: re.Match[str]) -> str:
 class CsvWriter(_LineWriter):
     """Writes CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
         super().__init__(stream)
+        self._columns = columns
         self._writer = csv.writer(stream, lineterminator="\n")
         self._has_header = False
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows, after the header."""
         self._write_header()
-        self._writer.writerows(map(_values, rows))
+        self._writer.writerows(_values(row, self._columns) for row in rows)
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a DataFrame with the columns of the row contract."""
@@ -173,7 +189,7 @@ class CsvWriter(_LineWriter):
         if any(port != name for port, name in names.items()):
             ports = ports.replace_strict(names, return_dtype=pl.String())
         times, faults = time_texts(frame["time"]), faults_texts(frame["faults"])
-        texts = frame.with_columns(ports, time=times, faults=faults)
+        texts = frame.with_columns(ports, time=times, faults=faults).select(self._columns)
         self._stream.write(texts.write_csv(include_header=False, line_terminator="\n"))
 
     def close(self) -> None:
@@ -183,15 +199,16 @@ class CsvWriter(_LineWriter):
     def _write_header(self) -> None:
         if not self._has_header:
             self._has_header = True
-            self._writer.writerow(COLUMN_BY_NAME)
+            self._writer.writerow(self._columns)
 
 
-def _values(row: Row) -> list[Value]:
+def _values(row: Row, columns: Sequence[str]) -> list[Value]:
     values = record(row)
     values["time"] = None if row.t_ns is None else iso_time(row.t_ns)
     values["port"] = printable(row.port)
     values["faults"] = faults_text(row.faults)
-    return [_lower(value) if isinstance(value, bool) else value for value in values.values()]
+    chosen = (values[name] for name in columns)
+    return [_lower(value) if isinstance(value, bool) else value for value in chosen]
 
 
 def _lower(truth: bool) -> str:

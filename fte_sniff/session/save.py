@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.formats.writers import (
+    ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
     FrameWriter,
     OutputFormat,
@@ -44,6 +45,8 @@ class ExportSource:
     """The filters that chose the rows."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Metadata of the recordings that the rows come from."""
+    columns: Sequence[str] = ALL_COLUMNS
+    """The columns to write, in a format whose columns can be chosen."""
 
     def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
         """What is known about the rows between two times; None for no bound."""
@@ -86,19 +89,21 @@ def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource)
             return RawSink(path)
         case _:
             assert not isinstance(path, int)
-            return _TextSink(form, path, ports=len(source.ports) > 1)
+            return _TextSink(form, path, source)
 
 
 class _TextSink:
     """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
 
-    def __init__(self, form: OutputFormat, path: Path | None, *, ports: bool) -> None:
+    def __init__(self, form: OutputFormat, path: Path | None, source: ExportSource) -> None:
         self._stream: TextIO = (
             sys.stdout
             if path is None
             else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         )
-        self._writer = row_writer(form, self._stream, ports=ports)
+        self._writer = row_writer(
+            form, self._stream, ports=len(source.ports) > 1, columns=source.columns
+        )
         self._rows = 0
 
     def write(self, rows: Rows) -> None:

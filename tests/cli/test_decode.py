@@ -845,3 +845,41 @@ def test_raw_bytes_are_appended_to_redirected_output(tmp_path, environment):
         subprocess.run([*PROGRAM, *words], stdout=out, env=environment, check=True)
     expected = b"before" + (SAMPLES / "clean.raw").read_bytes()
     assert (tmp_path / "out").read_bytes() == expected
+
+
+@pytest.mark.parametrize("name", ["clean.mcap", "idle.raw"])
+@pytest.mark.parametrize("columns", [("time", "motor", "rpm"), ("raw",), ("unanswered", "port")])
+def test_columns_are_chosen_and_ordered(
+    run, samples: Path, name: str, columns: tuple[str, ...]
+) -> None:
+    chosen = "--columns", ",".join(columns)
+    whole = jsonl(run("decode", samples / name, "--format", "jsonl").stdout)
+    lines = jsonl(run("decode", samples / name, "--format", "jsonl", *chosen).stdout)
+    assert [[*line.items()] for line in lines] == [
+        [(column, row[column]) for column in columns] for row in whole
+    ]
+    table = run("decode", samples / name, "--format", "csv").stdout
+    expected = [{c: row[c] for c in columns} for row in csv.DictReader(io.StringIO(table))]
+    found = run("decode", samples / name, *chosen)  # CSV without a format
+    assert [*csv.DictReader(io.StringIO(found.stdout))] == expected
+    assert found.stdout.splitlines()[0] == ",".join(columns)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--columns", "time,speed"), "there is no column 'speed'; use time, port"),
+        (("--columns", ""), "there is no column ''"),
+        (("--columns", "rpm,rpm"), "--columns names rpm twice"),
+        (("--columns", "rpm", "-o", "x.parquet"), "parquet has its own"),
+        (("--columns", "rpm", "--format", "table"), "table has its own"),
+    ],
+)
+def test_columns_that_cannot_be_written_are_refused(
+    run, samples: Path, tmp_path: Path, words: tuple[str, ...], told: str
+) -> None:
+    done = run("decode", samples / "idle.raw", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
