@@ -5,6 +5,7 @@ Subcommands, options and help come from the frame table.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation, localcontext
 from typing import Any
@@ -118,9 +119,18 @@ def _cmd_option(kind: FrameKind) -> click.Option:
     )
 
 
+def _raw_option() -> click.Option:
+    text = "The bytes themselves instead of hex, to send them: > /dev/ttyUSB0."
+    return click.Option(["--raw"], is_flag=True, help=text)
+
+
 def _printer(kind: FrameKind) -> Callable[..., None]:
-    def print_frame(cmd: int | None = None, **values: int) -> None:
-        click.echo(spaced_hex(encode(kind, values, cmd)))
+    def print_frame(raw: bool, cmd: int | None = None, **values: int) -> None:
+        frame = encode(kind, values, cmd)
+        if raw:  # also to a terminal: a serial port is one
+            sys.stdout.buffer.write(frame)
+        else:
+            click.echo(spaced_hex(frame))
 
     position = next(filter(_is_position, kind.fields), None)
     if position is None:
@@ -167,6 +177,7 @@ def _pulses(field: Field, turns: Decimal, resolution: Decimal, gear_ratio: Decim
 
 def _command_of(kind: FrameKind) -> click.Command:
     options = [option for field in kind.fields for option in _options(field)]
+    options.append(_raw_option())
     if len(kind.cmds) > 1:
         options.append(_cmd_option(kind))
     return click.Command(
