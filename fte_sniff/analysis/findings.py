@@ -371,12 +371,22 @@ def _uncovered(events: Events) -> Iterator[tuple[str, str]]:
         yield from (
             (str(one), "there is no feedback: only one wire was recorded") for one in answers
         )
-    elif len(senders) > 1:
-        text = "commands came on several ports: which one feedback answers is not known"
+    elif _at_the_same_time(events, senders):
+        text = (
+            "several ports had commands at the same time: which one feedback answers is not known"
+        )
         yield from ((str(one), text) for one in answers)
     if not feedback:
         flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
         yield from ((str(one), "there is no feedback") for one in flags)
+
+
+def _at_the_same_time(events: Events, ports: Sequence[str]) -> bool:
+    """Whether several ports have commands in the same windows."""
+    windows = [events.ports[port] for port in ports]
+    shift = max((one.shift for one in windows), default=0)
+    keys = [np.unique(one.starts_ns[one.count("commands") > 0] >> shift) for one in windows]
+    return bool(keys) and len(np.unique(np.concatenate(keys))) < sum(map(len, keys))
 
 
 def _ports_with(events: Events, what: str) -> list[str]:

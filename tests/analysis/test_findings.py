@@ -115,6 +115,19 @@ def test_commands_on_several_ports_leave_answers_unexamined() -> None:
     assert Cause.UNANSWERED in model.not_covered()
 
 
+def test_captures_of_other_ports_at_other_times_are_examined() -> None:
+    rows, what = rows_with("lost")
+    rows.codebook.port_code("other")
+    later = recording(np.random.default_rng(9), 300, None).recoded(rows.codebook)
+    later = later.with_columns(
+        t_ns=later.t_ns + 3600 * SECOND, port=np.full(len(later), 1, np.uint16)
+    )
+    model = findings_in(rows)
+    model.merge(findings_in(later))
+    assert model.not_covered() == {}
+    assert is_found(model.found(), what)
+
+
 @pytest.mark.parametrize(
     "rows",
     [
