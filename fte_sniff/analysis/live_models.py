@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.findings import Finding, Findings
 from fte_sniff.analysis.motor_events import MotorEvents
 from fte_sniff.analysis.motor_stats import FlagCounts
 from fte_sniff.analysis.motors import Motors, motor_rows
@@ -42,7 +43,14 @@ class LiveModels:
         """Index after the last observed row."""
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
-        self._applied = self._hinted = 0
+        self._applied = 0
+        self.known = 0
+        """Index after the last row whose facts were observed."""
+        self.findings = Findings.of_facts()
+        self.found: tuple[Finding, ...] = ()
+        """The findings of the last search."""
+        self._fact_changes: list[StreamChange] = []
+        """Changes that `findings` has not observed yet."""
         self.motors = Motors()
         self.traces = Traces()
         self.events = MotorEvents()
@@ -75,15 +83,27 @@ class LiveModels:
             self.observed = stop
             if stop % self._checkpoint_rows == 0:
                 self._checkpoints.append((stop, self.motors.copy()))
-        for rows in self._store.batches(self._hinted, self._store.known):
-            self.events.observe_facts(rows)
-        self._hinted = self._store.known
+        self._observe_facts(budget_rows)
         self._drop_old()
         return not self.pending
+
+    def _observe_facts(self, budget_rows: int) -> None:
+        """Observe the next rows whose facts are known."""
+        start = max(self.known, self._store.first)
+        self.known = max(start, min(self._store.known, self.observed, start + budget_rows))
+        for rows in self._store.batches(start, self.known):
+            self.events.observe_facts(rows)
+            end = start + len(rows)
+            changes = [one for one in self._fact_changes if one.index < end]
+            del self._fact_changes[: len(changes)]
+            places = [StreamChange(max(0, one.index - start), one.what) for one in changes]
+            self.findings.observe(rows, changes=places)
+            start = end
 
     def add_changes(self, changes: Sequence[StreamChange]) -> None:
         """Add changes before rows that were not observed yet, by rising index in the store."""
         self._changes += changes
+        self._fact_changes += changes
 
     def _apply_changes(self) -> None:
         while self._applied < len(self._changes):

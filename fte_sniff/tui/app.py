@@ -44,6 +44,7 @@ from fte_sniff.tui.commands import (
 )
 from fte_sniff.tui.controllers.export import ExportController
 from fte_sniff.tui.controllers.filters import FilterController
+from fte_sniff.tui.controllers.findings import FindingsController
 from fte_sniff.tui.controllers.notes import NotesController
 from fte_sniff.tui.controllers.playback import PlaybackController
 from fte_sniff.tui.controllers.rows import RowController
@@ -133,6 +134,7 @@ class SniffApp(App[None]):
         self.rows = RowController(store, table, focus, notice)
         self.search = SearchController(store, table, focus, notice)
         self.filters = FilterController(model, table, panes, focus, notice, options)
+        self.findings = FindingsController(model, table, panes, self.filters, notice)
         self.notes = NotesController(
             store, table, focus, notice, options.notes, options.place.cursor
         )
@@ -146,6 +148,7 @@ class SniffApp(App[None]):
             "rows": self.rows,
             "search": self.search,
             "filters": self.filters,
+            "findings": self.findings,
             "notes": self.notes,
             "export": self.export,
             "playback": self.playback,
@@ -228,6 +231,13 @@ class SniffApp(App[None]):
             self.pop_screen()
         self._focus.leave()  # the question is behind them
         self._quit()
+
+    def action_open(self) -> None:
+        """Show the rows of the chosen finding where they are listed, else explain the row."""
+        if self.findings.is_listed:
+            self.findings.go()
+        else:
+            self.view.action_pane("detail")
 
     def action_theme(self) -> None:
         """Switch to the next theme."""
@@ -392,6 +402,7 @@ class SniffApp(App[None]):
         if not keys_first:
             state = self._model.state
             play = self._model.playback
+            self.findings.tick(self.now_ns())
             self._panes.tick(
                 self.now_ns(), state.live and state.running, None if play is None else play.t_ns
             )

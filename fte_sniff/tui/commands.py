@@ -52,6 +52,7 @@ def action_of(run: str) -> str:
 
 _DISPLAYS = {
     "slash": "/",
+    "exclamation_mark": "!",
     "number_sign": "#",
     "colon": ":",
     "less_than_sign": "<",
@@ -119,7 +120,7 @@ MOVING: tuple[Command, ...] = (
         short="Follow",
         of_file="End",
         display="G",
-        rank=7,
+        rank=8,
         words="bottom end tail newest last live",
     ),
     _rows("left,h", "table.aside(-1)", "columns to the left"),
@@ -162,7 +163,7 @@ FINDING: tuple[Command, ...] = (
         "search.search",
         "find rows that have a text or bytes (hex:AA ?? 03)",
         short="Search",
-        rank=5,
+        rank=6,
         words="find grep text hex bytes",
     ),
     _rows("n", "search.again(1)", "the next hit of the search"),
@@ -222,7 +223,7 @@ HANDLING: tuple[Command, ...] = (
         short="Pause",
         of_file="Play",
         display="space",
-        rank=6,
+        rank=7,
         words="stop freeze hold play playback",
     ),
     _key(
@@ -298,8 +299,16 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.pane('detail')",
         "what each byte means (also enter)",
         short="Detail",
-        rank=8,
+        rank=9,
         words="explain decode inspect row",
+    ),
+    _key(
+        "exclamation_mark",
+        "findings.list",
+        "what is wrong: cause, motor and time; enter shows its rows",
+        short="Findings",
+        rank=5,
+        words="findings problem trouble cause error diagnose",
     ),
     _rows(
         "right_square_bracket",
@@ -330,7 +339,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.pane('motors')",
         "target and feedback of each motor",
         short="Motors",
-        rank=9,
+        rank=10,
         words="plot curve chart graph rpm speed",
     ),
     _key(
@@ -338,7 +347,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.top",
         "one line for each kind and motor, in place of the table",
         short="Top",
-        rank=10,
+        rank=11,
         words="htop sorted summary overview streams live",
     ),
     _key(
@@ -346,7 +355,7 @@ UNDERSTANDING: tuple[Command, ...] = (
         "view.pane('statistics')",
         "rates, use of the line, faults over time",
         short="Stats",
-        rank=11,
+        rank=12,
         words="stats rates counters",
     ),
     *(
@@ -425,14 +434,14 @@ UNBOUND: tuple[Command, ...] = (
 INTERRUPT = _key("ctrl+c", "app.interrupt", "copy a selection, or quit", where=Where.ANYWHERE)
 """Quits, but copies where text is selected in a field."""
 
-OPENING = Binding("enter", action_of("view.pane('detail')"), show=False, priority=True)
+OPENING = _rows("enter", "app.open", "what each byte means, or the rows of a finding")
 """A key of the table alone: the top view has its own."""
 
 COMMANDS: Mapping[str, Command] = {
     command.run: command
     for command in (
         *(*FINDING, *UNDERSTANDING, *HANDLING, *UNBOUND, *MOVING, *LEAVING),
-        *(*TOP, INTERRUPT),
+        *(*TOP, INTERRUPT, OPENING),
     )
 }
 """All commands by what they run."""
@@ -440,7 +449,7 @@ COMMANDS: Mapping[str, Command] = {
 PALETTE: tuple[Command, ...] = tuple(
     command
     for command in COMMANDS.values()
-    if command not in (*TOP, INTERRUPT) and command.run != "app.palette"
+    if command not in (*TOP, INTERRUPT, OPENING) and command.run != "app.palette"
 )
 """The commands that the palette lists."""
 

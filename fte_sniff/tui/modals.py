@@ -137,8 +137,8 @@ class ListScreen(KeyScreen[ScreenResultType]):
     def _show(
         self, title: str, subtitle: str, lines: Sequence[tuple[str, str]], cursor: int
     ) -> None:
-        box = self.query_one("#picker")
-        box.border_title, box.border_subtitle = Text(title), Text(subtitle)
+        for box in self.query("#picker"):  # none where ctrl+c, typed ahead, has closed the page
+            box.border_title, box.border_subtitle = Text(title), Text(subtitle)
         self._list.set_options(list_line(text, right) for text, right in lines)
         self._list.highlighted = cursor
 

@@ -7,6 +7,7 @@ Modules:
 
     export    Copy rows to the clipboard; save rows and pictures of the screen.
     filters   Filter the rows; earlier and saved filters.
+    findings  Search for findings while rows come, list them, and go to their rows.
     notes     Marks and notes on rows.
     playback  Freeze the view of a capture; play a file.
     rows      Go to rows, and select them.

@@ -50,8 +50,8 @@ class FilterController:
             self._ask_name,
         )
         self.name_field = PromptField(focus, FILTER_NAME, str, self._name_filter)
-        self._earlier: list[str] = []
-        """Filters before the current one, the latest last; an empty one shows all rows."""
+        self._earlier: list[tuple[str, int | None]] = []
+        """Filters before the current one, the latest last, and the cursor's row if it moved."""
 
     def _cursor_ns(self) -> int | None:
         row = self._table.cursor_row
@@ -68,7 +68,10 @@ class FilterController:
     def action_filter_before(self) -> None:
         """Go back to the previous filter."""
         if self._earlier:
-            self._apply_filter(self._earlier.pop())
+            line, index = self._earlier.pop()
+            self._apply_filter(line)
+            if index is not None:
+                self._table.stay_at(index)
         else:
             self._notice.inform(_("there was no other filter before"))
 
@@ -76,7 +79,13 @@ class FilterController:
         """Apply a valid filter, and remember the current one; an empty one shows all rows."""
         current = self.field.current
         if line != current:
-            self._earlier.append(current)
+            self._earlier.append((current, None))
+        self._apply_filter(line)
+
+    def go(self, line: str, index: int) -> None:
+        """Apply a valid filter, with the cursor at a row or the next one that it shows."""
+        self._earlier.append((self.field.current, self._table.last_index))
+        self._table.stay_at(index)
         self._apply_filter(line)
 
     def _apply_filter(self, line: str) -> None:

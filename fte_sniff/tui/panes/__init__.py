@@ -5,6 +5,7 @@ key in `keys.UNDERSTANDING`.
 
 Modules:
 
+    findings    The spans of time in which something is wrong.
     motors      State and plots of each motor.
     pane        Base class, and the context that panes draw.
     plot        Curves in braille characters.

@@ -31,6 +31,7 @@ from fte_sniff.formats.cell_text import (
 from fte_sniff.protocol import KINDS, Direction, status_of
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.panes.findings import findings_text
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.theme import Palette
@@ -118,6 +119,12 @@ class StatisticsPage:
             motors = listed(one.motor for one in flags if one.error_bits or one.offline.rows)
             text = _("ERROR was set or ONLINE missing: motor {motors}; details at the end")
             yield self._raised(text.format(motors=_(motors)))
+        if models.found:
+            yield Text(_("findings"), style=_BOLD)
+            found = findings_text(models.found, -1, self.width, self.palette, self.zone)
+            yield from found.split("\n")
+        yield from self._faults()
+        yield Text()
         for port in ports:
             yield from self._port(port)
             of_port = [stream for stream in streams if stream.port == port.port]
@@ -125,9 +132,7 @@ class StatisticsPage:
                 yield from self._streams(of_port)
             yield from self._quiet(port)
             yield Text()
-        yield from self._faults()
         if raised:
-            yield Text()
             yield from map(self._raised, raised)
         elif any(one.kind.direction is Direction.FEEDBACK for one in streams):
             yield Text(_(FLAGS_IN_ORDER))

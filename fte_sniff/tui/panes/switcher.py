@@ -12,6 +12,7 @@ from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import PortEvent
+from fte_sniff.tui.panes.findings import FindingsPane
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.row import BytesPane, DetailPane
@@ -21,7 +22,9 @@ from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.text import span_text
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
-PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
+PANES: Final[tuple[type[Pane], ...]] = (
+    *(DetailPane, BytesPane, MotorsPane, StatisticsPane, FindingsPane),
+)
 
 STEP_ROWS: Final = 32_768
 """Rows in one step of the models; half as many cost a quarter more per row."""
@@ -53,7 +56,7 @@ class PaneSwitcher:
     ) -> None:
         self._captures = captures
         self._store, self._table, self._line_setup = store, table, line_setup
-        self._models = LiveModels(store, line_setup)
+        self.models = LiveModels(store, line_setup)
         self.top = TopView()
         self._panes = {pane.NAME: pane() for pane in PANES}
         self._open: Pane | None = None
@@ -133,6 +136,16 @@ class PaneSwitcher:
             pane.forget_texts()
         self.redraw()
 
+    def is_open(self, name: str | None = None) -> bool:
+        """Whether a pane is open, that of the name where one is given."""
+        return self._open is not None and name in (None, self._open.NAME)
+
+    @property
+    def chosen_finding(self) -> int:
+        """Number of the finding that is chosen in the list."""
+        pane = self._panes[FindingsPane.NAME]
+        return pane.chosen if isinstance(pane, FindingsPane) else 0
+
     @property
     def explains_row(self) -> bool:
         """Whether the open pane is about the cursor's row, which then should not move away."""
@@ -150,20 +163,24 @@ class PaneSwitcher:
             self.redraw()
 
     def scroll(self, by: int) -> None:
-        """Scroll the open pane by lines."""
-        if self._open is not None:
+        """Scroll the open pane by lines; choose another line of the findings."""
+        if isinstance(self._open, FindingsPane):
+            self._open.chosen = max(0, self._open.chosen + by)
+            self.redraw()
+        elif self._open is not None:
             self._open.scroll_relative(y=by, animate=False)
 
     def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
         """Add port events, and gaps and baud changes between rows, to the models."""
         if events:
             self._drawn.clear()
-        self._models.statistics.observe_events(events)
-        self._models.add_changes(changes)
+        self.models.statistics.observe_events(events)
+        self.models.findings.observe_events(events)
+        self.models.add_changes(changes)
 
     def restart(self, events: Sequence[PortEvent], changes: Sequence[StreamChange]) -> None:
         """Begin the models anew, with these events and changes."""
-        self._models = LiveModels(self._store, self._line_setup)
+        self.models = LiveModels(self._store, self._line_setup)
         self.observe(events, changes)
 
     def tick(self, now_ns: int, running: bool, playhead_ns: int | None = None) -> None:
@@ -183,24 +200,24 @@ class PaneSwitcher:
         due = [view for view in self._views if self._is_due(view)]
         # Few large steps cost less than many small ones.
         wanted = due and self._models_shown
-        if wanted or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
+        if wanted or self.models.pending >= CLOSED_BATCH_ROWS or self.models_late:
             self._update_models()
         for view in due:
             self._redraw_changed(view)
 
     def _update_health(self) -> None:
-        if self._models.pending and not self._postponed:
+        if self.models.known < self._store.known and not self._postponed:
             self._update_models()
         viewport, index, row = self._table.viewport, self._table.cursor_index, None
-        end_ns, events = self._models.traces.last_ns, self._models.events
+        end_ns, events = self.models.traces.last_ns, self.models.events
         if index is not None and not viewport.following:
             row = self._table.cursor_row
             end_ns = None if row is None else row.t_ns
-        if end_ns is None or self._models.pending > STEP_ROWS:
+        if end_ns is None or self.models.pending > STEP_ROWS:
             self.health = ""
             return
         if row is not None and index is not None:
-            events = self._models.past(index, end_ns - HEALTH_NS)[1]
+            events = self.models.past(index, end_ns - HEALTH_NS)[1]
         span = end_ns + 1 - HEALTH_NS, end_ns + 1
         marks = " ".join(f"{motor}{HEALTH[one]}" for motor, one in events.health(span).items())
         delay_ns = events.delay_ns(99, span)
@@ -227,7 +244,7 @@ class PaneSwitcher:
 
     def _update_models(self) -> None:
         until = perf_counter() + (OPEN_BUDGET_S if self._models_shown else CLOSED_BUDGET_S)
-        while not (done := self._models.step(STEP_ROWS)) and perf_counter() < until:
+        while not (done := self.models.step(STEP_ROWS)) and perf_counter() < until:
             pass
         if not (done or self._step_pending):
             self._step_pending = True
@@ -241,7 +258,7 @@ class PaneSwitcher:
     @property
     def models_pending(self) -> bool:
         """Whether the models will observe more rows although none comes."""
-        return bool(self._models.pending) and (self._models_shown or self.models_late)
+        return bool(self.models.pending) and (self._models_shown or self.models_late)
 
     @property
     def models_late(self) -> bool:
@@ -250,7 +267,7 @@ class PaneSwitcher:
         Half of the rows in memory are the last that the models have seen, and half of the rest is
         reserved for one more step.
         """
-        return 4 * self._models.pending > self._store.most_in_memory
+        return 4 * self.models.pending > self._store.most_in_memory
 
     def redraw(self) -> None:
         """Draw the open pane and the top view, where they have a size."""
@@ -280,7 +297,7 @@ class PaneSwitcher:
             return
         context, shown = self._context(), self._store.view
         sizes = view.scrollable_content_region.size, self._table.app.size
-        rows = self._models.observed, self._models.pending, shown.filter, shown.count
+        rows = self.models.observed, self.models.pending, shown.filter, shown.count
         drawn = (sizes, context, rows, view.is_behind)
         if drawn != self._drawn.get(view) or view.is_behind:
             self._drawn[view], self._drawn_at_ns[view] = drawn, self._clock_ns
@@ -290,7 +307,7 @@ class PaneSwitcher:
         table, row = self._table, self._table.cursor_row
         index = -1 if table.cursor_index is None else table.cursor_index
         following = table.viewport.following and not table.viewport.paused
-        newest_ns = self._models.traces.last_ns
+        newest_ns = self.models.traces.last_ns
         if self._playhead_ns is not None:
             newest_ns = self._playhead_ns
         elif newest_ns is not None:
@@ -305,7 +322,7 @@ class PaneSwitcher:
             newest_ns=newest_ns,
             rates_ns=newest_ns if self._rows_come else None,
             store=self._store,
-            models=self._models,
+            models=self.models,
             line_setup=self._line_setup,
             palette=table.palette,
             zone=table.view.shown_zone,

@@ -567,6 +567,14 @@ class RowTable(ScrollView):
         self.viewport.jump(position)
         self._on_moved()
 
+    def stay_at(self, index: int) -> None:
+        """Put the cursor on the row with that index, or on the next one that is shown."""
+        self.viewport.jump(self.viewport.cursor)
+        self.last_index = index
+        self.sync()
+        self.viewport.jump(self.viewport.cursor)
+        self._draw()
+
     def jump_to_index(self, index: int | None) -> bool:
         """Put the cursor on a row by its index; False where there is none or a pause hides it."""
         position = self.viewport.count if index is None else self._store.view.position_of(index)

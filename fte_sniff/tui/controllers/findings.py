@@ -1,0 +1,110 @@
+"""Findings: search for them while rows come, list them, and go to their rows."""
+
+from __future__ import annotations
+
+import asyncio
+from bisect import bisect_left
+
+from textual.worker import WorkType
+
+from fte_sniff.analysis.findings import Finding
+from fte_sniff.tui.controllers.filters import FilterController
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.panes.findings import FindingsPane, span_of
+from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import ViewModel
+
+EVERY_NS = 5_000_000_000
+"""Shortest time between two searches; each takes some tenths of a second in a thread."""
+
+_NO_TIME = -(2**63)
+
+
+class FindingsController:
+    """Keeps the findings current; shows those of a file once, and new ones of a capture."""
+
+    def __init__(
+        self,
+        model: ViewModel,
+        table: RowTable,
+        panes: PaneSwitcher,
+        filters: FilterController,
+        notice: NoticeLine,
+    ) -> None:
+        self._model, self._table, self._panes = model, table, panes
+        self._filters, self._notice = filters, notice
+        self._searched = 0
+        """Rows that the last search has seen."""
+        self._next_ns = 0
+        self._running = self._offered = False
+        self._reported: set[tuple[str, str, int | None]] = set()
+        """Cause, port and motor of the findings that were shown in a line."""
+
+    def tick(self, now_ns: int) -> None:
+        """Search in a thread, if rows came since and the last search was a while ago."""
+        models = self._panes.models
+        complete = not self._model.state.running and models.known == self._model.store.next
+        is_due = now_ns >= self._next_ns or (complete and not self._running)
+        if self._running or models.known == self._searched or not is_due:
+            return
+        self._running, self._searched = True, models.known
+        self._next_ns = now_ns + EVERY_NS
+        work: WorkType[None] = self._search
+        self._table.run_worker(work, group="findings")
+
+    async def _search(self) -> None:
+        models = self._panes.models
+        try:
+            # Of a copy: more rows are observed meanwhile.
+            found = await asyncio.to_thread(models.findings.copy().found)
+        finally:
+            self._running = False
+        models.found = tuple(found)
+        self._panes.redraw()
+        if not self._model.state.live:
+            self._offer()
+        else:
+            self._report(found)
+
+    def _offer(self) -> None:
+        """Open the list of a file's findings, once, where no pane is open."""
+        if self._panes.models.found and not self._offered:
+            self._offered = True
+            if not self._panes.is_open():
+                self._panes.toggle(FindingsPane.NAME)
+
+    def _report(self, found: list[Finding]) -> None:
+        """Show a new finding of a capture in one line, once."""
+        for one in found:
+            topic = (one.cause, one.port, one.motor)
+            if topic not in self._reported:
+                self._reported.add(topic)
+                when = span_of(one, self._table.view.shown_zone)
+                text = _("{when}: {text}; ! lists the findings", when=when, text=one.text)
+                self._notice.warn(text, topic)
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether the list is open and has findings."""
+        return self._panes.is_open(FindingsPane.NAME) and bool(self._panes.models.found)
+
+    def action_list(self) -> None:
+        """Open the list, or close it."""
+        self._panes.toggle(FindingsPane.NAME)
+
+    def go(self) -> None:
+        """Show the rows of the chosen finding, the first one under the cursor."""
+        finding = self._panes.models.found[self._panes.chosen_finding]
+        store = self._model.store
+
+        def time(index: int) -> int:
+            t_ns = store.row(index).t_ns
+            return _NO_TIME if t_ns is None else t_ns
+
+        rows = range(store.first, store.next)
+        index = store.first + bisect_left(rows, finding.first_ns, key=time)
+        self._panes.close()
+        self._filters.go(finding.filter, min(index, max(store.first, store.next - 1)))
+        self._notice.inform(_("{text}; backspace returns", text=finding.text))

@@ -1,0 +1,85 @@
+"""Findings on the screen: the list of a file, the way to their rows and back, a line while live."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.controllers import findings
+from tests.tui.conftest import NOON_NS, page, play, press, settle, table, until
+
+SECOND_NS = 1_000_000_000
+LOST = range(120, 180)
+"""The seconds in which motor 3 answers only every second command."""
+
+
+def session() -> list[Row]:
+    """Five minutes of commands to four motors, and their answers."""
+    rows: list[Row] = []
+    for number in range(300 * 20):
+        at_ns, motor = NOON_NS + number * SECOND_NS // 20, 1 + number % 4
+        values = {"motor": motor, "rpm": 100}
+        rows.append(Frame("p", 0, encode(KIND_BY_NAME["speed"], values), at_ns))
+        if motor != 3 or number // 20 not in LOST or number // 4 % 2:
+            raw = encode(KIND_BY_NAME["speed_feedback"], values)
+            rows.append(Frame("p", 0, raw, at_ns + 3_000_000))
+    return [replace(row, offset=10 * at) for at, row in enumerate(rows)]
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
+def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
+    feed: Any, size: tuple[int, int]
+) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session())
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "findings: 1" in page(app))
+        assert "motor 3 answered" in page(app)
+        assert re.search(r"12:0(1:5[89]|2:0[012])", page(app))
+        assert table(app).viewport.top == 0
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert app.filters.field.current == "unanswered AND motor = 3"
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.unanswered
+        assert (row.t_ns or 0) >= NOON_NS + LOST.start * SECOND_NS
+        assert "findings: 1" not in page(app)
+        await press(app, pilot, "backspace")
+        await settle(app, pilot)
+        assert app.filters.field.current == ""
+        assert table(app).viewport.cursor == 0
+        await press(app, pilot, "exclamation_mark")
+        await until(app, pilot, lambda: "motor 3 answered" in page(app))
+        await press(app, pilot, "exclamation_mark")
+        assert "findings: 1" not in page(app)
+
+    play(feed, scenario, size)
+
+
+def test_a_finding_of_a_capture_is_one_line_once(
+    feed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(findings, "EVERY_NS", 0)
+    feed.give(session())
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "motor 3 answered" in page(app))
+        assert "findings: 1" not in page(app)
+        await press(app, pilot, "escape")
+        assert "motor 3 answered" not in page(app)
+        later = NOON_NS + 301 * SECOND_NS
+        raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
+        feed.give([Frame("p", 0, raw, later + n * SECOND_NS) for n in range(3)])
+        known = app._panes.models.known
+        await until(app, pilot, lambda: app.findings._searched > known)
+        assert "motor 3 answered" not in page(app)
+
+    play(feed, scenario)
