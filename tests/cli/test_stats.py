@@ -16,6 +16,7 @@ import pytest
 from rich.cells import cell_len
 
 import fte_sniff
+from fte_sniff.analysis.motors import DEADLINE_NS
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
@@ -160,6 +161,9 @@ def test_motors(run, samples: Path, name: str) -> None:
         number, asked, delays, unanswered = reported["motor"], None, [], 0
         commands = feedback = 0
         for row in rows:
+            if asked is not None and row["ns"] - asked["ns"] > DEADLINE_NS:
+                unanswered += 1
+                asked = None
             if row["direction"] == "control" and row["motor"] in (None, number):
                 commands += 1
                 unanswered += asked is not None
