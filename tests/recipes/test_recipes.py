@@ -139,9 +139,9 @@ def test_output_format(recipe: Recipe) -> None:
         "TEXT_FORMATS = (OutputFormat.TABLE,",
         "TEXT_FORMATS = (OutputFormat.TABLE, OutputFormat.TABS,",
     )
-    recipe.after(
+    recipe.before(
         writers,
-        "    if form is OutputFormat.JSONL:\n        return JsonlWriter(stream)",
+        "    if form is OutputFormat.JSONL:\n",
         "    if form is OutputFormat.TABS:\n        return TabsWriter(stream)\n",
     )
     recipe.append(
@@ -153,7 +153,7 @@ class TabsWriter(_LineWriter):
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
-        self._stream.writelines("\\t".join(map(str, _values(row))) + "\\n" for row in rows)
+        self._stream.writelines("\\t".join(map(str, record(row).values())) + "\\n" for row in rows)
 ''',
     )
     with recipe.program() as copy:
