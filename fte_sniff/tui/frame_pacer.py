@@ -28,7 +28,7 @@ class FramePacer:
 
     On a slow link a queue of frames shows old rows, and a key takes effect behind them. So a frame
     that comes too early is not written; when the terminal is ready, the screen is drawn as it is
-    then. A terminal that does not answer is ready when the system has accepted the output.
+    then. A terminal that has never answered is always ready.
 
     `answered` and `idle` may be called from any thread, the others from that of the event loop.
     """
@@ -52,7 +52,7 @@ class FramePacer:
     def begins(self) -> bool:
         """Whether a frame may be written now; if not, the screen is drawn again later."""
         with self._changed:
-            is_early = self._waiting or self._is_busy()
+            is_early = self._knows_answers and (self._waiting or self._is_busy())
             self._late |= is_early
             return not is_early
 
