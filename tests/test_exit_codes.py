@@ -35,7 +35,7 @@ CHECK = ("check", str(SAMPLE), "--jobs", "1", "--expect", "count(malformed) == 0
 
 @pytest.mark.parametrize("kind", ["RecursionError", "KeyError", "AssertionError", "BaseException"])
 def test_an_error_in_the_program_is_not_the_verdict_of_a_check(tmp_path: Path, kind: str) -> None:
-    fail = f"def fail(*_): raise {kind}('odd')\nmodule._run = fail"
+    fail = f"def fail(*_): raise {kind}('odd')\nmodule.fte_sniff.invoke = fail"
     done = run_with(tmp_path, fail, *CHECK)
     assert done.returncode == 70
     assert "Traceback" in done.stderr, "a report of the error needs it"
@@ -55,7 +55,9 @@ def test_an_error_in_the_program_is_not_the_verdict_of_a_check(tmp_path: Path, k
 )
 def test_a_shortage_of_memory_is_one_line_and_no_verdict(tmp_path: Path, error: str) -> None:
     done = run_with(
-        tmp_path, f"import errno\ndef fail(*_): raise {error}\nmodule._run = fail", *CHECK
+        tmp_path,
+        f"import errno\ndef fail(*_): raise {error}\nmodule.fte_sniff.invoke = fail",
+        *CHECK,
     )
     assert done.returncode == 70
     assert done.stderr.startswith("fte-sniff: ")
@@ -87,9 +89,8 @@ def test_a_low_limit_of_memory_is_no_verdict(tmp_path: Path, megabytes: int) -> 
 def test_an_error_of_the_system_without_a_file_is_not_put_down_to_standard_output(
     tmp_path: Path, code: int
 ) -> None:
-    fail = (
-        f"import os\ndef fail(*_): raise OSError({code}, os.strerror({code}))\nmodule._run = fail"
-    )
+    fail = f"import os\ndef fail(*_): raise OSError({code}, os.strerror({code}))\n"
+    fail += "module.fte_sniff.invoke = fail"
     done = run_with(tmp_path, fail, *CHECK)
     assert done.returncode == 4
     assert len(done.stderr.splitlines()) == 1

