@@ -172,6 +172,8 @@ class PromptField(Vertical):
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
         self.current = ""
+        self._refused: str | None = None
+        """The line that was submitted with a mistake."""
         """The line in effect; shown while the field is closed."""
         self.display = False
 
@@ -203,6 +205,7 @@ class PromptField(Vertical):
         self.set_class(True, "-asking")
         self.line.value = self.current if line is None else line
         self.line.cursor_position = len(self.line.value)
+        self._refused = None
         self._judge(self.line.value)
         self._focus.open(self)
 
@@ -226,10 +229,13 @@ class PromptField(Vertical):
             self.open()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the line; it may not be finished, so a mistake is not shown yet."""
+        """Check the line; it may not be finished, so a mistake is not shown yet.
+
+        Keys that are typed ahead submit the line before its last change is reported.
+        """
         event.stop()
         if self.is_open:
-            self._judge(event.value, finished=False)
+            self._judge(event.value, finished=event.value == self._refused)
 
     @property
     def example(self) -> str:
@@ -249,6 +255,7 @@ class PromptField(Vertical):
     def submit(self, line: str) -> None:
         """Forward a valid line and close; an invalid one can be corrected."""
         line = line or self.default
+        self._refused = self.line.value
         if self._judge(line):
             self.line.history.append(line)
             self._on_submit(line)

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from textual import events
 from textual.pilot import Pilot
+from textual.widgets import Input
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.time_text import ClockTime
@@ -343,6 +344,19 @@ def test_matches_are_counted_while_one_types_and_a_mistake_is_shown_by_enter(fee
         assert "✗" not in page(app)
 
     play(feed, scenario, rows=400)
+
+
+def test_a_mistake_stays_where_its_last_letter_is_reported_after_enter(feed: Any) -> None:
+    """Keys that are typed ahead arrive before the input reports what they changed."""
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "f", *"rpnn", "enter")
+        line = app.query_one(FilterField).line
+        line.post_message(Input.Changed(line, line.value))
+        await settle(app, pilot)
+        assert "✗" in page(app)
+
+    play(feed, scenario)
 
 
 def test_the_cursor_is_behind_the_present_filter(feed: Any) -> None:
