@@ -225,6 +225,9 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[tuple[i
 _WHOLE_SHARE: Final = 0.15
 """Share of events in all rows from which on all of them are a finding."""
 
+_WHOLE_DAMAGE: Final = 0.02
+"""As `_WHOLE_SHARE`, of damaged rows: a sound line has none."""
+
 _LEAST_EVENTS: Final = 20
 
 
@@ -240,8 +243,8 @@ class _Series:
     port: str = ""
     motor: int | None = None
     kind: str | None = None
-    whole: bool = True
-    """Whether events in all windows are a finding too."""
+    whole_share: float | None = _WHOLE_SHARE
+    """Share of events from which on all of them are a finding; None if they never are."""
     least_share: float = 0.02
     """Share of rows that are events in a finding."""
 
@@ -257,7 +260,8 @@ def _examined(
         outside[start : end + 1] = False
     usual_rows = int(series.rows[outside].sum())
     usual = int(series.events[outside].sum()) / usual_rows if usual_rows else 0.0
-    if series.whole and usual >= _WHOLE_SHARE and total >= _LEAST_EVENTS and len(exposed):
+    least = series.whole_share
+    if least is not None and usual >= least and total >= _LEAST_EVENTS and len(exposed):
         hits = np.flatnonzero(series.events > 0)
         spans, usual = [(int(hits[0]), int(hits[-1]), float(total))], 0.0
     for start, end, score in spans:
@@ -434,7 +438,7 @@ def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
         hint = f" AND motor_hint = {motor}" if motor else ""
         return f"{text}; {_usually(usual)}", f"malformed{hint}"
 
-    yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port)
+    yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port, whole_share=_WHOLE_DAMAGE)
     for kind, meaning in _PORT_EVENTS.items():
         counts = windows.count(kind)
 
@@ -444,7 +448,7 @@ def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
             return f"{meaning}, {events:,} times", "line_error"
 
         exposed = np.maximum((rows > 0).astype(np.int64), counts)
-        yield _Series(Cause.PORT, counts, exposed, of_port, port, whole=False, least_share=0.0)
+        yield _Series(Cause.PORT, counts, exposed, of_port, port, whole_share=None, least_share=0.0)
 
 
 def _prevailing(
@@ -535,7 +539,7 @@ def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
                 port,
                 motor,
                 kind.name,
-                whole=False,
+                whole_share=None,
                 least_share=0.05,
             )
 
@@ -651,7 +655,7 @@ def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
             port,
             motor,
             kinds[0].name if kinds else None,
-            whole=False,
+            whole_share=None,
             least_share=0.3,
         )
 
@@ -685,7 +689,7 @@ def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
             port,
             motor,
             kinds[0].name if kinds else None,
-            whole=False,
+            whole_share=None,
         )
 
 
@@ -730,7 +734,7 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
                 port,
                 motor,
                 name,
-                whole=False,
+                whole_share=None,
                 least_share=0.1,
             )
 

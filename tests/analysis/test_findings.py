@@ -45,6 +45,13 @@ def test_nothing_is_found_where_nothing_is_wrong() -> None:
     assert find(recording(np.random.default_rng(5), 1800, None)) == []
 
 
+@pytest.mark.parametrize(("share", "is_wrong"), [(0.002, False), (0.1, True)])
+def test_a_line_that_is_damaged_all_the_time_is_a_finding(share: float, is_wrong: bool) -> None:
+    what = Episode("damage", 0, 900, 3, share, feedback=True)
+    found = find(recording(np.random.default_rng(7), 900, what))
+    assert [one.cause for one in found] == [Cause.DAMAGE] * is_wrong
+
+
 def test_a_finding_names_events_rows_and_the_filter_that_shows_them() -> None:
     from fte_sniff.analysis.facts import Facts
     from fte_sniff.analysis.filter.row_filter import RowFilter
