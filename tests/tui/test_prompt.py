@@ -298,7 +298,8 @@ def test_fields_operators_and_observed_values_are_suggested_with_counts(
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f", *"mo")
-        assert dropdown(app) == [("motor", "motor (driver) number")]
+        assert dropdown(app)[0] == ("motor", "motor (driver) number")
+        assert [name for name, _ in dropdown(app)] == ["motor", "motor_hint"]
         await press(app, pilot, "tab")
         assert [text for text, _ in dropdown(app)][:3] == ["=", ">", "<"]
         await press(app, pilot, "down", "enter")
@@ -426,6 +427,8 @@ def test_ctrl_c_copies_selected_text_of_a_field_first(feed: Any) -> None:
         assert app.clipboard == "mo"
         assert not app._exit
         await press(app, pilot, "end", "ctrl+c")
+        assert not app._exit, "it asks while a recording runs"
+        await press(app, pilot, "ctrl+c")
         assert app._exit
 
     play(feed, scenario)
