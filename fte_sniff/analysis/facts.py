@@ -118,6 +118,12 @@ def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
         ends = feedback.indices[at[answered]]
         near = answered.copy()
         near[answered] = ends - own[answered] <= MOST_HELD
+        late = near & (commands.t_ns != NO_TIME)
+        late[answered] &= feedback.t_ns[at[answered]] == NO_TIME
+        for one in np.flatnonzero(late).tolist():
+            # An answer without a time is late if a row before it is after the deadline.
+            between = rows.t_ns[own[one] + 1 : feedback.indices[at[one]]]
+            near[one] = not is_overdue(int(commands.t_ns[one]), between)
         delays = np.full(len(own), NO_FACT, np.int64)
         delays[answered] = feedback.t_ns[at[answered]] - commands.t_ns[answered]
         timed = answered & (commands.t_ns != NO_TIME) & (delays >= 0)

@@ -7,13 +7,18 @@ events          e               waits with r3, so that the order remains
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Final
 
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import StreamChange, rising_times, shifted
 from fte_sniff.protocol import PortEvent
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.inputs import InputBatch
+
+MOST_BYTES: Final = 2 << 20
+"""Bytes of rows that are released at once: an output needs several times as much memory."""
 
 
 class FactStage:
@@ -27,8 +32,8 @@ class FactStage:
         self._changes = deque[StreamChange]()
         """Their indices count from the first row of the input."""
 
-    def feed(self, batch: InputBatch) -> InputBatch:
-        """The next batch; returns the rows that are decided now."""
+    def feed(self, batch: InputBatch) -> Iterator[InputBatch]:
+        """The next batch; returns the rows that are decided now, at least one batch."""
         if batch.events:
             places = rising_times(batch.rows).searchsorted([one.t_ns for one in batch.events])
             numbered = zip((places + self._read).tolist(), batch.events, strict=True)
@@ -36,13 +41,21 @@ class FactStage:
         self._changes.extend(shifted(batch.changes, self._read))
         self._read += len(batch.rows)
         rows = self._facts.feed(batch.rows, batch.changes)
-        return replace(self._released(rows), losses=batch.losses, gaps=batch.gaps)
+        first, *others = self._released(rows)
+        yield replace(first, losses=batch.losses, gaps=batch.gaps)
+        yield from others
 
-    def end(self) -> InputBatch:
+    def end(self) -> Iterator[InputBatch]:
         """The rows that waited at the end of the input."""
         return self._released(self._facts.interrupt())
 
-    def _released(self, rows: Rows) -> InputBatch:
+    def _released(self, rows: Rows) -> Iterator[InputBatch]:
+        parts = -(-rows.size // MOST_BYTES) or 1
+        length = -(-len(rows) // parts) or 1
+        for start in range(0, len(rows) or 1, length):
+            yield self._part(rows[start : start + length])
+
+    def _part(self, rows: Rows) -> InputBatch:
         start = self._decided
         self._decided += len(rows)
         events, changes = list[PortEvent](), list[StreamChange]()

@@ -199,8 +199,8 @@ class InputReading:
                 read = one.position
                 yield from self._selected(replace(batch, changes=changes, origin=one.number), facts)
                 changes = []
-            if facts is not None:
-                yield from self._selected(replace(facts.end(), origin=one.number))
+            for batch in facts.end() if facts is not None else ():
+                yield from self._selected(replace(batch, origin=one.number))
             if one.failure is not None:
                 self.skip(one.failure)
             self.progress.files_done += 1
@@ -256,8 +256,9 @@ class InputReading:
 
     def _selected(self, batch: InputBatch, facts: FactStage | None = None) -> Iterator[InputBatch]:
         """The batch, as far as its facts are decided, with the rows that match."""
-        found = batch if facts is None else facts.feed(batch)
-        yield found if self.row_filter is None else found.select(self.row_filter)
+        for found in [batch] if facts is None else facts.feed(batch):
+            known = replace(found, origin=batch.origin)
+            yield known if self.row_filter is None else known.select(self.row_filter)
 
 
 def _ports_of(one: Input) -> list[str]:

@@ -82,7 +82,7 @@ def test_files_are_offered_by_extension_and_folders(offered, tmp_path: Path) -> 
 
 
 def test_words_of_a_filter_are_offered(offered) -> None:
-    assert offered("live", "--filter", "mot") == ["plain,motor"]
+    assert offered("live", "--filter", "mot") == ["plain,motor", "plain,motor_hint"]
     assert offered("live", "--trigger", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
     assert offered("stats", "--filter", "\"kind = 'me") == ["plain,kind = 'mecanum'"]
     fields = offered("decode", "--filter", "")

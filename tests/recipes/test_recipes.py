@@ -430,7 +430,7 @@ class GreetingPane(Pane):
         "from fte_sniff.tui.panes.motors ",
         "from fte_sniff.tui.panes.greeting import GreetingPane\n",
     )
-    recipe.replace(switcher, "= (DetailPane, ", "= (GreetingPane, DetailPane, ")
+    recipe.replace(switcher, "*(DetailPane, ", "*(GreetingPane, DetailPane, ")
     recipe.after(
         "fte_sniff/tui/commands.py",
         "UNDERSTANDING: tuple[Command, ...] = (",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import chain, pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -48,7 +48,7 @@ def test_rows_gaps_and_events_stay_in_order(steps: list[Step], cuts: list[int]) 
     edges = [0, *sorted(min(cut, len(steps)) for cut in cuts), len(steps)]
     batches = [batch_of(steps[start:end]) for start, end in pairwise(edges)]
     stage = FactStage()
-    found = [*map(stage.feed, batches), stage.end()]
+    found = [*chain.from_iterable(map(stage.feed, batches)), *stage.end()]
     assert [one for batch in found for one in in_order(batch)] == steps
     events = [event for batch in found for event in batch.events]
     assert sorted(events, key=lambda one: one.t_ns) == sorted(

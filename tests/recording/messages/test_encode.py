@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -23,6 +24,8 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.protocol.rows import Array, Rows
+from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.decode import MessageReader
 from fte_sniff.recording.messages.encode import (
     MESSAGE,
@@ -56,6 +59,13 @@ def _reader(topic: Topic) -> MessageReader:
     return MessageReader(topic.name, "p", schema_name(topic), schema_data(topic.schema))
 
 
+def _packed(packer: ColumnPacker, entries: Sequence[Entry], times: Array) -> McapBatch:
+    rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
+    events = [entry for entry in entries if isinstance(entry, PortEvent)]
+    at = [at for at, entry in enumerate(entries) if isinstance(entry, PortEvent)]
+    return packer.pack(Rows.from_rows(rows, events=events), times, np.array(at, np.int64))
+
+
 @examples(80)
 @given(
     st.lists(st.lists(st.one_of(frames, frames, damage, events), min_size=1), max_size=3),
@@ -76,7 +86,7 @@ def test_each_message_of_a_batch_has_the_bytes_that_protobuf_makes(
         times = [entry.t_ns or 0 for entry in entries]
         if not own:
             times = [max(times)] * len(times)
-        batch = packer.pack_entries(entries, np.array(times, np.int64))
+        batch = _packed(packer, entries, np.array(times, np.int64))
         stops = [*batch.starts.tolist(), len(batch.data)]
         for number, (start, stop) in enumerate(pairwise(stops)):
             entry, time = entries[number], times[number]
@@ -99,7 +109,7 @@ def test_sequence_numbers_wrap_as_in_the_format() -> None:
     packer._sequences[1] = 2**32 - 1
     kinds = (PortEventKind.OPENED, PortEventKind.CLOSED)
     entries = [PortEvent(5, "p", kind, "") for kind in kinds]
-    batch = packer.pack_entries(entries, np.array([5, 5], np.int64))
+    batch = _packed(packer, entries, np.array([5, 5], np.int64))
     sequences = [MESSAGE.unpack_from(batch.data, start)[3] for start in batch.starts.tolist()]
     assert sequences == [2**32 - 1, 0]
 
@@ -125,7 +135,7 @@ def test_a_batch_of_one_row_is_read_back(kind: FrameKind, data: st.DataObject) -
     row = data.draw(_frames_of(kind))
     topic = topic_of(row)
     assert topic is not MALFORMED
-    batch = ColumnPacker(lambda _port, _topic: 1).pack_entries([row], np.array([row.t_ns]))
+    batch = _packed(ColumnPacker(lambda _port, _topic: 1), [row], np.array([row.t_ns]))
     message = bytes(batch.data)[MESSAGE.size :]
     assert message == encode_row(topic, row, row.t_ns or 0)
     read = entry_of(_reader(topic), message, row.t_ns or 0)
