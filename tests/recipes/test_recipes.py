@@ -663,6 +663,9 @@ def test_look_of_a_status(recipe: Recipe) -> None:
         many = write(copy, "b.raw", FRAMES * 99 + b"\0\0\0" + FRAMES)
         texts = [copy.run("decode", few), copy.run("decode", many), copy.run("stats", many)]
         texts.append(copy.screen(many, "e", "i", "S"))
+        # A warning and the key of the findings have a `!` that is not the look of a status.
+        other = re.compile(r"^.*(?:! Findings|motor \d answered).*$", re.MULTILINE)
+        texts = [other.sub("", text) for text in texts]
         assert all("§" in text and "!" not in text for text in texts)
         copy.run("report", "samples/damaged.mcap", "-o", "a.html")
         page = (copy.folder / "a.html").read_text()
