@@ -165,7 +165,7 @@ def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
         app._panes.redraw()
         drawn = app.query_one(MotorsPane)._drawn
         assert drawn is not None
-        assert "motor 4" in drawn.plain
+        assert "motor 1" in drawn.plain
 
     play(feed, scenario)
 
@@ -271,7 +271,7 @@ def test_the_motors_are_those_at_the_cursor_and_the_newest_while_the_end_is_foll
         await settle(app, pilot)
         assert "392 RPM" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, (120, 48))
 
 
 def test_the_window_of_time_is_made_longer_and_shorter(feed: Any) -> None:
@@ -381,7 +381,7 @@ def test_line_errors_of_the_port_are_counted(feed: Any) -> None:
         await settle(app, pilot)
         assert "port events: line error 3 (last" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, (80, 40))
 
 
 def test_the_bytes_pane_follows_the_cursor(feed: Any) -> None:
