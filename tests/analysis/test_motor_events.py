@@ -65,3 +65,12 @@ def test_nothing_is_known_of_rows_without_a_time_or_without_commands() -> None:
     events.observe(rows, motors)
     assert events.health((0, SECOND_NS)) == {}
     assert events.delay_ns(99, (0, SECOND_NS)) is None
+
+
+def test_motors_are_not_called_silent_where_no_feedback_was_recorded() -> None:
+    events, motors = MotorEvents(), Motors()
+    rows = Rows.from_rows([row("speed", 20 * number, motor=1, rpm=5) for number in range(50)])
+    motors.observe(rows)
+    events.observe(rows, motors)
+    assert events.counts(1, (0, SECOND_NS)).unanswered > 0
+    assert events.health((0, SECOND_NS)) == {}

@@ -98,7 +98,7 @@ def test_the_help_moves_to_its_ends_and_counts_the_lines_below(feed: Any) -> Non
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await rush(app, pilot, "question_mark", "end")
         await pilot.pause()
-        assert "motor = 1 AND" in page(app)
+        assert "abs(rpm) > 500" in page(app)
         assert "more lines" not in page(app)
         await press(app, pilot, "home")
         await pilot.pause()

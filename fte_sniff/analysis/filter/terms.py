@@ -114,7 +114,7 @@ def quoted(text: str) -> str:
 
 
 _EXCERPT: Final = 24
-_LONGEST: Final = 160
+_LONGEST: Final = 200
 
 
 class MistakeError(Exception):
