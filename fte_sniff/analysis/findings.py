@@ -225,7 +225,7 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[tuple[i
 _WHOLE_SHARE: Final = 0.15
 """Share of events in all rows from which on all of them are a finding."""
 
-_WHOLE_DAMAGE: Final = 0.02
+_WHOLE_DAMAGE: Final = 0.05
 """As `_WHOLE_SHARE`, of damaged rows: a sound line has none."""
 
 _LEAST_EVENTS: Final = 20

@@ -45,7 +45,7 @@ def test_nothing_is_found_where_nothing_is_wrong() -> None:
     assert find(recording(np.random.default_rng(5), 1800, None)) == []
 
 
-@pytest.mark.parametrize(("share", "is_wrong"), [(0.002, False), (0.1, True)])
+@pytest.mark.parametrize(("share", "is_wrong"), [(0.002, False), (0.2, True)])
 def test_a_line_that_is_damaged_all_the_time_is_a_finding(share: float, is_wrong: bool) -> None:
     what = Episode("damage", 0, 900, 3, share, feedback=True)
     found = find(recording(np.random.default_rng(7), 900, what))
