@@ -501,7 +501,7 @@ def test_it_needs_no_network_and_fits_a_phone(run, tmp_path, samples, language, 
         ] == []
         assert browser.execute_script("return document.documentElement.scrollWidth") <= 400
         heading = browser.find_elements(By.TAG_NAME, "h2")[0].text
-        assert heading == {"en": "What was captured", "zh": "采集信息"}[language]
+        assert heading == {"en": "Findings", "zh": "诊断结果"}[language]
         ground = browser.execute_script(
             'return Bokeh.documents[0].get_model_by_name("faults").background_fill_color'
         )
