@@ -203,7 +203,7 @@ def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
         await settle(app, pilot)
         assert rpms(app)[0] == 0
         assert "LOADING  42%" in page(app)
-        assert "ø 1,000/s" in page(app)
+        assert "1,000 frames/s" in page(app)
         feed.state = replace(feed.state, running=False, progress=None)
         await settle(app, pilot)
         assert "FILE" in page(app)
