@@ -283,7 +283,7 @@ def test_screen_opens_without_posix(folder: Path, pty: Pty) -> None:
         stdout=pty.near,
         stderr=subprocess.PIPE,
         cwd=folder,
-        env=environment_in(folder, TEXTUAL_DRIVER=driver, TEXTUAL_PRESS="down,end,q"),
+        env=environment_in(folder, TEXTUAL_DRIVER=driver, TEXTUAL_PRESS="down,end,Q"),
         timeout=BOUND_S,
         check=False,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from functools import partial
 
 import click
@@ -53,6 +52,5 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
 
         print_lines(partial(report_lines, summary, measured.reading))
         if summary.findings is not None and (found := summary.findings.found()):
-            files = shlex.join(map(str, query.files))
-            click.echo(f"\nfindings   {len(found)}; show them with: fte-sniff findings {files}")
+            click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings")
     measured.finish()

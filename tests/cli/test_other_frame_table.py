@@ -167,4 +167,4 @@ def test_every_pane_of_the_screen_shows_the_other_names(other: Path) -> None:
         }.items():
             screen.type(key)
             screen.until(*texts)
-        assert screen.ended_by("q") == 0
+        assert screen.ended_by("Q") == 0

@@ -683,10 +683,14 @@ def test_rows_without_times_make_no_recording(
     play(feed, scenario, (200, 24))
 
 
-def test_the_name_of_a_file_is_judged_while_it_is_typed(feed: Any, tmp_path: Path) -> None:
+def test_the_name_of_a_file_is_judged_when_enter_ends_it(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "w", *"rows")
         wrong = "the extension selects the format; use one of .csv .jsonl"
+        await press(app, pilot, "w", *"rows")
+        await settle(app, pilot)
+        assert "the extension selects the format: .csv .jsonl" in page(app)
+        assert wrong not in page(app)
+        await press(app, pilot, "enter")
         await until(app, pilot, lambda: wrong in page(app))
         await press(app, pilot, "escape")
         await settle(app, pilot)
