@@ -43,7 +43,6 @@ from fte_sniff.protocol import (
     Gap,
     PortEvent,
     PortEventKind,
-    iso_time,
 )
 from fte_sniff.protocol.rows import Bools, Ints, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
@@ -413,7 +412,7 @@ def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
     for port, start, end in events.lost:
         until = last_ns if end is None else end
         again = "was not found again" if end is None else "was found again"
-        text = f"the port was lost and {again}; {_clock(start, until)}"
+        text = f"the port was lost and {again}"
         yield Finding(
             Cause.PORT, port, None, None, start, max(start, until), 1, 0, 0.0, text, "", inf
         )
@@ -462,11 +461,6 @@ def _prevailing(
 
 def _usually(usual: float) -> str:
     return "usually none" if usual < 0.0005 else f"usually {100 * usual:.2g} %"
-
-
-def _clock(first_ns: int, last_ns: int) -> str:
-    first, last = (iso_time(one)[11:19] for one in (first_ns, last_ns))
-    return f"{first} to {last}"
 
 
 def _motor_series(events: Events) -> Iterator[_Series]:

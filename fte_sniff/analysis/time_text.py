@@ -4,15 +4,17 @@
 2026-01-31 12:00, 2026-01-31 shorter forms: a date alone is its midnight
 12:00:05.25, 12:00+08:00     a time of day, UTC or with a zone
 10s, 1m30s, 250ms, 1.5 h     a duration: d, h, m or min, s, ms, us, ns
-+08:00, +8, Asia/Shanghai    a zone
++08:00, +8, Asia/Shanghai    a zone; also UTC, and local for that of this machine
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from decimal import Decimal
+from difflib import get_close_matches
 from typing import Final
 
 from fte_sniff.errors import InputTextError, quoted
@@ -125,21 +127,60 @@ def day_of(text: str) -> date:
     return day
 
 
+class _Local(tzinfo):
+    """The zone of this machine, as the system knows it: it need not have a name."""
+
+    def utcoffset(self, moment: datetime | None) -> timedelta | None:
+        """The offset at a local time; None without one."""
+        return None if moment is None else moment.replace(tzinfo=None).astimezone().utcoffset()
+
+    def dst(self, moment: datetime | None) -> None:
+        """None: the system does not name it."""
+
+    def tzname(self, moment: datetime | None) -> str:
+        """The word of `--zone`."""
+        return "local"
+
+    def fromutc(self, moment: datetime) -> datetime:
+        """The local time of a UTC time; `fold` marks the second of two equal ones."""
+        local = moment.replace(tzinfo=UTC).astimezone()
+        naive = local.replace(tzinfo=None)
+        is_second = naive.astimezone().utcoffset() != local.utcoffset()
+        return naive.replace(tzinfo=self, fold=int(is_second))
+
+
+LOCAL: Final = _Local()
+
+
 def zone_of(text: str) -> tzinfo:
-    """The zone of `--zone`: `+8`, `+08:00`, `UTC`, `Asia/Shanghai`; else raises InputTextError."""
+    """The zone that `--zone` names: `+8`, `+08:00`, `UTC`, `local`, `Asia/Shanghai`.
+
+    Raises InputTextError for other texts.
+    """
     name = text.strip()
+    if name.lower() == "local":
+        return LOCAL
     if offset := re.fullmatch(_ZONE, name, re.ASCII):
         sign, hours, minutes = offset.groups()
         east = timedelta(hours=int(hours), minutes=int(minutes or 0))
         return timezone(-east if sign == "-" else east)
-    try:
-        from zoneinfo import ZoneInfo
+    from zoneinfo import ZoneInfo, available_timezones
 
+    try:
         return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
     except (ValueError, OSError, KeyError):
-        raise InputTextError(
-            f"--zone: {quoted(text)} is not a zone; write +08:00, UTC, or a name as Asia/Shanghai"
-        ) from None
+        near = _nearest_zone(name, {*available_timezones(), "local"})
+        advice = f"did you mean {near}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
+        raise InputTextError(f"--zone: {quoted(text)} is not a time zone; {advice}") from None
+
+
+def _nearest_zone(text: str, names: Iterable[str]) -> str:
+    """The zone with the most similar name, or the most similar city; empty if none is similar."""
+    known = {name.lower(): name for name in sorted(names)}
+    known |= {name.rsplit("/", 1)[-1]: full for name, full in known.items() if "/" in name} | known
+    typed = re.sub(r"\s+", "_", text.lower())
+    found = get_close_matches(typed, known, n=1, cutoff=0.75)
+    return known[found[0]] if found else ""
 
 
 def _date_of(t_ns: int, zone: tzinfo) -> date:

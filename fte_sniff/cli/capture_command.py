@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import UTC, tzinfo
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ import click
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
+from fte_sniff.analysis.time_text import LOCAL, zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
 from fte_sniff.cli.datagrams import Datagrams, address_of
@@ -117,6 +119,12 @@ capture_options = all_of(
         metavar="CMD",
         help="With --headless: run CMD PATH for each finished file; no shell.",
     ),
+    click.option(
+        "--zone",
+        metavar="ZONE",
+        help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of the"
+        " times in lines, CSV and on the screen.  [default: UTC]",
+    ),
     filter_option,
     alert_option,
     keep_rows_option(1_000_000),
@@ -153,6 +161,7 @@ def run_capture(
     network: bool,
     headless: bool,
     on_file: str | None,
+    zone: str | None,
     lang: str | None,
     filter_text: str | None,
     alert_text: str | None,
@@ -170,6 +179,7 @@ def run_capture(
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
+    shown_zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
@@ -198,6 +208,7 @@ def run_capture(
             alert_of(alert_text),
             OutputFormat(form or OutputFormat.TABLE),
             ports=len(plan.wiring.names) > 1,
+            zone=shown_zone or UTC,
         )
         observers = [Announcer(plan), Report(plan), lines]
     else:
@@ -215,6 +226,7 @@ def run_capture(
             choices=settings.choices,
             save_choices=settings.keep,
             warnings=settings.trouble,
+            zone=shown_zone or LOCAL,
         )
         rest = RestOfScreen(plan)
         screen = Screen(start, rest)
@@ -445,14 +457,15 @@ class PlainLines(Observer):
         form: OutputFormat = OutputFormat.TABLE,
         *,
         ports: bool = False,
+        zone: tzinfo = UTC,
     ) -> None:
         """With `ports` a line of a table names its port; None filters nothing, alerts to nothing.
 
-        `form` is a text format.
+        `form` is a text format, `zone` that of its times.
         """
         self._select = list if wanted is None else wanted.select
         self._alert = alert
-        self._writer = row_writer(form, sys.stdout, ports=ports)
+        self._writer = row_writer(form, sys.stdout, ports=ports, zone=zone)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""

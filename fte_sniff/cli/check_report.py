@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from datetime import UTC, tzinfo
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -64,11 +65,16 @@ def print_verdicts(check: RuleCheck, form: str, reading: InputReading, files: in
     else:
         from fte_sniff.cli.stats_report import print_lines
 
-        print_lines(partial(verdict_lines, verdicts, names_files=files > 1))
+        zone = reading.source.zone
+        print_lines(partial(verdict_lines, verdicts, names_files=files > 1, zone=zone))
 
 
 def verdict_lines(
-    verdicts: Sequence[Verdict], width: int | None, *, names_files: bool = False
+    verdicts: Sequence[Verdict],
+    width: int | None,
+    *,
+    names_files: bool = False,
+    zone: tzinfo = UTC,
 ) -> Iterator[Text]:
     """A line for each rule; below it the first row that violates it, or what the rule needs."""
     from rich.text import Text
@@ -86,7 +92,7 @@ def verdict_lines(
     for one, line in zip(verdicts, lines, strict=True):
         yield line
         if one.row is not None:
-            yield Text(f"    first {_row_text(one.row, names_file=names_files)}")
+            yield Text(f"    first {_row_text(one.row, zone, names_file=names_files)}")
         if one.needs:
             yield Text(f"    needs {one.needs}")
 
@@ -103,17 +109,17 @@ def measured_text(verdict: Verdict) -> str:
     return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
 
 
-def _row_text(row: RowPosition, *, names_file: bool) -> str:
+def _row_text(row: RowPosition, zone: tzinfo, *, names_file: bool) -> str:
     place = f"offset {row.offset} of {printable(row.port)}"
-    time = _time(row)
+    time = _time(row, zone)
     found = f"at {place}" if time is None else f"at {time}, {place}"
     return f"in {printable(row.file)} {found}" if names_file else found
 
 
-def _time(row: RowPosition) -> str | None:
+def _time(row: RowPosition, zone: tzinfo = UTC) -> str | None:
     from fte_sniff.protocol.rows import NO_TIME
 
-    return None if row.t_ns == NO_TIME else iso_time(row.t_ns)
+    return None if row.t_ns == NO_TIME else iso_time(row.t_ns, zone)
 
 
 def _object(check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading) -> dict[str, Any]:
@@ -167,7 +173,8 @@ def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, *, names_files
         if one.refuses:
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
-                details += f"; first {_row_text(one.row, names_file=names_files)}"
+                zone = reading.source.zone
+                details += f"; first {_row_text(one.row, zone, names_file=names_files)}"
             details += _needs(one)
             ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
         elif one.result == "not covered":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
+from datetime import tzinfo
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     if form == "json":
         print_json(findings_json(findings, found))
     else:
-        for line in _lines(findings, found, query.files):
+        for line in _lines(findings, found, query.files, measured.reading.source.zone):
             click.echo(printable(line))
     measured.finish()
 
@@ -105,10 +106,12 @@ def view_command(one: Finding, files: Sequence[Path]) -> str:
     return shlex.join(["fte-sniff", "view", *names, "--from", times[0], "--to", times[1], *shown])
 
 
-def _lines(findings: Findings, found: Sequence[Finding], files: Sequence[Path]) -> Iterator[str]:
-    days = {iso_time(t_ns)[:10] for one in found for t_ns in (one.first_ns, one.last_ns)}
+def _lines(
+    findings: Findings, found: Sequence[Finding], files: Sequence[Path], zone: tzinfo
+) -> Iterator[str]:
+    days = {iso_time(t_ns, zone)[:10] for one in found for t_ns in (one.first_ns, one.last_ns)}
     for number, one in enumerate(found, 1):
-        first, last = (iso_time(t_ns)[:19] for t_ns in (one.first_ns, one.last_ns))
+        first, last = (iso_time(t_ns, zone)[:19] for t_ns in (one.first_ns, one.last_ns))
         if len(days) == 1:
             first, last = first[11:], last[11:]
         about = f", motor {one.motor}" if one.motor else ""

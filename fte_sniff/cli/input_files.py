@@ -104,8 +104,9 @@ _OPTIONS = all_of(
     click.option(
         "--zone",
         metavar="ZONE",
-        help="The zone of times without one, in hex logs and in --from and --to, such as +08:00 "
-        "or Asia/Shanghai.  [default: UTC]",
+        help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of times in"
+        " tables, CSV and reports, and of those in logs, --from and --to that name none."
+        "  [default: UTC]",
     ),
     click.option(
         "--start",
@@ -208,7 +209,7 @@ class InputQuery:
     day: str | None = None
     """For hex logs, the date of the first time."""
     zone: str | None = None
-    """The zone of times without one; None for UTC."""
+    """The zone of times in text, and of times that name none; None for UTC."""
     start: str | None = None
     """When the seconds of a log, or its bytes, began."""
     log_form: str | None = None
@@ -309,6 +310,7 @@ class InputQuery:
         )
         if following is not None:
             progress.step = f"following {inputs[0].name}"
+        found.source = replace(found.source, zone=self.zone_given() or UTC)
         return found
 
     def _each(
@@ -361,7 +363,9 @@ class InputQuery:
         if span is not None:
             jobs = [replace(job, span=span) for job in jobs]
         progress.expect([job.size for job in jobs])
-        return jobs, InputReading([], span, wanted, None, self.baud, unreadable, progress)
+        reading = InputReading([], span, wanted, None, self.baud, unreadable, progress)
+        reading.source = replace(reading.source, zone=self.zone_given() or UTC)
+        return jobs, reading
 
 
 def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from datetime import UTC, tzinfo
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -75,7 +76,8 @@ def summary(
         parts.append(f"{unframed:,} bytes {after}not decoded")
     advice = "" if unframed else explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
-    return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
+    zone = UTC if reading is None else reading.source.zone
+    return ", ".join(parts) + _span(tally, zone) + lacking + (advice and f"; {advice}")
 
 
 def gap_text(gaps: Sequence[Gap]) -> str:
@@ -139,7 +141,7 @@ def _share(tally: Tally, status: Status) -> str:
     return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
 
 
-def _span(tally: Tally) -> str:
+def _span(tally: Tally, zone: tzinfo) -> str:
     if tally.first_ns is None or tally.duration_ns is None:
         return ""
-    return f", {tally.duration_ns / 1e9:,.3f} s from {iso_time(tally.first_ns)}"
+    return f", {tally.duration_ns / 1e9:,.3f} s from {iso_time(tally.first_ns, zone)}"

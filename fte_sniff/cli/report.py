@@ -75,6 +75,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         _delays(summary),
         language,
         [] if summary.findings is None else summary.findings.found(),
+        reading.source.zone,
     )
     text = page(timeline, statistics_json(summary, reading), facts)
     try:

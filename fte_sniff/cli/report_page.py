@@ -13,7 +13,7 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,6 +38,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment
 
 from fte_sniff import __version__
+from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.analysis.timeline import ALL_MOTORS, MOST_DAMAGED, Points, Timeline, Trace
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
@@ -51,6 +52,7 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
     status_of,
+    zone_at,
 )
 from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.tui.i18n import _
@@ -88,6 +90,8 @@ class ReportFacts:
     language: str = "en"
     findings: Sequence[Finding] = ()
     """What is wrong, best first."""
+    zone: tzinfo = UTC
+    """Zone of the times; the page has one offset, which is that at its first row."""
 
     version = __version__
 
@@ -99,12 +103,13 @@ class ReportFacts:
 
 def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
     """The HTML of the report; `numbers` are those that `stats --format json` prints."""
+    zone = zone_at(timeline.first_ns or 0, facts.zone)
     gaps = [
-        [gap.start_ns / 1e6, gap.end_ns / 1e6]
+        [_axis_ms(gap.start_ns, zone), _axis_ms(gap.end_ns, zone)]
         for gap in facts.gaps
         if gap.start_ns is not None and gap.end_ns is not None
     ]
-    plots = _Plots(timeline, gaps)
+    plots = _Plots(timeline, gaps, zone)
     delays = _delay_plot(facts.delays_ns)
     parts = [*plots.figures.values(), *([delays] if delays else [])]
     script, divs = components(tuple(parts)) if parts else ("", ())
@@ -117,23 +122,25 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
         printable=printable,
         translated=_,
         count=lambda number: UNKNOWN if number is None else f"{number:,}",
-        at=lambda t_ns: iso_time(t_ns).replace("T", " ")[:19],
-        moment=lambda time: UNKNOWN if time is None else time.replace("T", " ")[:23],
+        at=lambda t_ns: _moment(t_ns, zone)[:19],
+        moment=lambda time: _moment(None if time is None else time_ns(time), zone),
+        axis_ms=lambda t_ns: _axis_ms(t_ns, zone),
     )
     own = files("fte_sniff.cli")
     return environment.from_string((own / "report_page.html").read_text("utf-8")).render(
         t=_capitalized,
         numbers=numbers,
         facts=facts,
-        gaps=[(_moment(gap.start_ns), _moment(gap.end_ns), gap) for gap in facts.gaps],
+        zone="" if zone == UTC else iso_time(0, zone)[-len("+08:00") :],
+        gaps=[(_moment(gap.start_ns, zone), _moment(gap.end_ns, zone), gap) for gap in facts.gaps],
         notes=[*facts.notes, *_notes(timeline)],
-        damage=_first_of_each(timeline),
+        damage=_first_of_each(timeline, zone),
         plots={one.name: (one.tags[0], div) for one, div in zip(parts, divs, strict=True)},
         library=resources.render_js() if parts else "",
         style=_status_colours() + (own / "report_page.css").read_text("utf-8"),
         script=(own / "report_page.js").read_text("utf-8"),
         models=script,
-        data=_packed(timeline, plots.meta, gaps) if plots.figures else "",
+        data=_packed(timeline, plots.meta, gaps, zone) if plots.figures else "",
     )
 
 
@@ -164,15 +171,23 @@ def _notes(timeline: Timeline) -> Iterator[str]:
         yield _("the page has the bytes of the first rows of each fault only")
 
 
-def _moment(t_ns: int | None) -> str:
-    return UNKNOWN if t_ns is None else iso_time(t_ns).replace("T", " ")[:23]
+def _moment(t_ns: int | None, zone: timezone, digits: int = 3) -> str:
+    """Date and time in a zone: `2026-01-31 12:00:00.000`."""
+    if t_ns is None:
+        return UNKNOWN
+    return iso_time(t_ns, zone).replace("T", " ")[: len("2026-01-31 12:00:00.") + digits]
 
 
-def _row_cells(row: Row) -> list[str]:
+def _axis_ms(t_ns: int, zone: timezone) -> float:
+    """Place on the axis of time, whose labels are the local time at this place."""
+    return t_ns / 1e6 + zone.utcoffset(None) / timedelta(milliseconds=1)
+
+
+def _row_cells(row: Row, zone: timezone) -> list[str]:
     raw = spaced_hex(row.raw[:_LONGEST_SHOWN])
     more = len(row.raw) - _LONGEST_SHOWN
     return [
-        UNKNOWN if row.t_ns is None else iso_time(row.t_ns).replace("T", " ")[:26],
+        _moment(row.t_ns, zone, 6),
         printable(row.port),
         f"{row.offset:,}",
         faults_text(row.faults).replace(",", ", "),
@@ -180,20 +195,20 @@ def _row_cells(row: Row) -> list[str]:
     ]
 
 
-def _first_of_each(timeline: Timeline) -> list[tuple[Fault, list[list[str]]]]:
+def _first_of_each(timeline: Timeline, zone: timezone) -> list[tuple[Fault, list[list[str]]]]:
     found = []
     for fault in Fault:
         rows = [row for row in timeline.damaged if fault in row.faults]
         rows.sort(key=lambda row: row.t_ns or 0)
         if rows:
-            found.append((fault, [_row_cells(row) for row in rows[:FIRST_ROWS]]))
+            found.append((fault, [_row_cells(row, zone) for row in rows[:FIRST_ROWS]]))
     return found
 
 
 class _Plots:
     """The figures, whose sources the script fills, and what it needs to know of them."""
 
-    def __init__(self, timeline: Timeline, gaps: Intervals) -> None:
+    def __init__(self, timeline: Timeline, gaps: Intervals, zone: timezone) -> None:
         self._gaps = gaps
         self.figures: dict[str, Any] = {}
         self.meta: list[Json] = []
@@ -201,7 +216,7 @@ class _Plots:
         self._timeline = timeline
         if timeline.first_ns is None or timeline.last_ns is None:
             return
-        first, last = timeline.first_ns / 1e6, timeline.last_ns / 1e6
+        first, last = (_axis_ms(t_ns, zone) for t_ns in (timeline.first_ns, timeline.last_ns))
         pad = max(1.0, (last - first) * 0.01)
         ends = (first - pad, last + pad)
         self._range = Range1d(
@@ -402,7 +417,7 @@ def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any
     return made
 
 
-def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals) -> str:
+def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals, zone: timezone) -> str:
     """The data of the plots: the length of a JSON text, the text, and the columns; in base64.
 
     Times are in units since the first one, so that 32 bits hold them. Each column has the
@@ -427,15 +442,15 @@ def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals) -> str:
     ):
         append(series)
     meta = {
-        "first": first / 1e6,
-        "last": last / 1e6,
+        "first": _axis_ms(first, zone),
+        "last": _axis_ms(last, zone),
         "unit": unit / 1e6,
         "sizes": sizes,
         "plots": plots,
         "traces": len(timeline.traces),
         "gaps": gaps,
-        "breaks": [t_ns / 1e6 for t_ns in timeline.breaks],
-        "damaged": [_row_cells(row) for row in timeline.damaged],
+        "breaks": [_axis_ms(t_ns, zone) for t_ns in timeline.breaks],
+        "damaged": [_row_cells(row, zone) for row in timeline.damaged],
     }
     text = json.dumps(meta, separators=(",", ":")).encode()
     packed = zlib.compress(len(text).to_bytes(4, "little") + text + b"".join(columns), 9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import tzinfo
 from typing import TYPE_CHECKING, Final
 
 from rich.cells import cell_len
@@ -15,7 +15,6 @@ from fte_sniff.cli.output import gap_text
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
-    clock_text,
     fit,
     fit_path,
     fit_right,
@@ -95,7 +94,6 @@ _LABEL: Final = 10
 STREAM: Final = "kind and motor"
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _MARKED: Final = "  "
-_DAY_NS: Final = 86_400 * 1_000_000_000
 _WORRY: Final = LOOKS[Status.MALFORMED]
 
 
@@ -103,11 +101,11 @@ def report_lines(
     summary: StatisticsSummary, reading: InputReading, width: int | None
 ) -> Iterator[Text]:
     """The lines of the report; tables take at most `width` cells, None for no limit."""
-    when = _clock(summary.total)
+    when = _clock(summary.total, reading.source.zone)
     yield from _whole(summary, reading)
     if len(summary.sources) > 1:
         yield Text()
-        yield from _files(summary).lines(width)
+        yield from _files(summary, reading.source.zone).lines(width)
     streams, ports = summary.statistics.streams(None), summary.statistics.ports()
     counts = summary.statistics.tally
     for port in ports:
@@ -127,22 +125,20 @@ def report_lines(
         yield from _motor_notes(summary, when)
 
 
-def _clock(total: RowCount) -> TimeText:
-    """Times of day, with the day before them where there is more than one."""
-    days = total.first_ns is not None and total.last_ns is not None
-    several = days and (total.first_ns or 0) // _DAY_NS != (total.last_ns or 0) // _DAY_NS
+def _clock(total: RowCount, zone: tzinfo) -> TimeText:
+    """Times of day in a zone, with the day before them where there is more than one."""
+    ends = (total.first_ns, total.last_ns)
+    days = {iso_time(t_ns, zone)[: len("2026-01-31")] for t_ns in ends if t_ns is not None}
+    shown = slice(len("2026-" if len(days) > 1 else "2026-01-31T"), len("2026-01-31T12:00:00.000"))
 
     def text(t_ns: int | None) -> str:
-        if t_ns is None:
-            return UNKNOWN
-        day = f"{datetime.fromtimestamp(t_ns // 1_000_000_000, UTC):%m-%d} " if several else ""
-        return day + clock_text(t_ns, 3)
+        return UNKNOWN if t_ns is None else iso_time(t_ns, zone)[shown].replace("T", " ")
 
     return text
 
 
 def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
-    total, sources = summary.total, summary.sources
+    total, sources, zone = summary.total, summary.sources, reading.source.zone
     yield _line("files", printable(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
     if reading.row_filter is not None:
         of_them = f"holds for {total.rows:,} of {reading.tally.rows:,} rows"
@@ -155,20 +151,20 @@ def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
         own = [gap for gap in reading.reported_gaps if gap.reason == reason]
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
-        yield _line("first", iso_time(total.first_ns))
+        yield _line("first", iso_time(total.first_ns, zone))
         span = f"{(total.duration_ns or 0) / 1e9:,.3f} s after the first"
-        yield _line("last", f"{iso_time(total.last_ns)}, {span}")
+        yield _line("last", f"{iso_time(total.last_ns, zone)}, {span}")
     elif total.rows:
         yield _line("time", "these rows have no times: no rates, no silences")
     if total.rows:
         yield _line("status", _statuses(summary.statistics.tally.by_status(), total.rows))
 
 
-def _files(summary: StatisticsSummary) -> TextTable:
+def _files(summary: StatisticsSummary, zone: tzinfo) -> TextTable:
     table = TextTable(["file", "rows", "bytes", "first row"])
     for source in summary.sources:
         count = source.count
-        first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns)[:23]
+        first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns, zone)[:23]
         table.append([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
     return table
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
+from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
 from fte_sniff.cli.options import (
     REREAD_ROWS,
@@ -118,7 +119,7 @@ def command(
         keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,
-        zone=query.zone_given(),
+        zone=query.zone_given() or LOCAL,
         language=language,
         colors=settings.colors,
         choices=settings.choices_at(place),

@@ -13,7 +13,6 @@ from typing import Final
 from rich.cells import cell_len, chop_cells, set_cell_size
 
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import iso_time
 
 ELLIPSIS = "…"
 """The mark of cut text."""
@@ -85,15 +84,6 @@ def clock_text(t_ns: int, digits: int, zone: tzinfo = UTC) -> str:
 @lru_cache(256)
 def _second_text(seconds: int, zone: tzinfo) -> str:
     return f"{datetime.fromtimestamp(seconds, zone):%H:%M:%S}"
-
-
-def moment_text(t_ns: int, zone: tzinfo = UTC) -> str:
-    """Date and time in a zone as ISO 8601 with nine digits, and the offset if it is not UTC."""
-    if zone == UTC:
-        return iso_time(t_ns)
-    seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
-    moment = datetime.fromtimestamp(seconds, zone)
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}{moment.isoformat()[19:]}"
 
 
 def elapsed_text(ns: int, width: int) -> str:

@@ -137,14 +137,14 @@ class PlainLog(LogForm):
         return [str(self.found)]
 
 
-_TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}Z"
+_TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}(?:Z|[+-]\d\d:\d\d)"
 _OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
 _OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
     "table": (
         r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw\b",
         rf"\s*(?:(?P<time>{_TIME})\s)?(?P<port>)(?:.*?{_OFFSET}(?:[a-z_]+|-)\s.*?\s\s"
         r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s\s+[a-z_,]+)?\s*\Z"
-        rf"|(?<=Z\s)|-\s|{_OFFSET})",
+        rf"|(?<=Z\s)|(?<=[+-]\d\d:\d\d\s)|-\s|{_OFFSET})",
         str,
     ),
     "CSV": (
@@ -197,14 +197,16 @@ class OwnLog(LogForm):
         try:
             for number, line in enumerate(block.lines, block.first):
                 found = re.match(row, line.decode("utf-8", "replace"))
-                if found and not found["raw"]:
+                if found is None:
+                    continue
+                begin_ns = _begin_ns(found["time"])
+                if not found["raw"] or begin_ns is None:
                     raise InputTextError(
                         f"line {number}: this row of fte-sniff's {self._what} is cut or damaged;"
                         " pass the recording itself, or its rows with --format csv or jsonl"
                     )
-                if found:
-                    own = bytes.fromhex(found["raw"]), number, _begin_ns(found["time"])
-                    streams[port_of(found["port"]) or name].append(own)
+                own = bytes.fromhex(found["raw"]), number, begin_ns
+                streams[port_of(found["port"]) or name].append(own)
         finally:
             for port, rows in streams.items():
                 data, order, times = zip(*rows, strict=True)
@@ -215,8 +217,12 @@ class OwnLog(LogForm):
         return [f"rows that fte-sniff wrote as {self._what}"]
 
 
-def _begin_ns(text: str | None) -> int:
+def _begin_ns(text: str | None) -> int | None:
+    """The time of a row; None if there is no such date or zone."""
     if text is None:
         return NO_TIME
-    second = int(datetime.fromisoformat(f"{text[:19]}+00:00").timestamp())
+    try:
+        second = int(datetime.fromisoformat(f"{text[:19]}{text[29:]}").timestamp())
+    except ValueError:
+        return None
     return min(second * SECOND + int(text[20:29]), LATEST_NS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, timedelta, tzinfo
 from typing import Final
 
 import numpy as np
@@ -15,29 +16,36 @@ from fte_sniff.formats.text_layout import (
     OFFSET_WIDTH,
     PORT_WIDTH,
     RAW_WIDTH,
-    TIME_WIDTH,
     VALUES_WIDTH,
     TextLayout,
+    time_width,
 )
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, iso_time
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, iso_time, zone_at
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Array
 
 _SECOND_NS: Final = 1_000_000_000
 _DAY_S: Final = 86_400
+_QUARTER_S: Final = 900
+_SECOND: Final = timedelta(seconds=1)
+_OFFSET: Final = slice(len("1970-01-01T00:00:00.000000000"), None)
+"""The end of a time, where a zone's offset is."""
+_OFFSET_LENGTH: Final = len("+08:00")
 _DIGITS: Final = np.frombuffer(b"".join(b"%02d" % pair for pair in range(100)), np.uint8)
 """Two characters for each number below 100."""
 
 
-def time_texts(time: pl.Series) -> pl.Series:
-    """Times as `iso_time` formats them; null where they are null.
+def time_texts(time: pl.Series, zone: tzinfo = UTC) -> pl.Series:
+    """Times as `iso_time` formats them in a zone; null where they are null.
 
     The digits come in pairs from a table, which takes half as long as polars' format.
     """
     t_ns = time.to_physical().fill_null(0).to_numpy()
     seconds = t_ns // _SECOND_NS
-    texts = np.empty((len(t_ns), TIME_WIDTH), np.uint8)
-    texts[:] = np.frombuffer(iso_time(0).encode(), np.uint8)
+    texts = np.empty((len(t_ns), time_width(zone)), np.uint8)
+    texts[:] = np.frombuffer(iso_time(0, zone).encode(), np.uint8)
+    if zone != UTC:
+        seconds = seconds + _offsets_s(seconds, zone, texts)
     date = texts[:, : len("1970-01-01")]
     days = seconds // _DAY_S
     for day in days[:1] if (days == days[:1]).all() else np.unique(days):
@@ -46,12 +54,25 @@ def time_texts(time: pl.Series) -> pl.Series:
     clock = (seconds - days * _DAY_S).astype(np.uint32)
     for at, unit, below in ((11, 3600, 24), (14, 60, 60), (17, 1, 60)):
         texts[:, at : at + 2] = pairs[clock // unit % below]
-    left = (t_ns - seconds * _SECOND_NS).astype(np.uint32)
+    left = (t_ns % _SECOND_NS).astype(np.uint32)
     for at in range(27, 20, -2):  # the last two digits first
         left, pair = np.divmod(left, 100)
         texts[:, at : at + 2] = pairs[pair]
     texts[:, 20] = left + ord("0")
     return _texts(texts).zip_with(time.is_not_null(), pl.Series([None], dtype=pl.String()))
+
+
+def _offsets_s(seconds: Array, zone: tzinfo, texts: Array) -> Array:
+    """Seconds to add to UTC for the times of another zone; writes the offsets into the texts.
+
+    Zones change at quarters of an hour.
+    """
+    quarters, each = np.unique(seconds // _QUARTER_S, return_inverse=True)
+    starts_ns = [quarter * _QUARTER_S * _SECOND_NS for quarter in quarters.tolist()]
+    ends = "".join(iso_time(t_ns, zone)[_OFFSET] for t_ns in starts_ns).encode()
+    texts[:, _OFFSET] = np.frombuffer(ends, np.uint8).reshape(-1, _OFFSET_LENGTH)[each]
+    found = [zone_at(t_ns, zone).utcoffset(None) // _SECOND for t_ns in starts_ns]
+    return np.array(found, np.int64)[each]
 
 
 def _texts(characters: Array) -> pl.Series:
@@ -98,7 +119,8 @@ def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
         ports = {port: printable(port).ljust(PORT_WIDTH) for port in frame["port"].unique()}
         cells.insert(0, _replaced(frame["port"], ports))
     if layout.times:
-        cells.insert(0, time_texts(frame["time"]).fill_null("-").str.pad_end(TIME_WIDTH))
+        times = time_texts(frame["time"], layout.zone).fill_null("-")
+        cells.insert(0, times.str.pad_end(layout.time_width))
     lines = pl.concat_str(map(pl.lit, cells), separator=GAP).str.strip_chars_end(" ")
     return joined_lines(pl.select(lines).to_series())
 

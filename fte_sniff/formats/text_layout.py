@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import (
@@ -23,7 +24,6 @@ ORDER_MARK = "~"
 GAP = "  "
 
 KIND_WIDTH = max(len(kind.name) for kind in KINDS)
-TIME_WIDTH = len(iso_time(0))
 VALUES_WIDTH = max(
     len(" ".join(f"{field.name}={field.text(field.low)}" for field in kind.fields))
     for kind in KINDS
@@ -32,9 +32,15 @@ OFFSET_WIDTH = 9
 PORT_WIDTH = 14
 RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
 _CLOCK = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
+_CLOCK_WIDTH = _CLOCK.stop - _CLOCK.start
 
-_WIDTHS = (TIME_WIDTH, PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
-_NARROW_WIDTHS = (_CLOCK.stop - _CLOCK.start, PORT_WIDTH, 1, KIND_WIDTH, 0)
+_WIDTHS = (PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
+_NARROW_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
+
+
+def time_width(zone: tzinfo) -> int:
+    """The characters of every time in a zone."""
+    return len(iso_time(0, zone))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +49,25 @@ class TextLayout:
 
     times: bool
     ports: bool
+    zone: tzinfo = UTC
+    """Zone of the times."""
+
+    @property
+    def time_width(self) -> int:
+        """The characters of a time."""
+        return time_width(self.zone)
 
     def header(self) -> list[str]:
         """The names above the cells."""
         offset = "offset".rjust(OFFSET_WIDTH)
-        return self._padded(_WIDTHS, "time", "port", offset, "", "kind", "values", "raw", "faults")
+        names = ("time", "port", offset, "", "kind", "values", "raw", "faults")
+        return self._padded((self.time_width, *_WIDTHS), *names)
 
     def cells(self, row: Row) -> list[str]:
         """The cells of a row."""
         return self._padded(
-            _WIDTHS,
-            "-" if row.t_ns is None else iso_time(row.t_ns),
+            (self.time_width, *_WIDTHS),
+            "-" if row.t_ns is None else iso_time(row.t_ns, self.zone),
             printable(row.port),
             str(row.offset).rjust(OFFSET_WIDTH),
             mark_of(row),
@@ -71,7 +85,8 @@ class TextLayout:
 
     def narrow_header(self) -> list[str]:
         """The names above the cells for a narrow terminal."""
-        return self._padded(_NARROW_WIDTHS, "time UTC", "port", "", "kind", "values")
+        time = "time UTC" if self.zone == UTC else "local time"
+        return self._padded((_CLOCK_WIDTH, *_NARROW_WIDTHS), time, "port", "", "kind", "values")
 
     def narrow_cells(self, row: Row) -> list[str]:
         """The cells of a row for a narrow terminal: no offset, and the faults before the bytes."""
@@ -79,9 +94,10 @@ class TextLayout:
         text = GAP.join(filter(None, (values_text(row), faults, raw)))
         if not isinstance(row, Frame):
             kind, text = faults, raw
-        clock = "" if row.t_ns is None else iso_time(row.t_ns)[_CLOCK]
+        clock = "" if row.t_ns is None else iso_time(row.t_ns, self.zone)[_CLOCK]
         port = printable(row.port)[-PORT_WIDTH:]
-        return self._padded(_NARROW_WIDTHS, clock, port, mark_of(row), kind, text)
+        cells = (clock, port, mark_of(row), kind, text)
+        return self._padded((_CLOCK_WIDTH, *_NARROW_WIDTHS), *cells)
 
     def _padded(self, widths: tuple[int, ...], *cells: str) -> list[str]:
         padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]

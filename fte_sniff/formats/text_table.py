@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import UTC, tzinfo
 from textwrap import wrap
 from typing import TYPE_CHECKING, TextIO
 
@@ -23,9 +24,9 @@ class PlainWriter:
 
     shows_order = True
 
-    def __init__(self, stream: TextIO, *, ports: bool) -> None:
+    def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
         self._stream = stream
-        self._ports = ports
+        self._ports, self._zone = ports, zone
         self._layout: TextLayout | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
@@ -44,7 +45,7 @@ class PlainWriter:
 
     def _begin(self, *, times: bool) -> TextLayout:
         if self._layout is None:
-            self._layout = TextLayout(times=times, ports=self._ports)
+            self._layout = TextLayout(times=times, ports=self._ports, zone=self._zone)
             self._stream.write(_joined(self._layout.header()))
         return self._layout
 
@@ -63,15 +64,16 @@ class RichWriter:
     offsets are left out, and faults precede the bytes.
     """
 
-    def __init__(self, console: Console, *, ports: bool) -> None:
+    def __init__(self, console: Console, *, ports: bool, zone: tzinfo = UTC) -> None:
         self._console = console
-        self._ports = ports
+        self._ports, self._zone = ports, zone
         self._cells: Callable[[Row], Iterable[str]] | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; there is a time column if the first row has a time."""
         if rows and self._cells is None:
-            self._cells = self._begin(TextLayout(times=rows[0].t_ns is not None, ports=self._ports))
+            times = rows[0].t_ns is not None
+            self._cells = self._begin(TextLayout(times=times, ports=self._ports, zone=self._zone))
         if self._cells is not None:
             for row in rows:
                 self._print(GAP.join(self._cells(row)), _style_of(row))

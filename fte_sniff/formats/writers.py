@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from collections.abc import Sequence
+from datetime import UTC, tzinfo
 from enum import StrEnum
 from io import BytesIO
 from types import MappingProxyType
@@ -82,25 +83,31 @@ CHOOSABLE: Final = (OutputFormat.JSONL, OutputFormat.CSV)
 
 
 def row_writer(
-    form: OutputFormat, stream: TextIO, *, ports: bool, columns: Sequence[str] = ALL_COLUMNS
+    form: OutputFormat,
+    stream: TextIO,
+    *,
+    ports: bool,
+    columns: Sequence[str] = ALL_COLUMNS,
+    zone: tzinfo = UTC,
 ) -> RowWriter:
     """Create the writer of a text format or hex; a table is coloured on a terminal.
 
-    `ports` is whether a table has a column for the port, `columns` those of `CHOOSABLE` formats.
+    `ports` is whether a table has a column for the port, `columns` those of `CHOOSABLE` formats,
+    `zone` that of the times in a table or CSV; JSON lines have UTC.
     """
     if form is OutputFormat.JSONL:
         return JsonlWriter(stream, columns)
     if form is OutputFormat.CSV:
-        return CsvWriter(stream, columns)
+        return CsvWriter(stream, columns, zone)
     if form is OutputFormat.HEX:
         return HexWriter(stream)
     from fte_sniff.formats.text_table import PlainWriter, RichWriter
 
     if not stream.isatty():
-        return PlainWriter(stream, ports=ports)
+        return PlainWriter(stream, ports=ports, zone=zone)
     from rich.console import Console
 
-    return RichWriter(Console(file=stream), ports=ports)
+    return RichWriter(Console(file=stream), ports=ports, zone=zone)
 
 
 class _LineWriter:
@@ -166,16 +173,18 @@ def _escaped(found: re.Match[str]) -> str:
 class CsvWriter(_LineWriter):
     """Writes CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
 
-    def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
+    def __init__(
+        self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS, zone: tzinfo = UTC
+    ) -> None:
         super().__init__(stream)
-        self._columns = columns
+        self._columns, self._zone = columns, zone
         self._writer = csv.writer(stream, lineterminator="\n")
         self._has_header = False
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows, after the header."""
         self._write_header()
-        self._writer.writerows(_values(row, self._columns) for row in rows)
+        self._writer.writerows(_values(row, self._columns, self._zone) for row in rows)
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a DataFrame with the columns of the row contract."""
@@ -188,7 +197,8 @@ class CsvWriter(_LineWriter):
         names = {port: printable(port) or None for port in ports.unique()}
         if any(port != name for port, name in names.items()):
             ports = ports.replace_strict(names, return_dtype=pl.String())
-        times, faults = time_texts(frame["time"]), faults_texts(frame["faults"])
+        times = time_texts(frame["time"], self._zone)
+        faults = faults_texts(frame["faults"])
         texts = frame.with_columns(ports, time=times, faults=faults).select(self._columns)
         self._stream.write(texts.write_csv(include_header=False, line_terminator="\n"))
 
@@ -202,9 +212,9 @@ class CsvWriter(_LineWriter):
             self._writer.writerow(self._columns)
 
 
-def _values(row: Row, columns: Sequence[str]) -> list[Value]:
+def _values(row: Row, columns: Sequence[str], zone: tzinfo) -> list[Value]:
     values = record(row)
-    values["time"] = None if row.t_ns is None else iso_time(row.t_ns)
+    values["time"] = None if row.t_ns is None else iso_time(row.t_ns, zone)
     values["port"] = printable(row.port)
     values["faults"] = faults_text(row.faults)
     chosen = (values[name] for name in columns)

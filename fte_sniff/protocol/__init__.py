@@ -38,6 +38,9 @@ from fte_sniff.protocol.columns import (
 from fte_sniff.protocol.columns import (
     spaced_hex as spaced_hex,
 )
+from fte_sniff.protocol.columns import (
+    zone_at as zone_at,
+)
 from fte_sniff.protocol.framer import Framer as Framer
 from fte_sniff.protocol.items import (
     Chunk as Chunk,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from enum import StrEnum
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
@@ -263,10 +263,25 @@ DERIVED = frozenset(column.name for column in COLUMNS if column.derived)
 """The columns that `analysis.facts` computes."""
 
 
-def iso_time(t_ns: int) -> str:
-    """Format nanoseconds since 1970 UTC as ISO 8601: `2026-01-31T12:00:00.000000001Z`."""
+def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:
+    """Format nanoseconds since 1970 UTC as ISO 8601: `2026-01-31T12:00:00.000000001Z`.
+
+    In other zones the offset takes the place of `Z`: `2026-01-31T20:00:00.000000001+08:00`.
+    """
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+    if zone == UTC:
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+    moment = datetime.fromtimestamp(seconds, zone_at(t_ns, zone)).isoformat()
+    return f"{moment[:19]}.{nanoseconds:09d}{moment[19:]}"
+
+
+def zone_at(t_ns: int, zone: tzinfo) -> timezone:
+    """Fixed offset of a zone at a time, in whole minutes, since ISO 8601 has no seconds there."""
+    if zone == UTC:
+        return UTC
+    moment = datetime.fromtimestamp(t_ns // 1_000_000_000, UTC).astimezone(zone)
+    offset = moment.utcoffset() or timedelta(0)
+    return timezone(timedelta(minutes=offset // timedelta(minutes=1)))
 
 
 def faults_text(faults: tuple[Fault, ...]) -> str:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, tzinfo
 from pathlib import Path
 from queue import Full, Queue
 from threading import Event, Thread
@@ -47,6 +48,8 @@ class ExportSource:
     """Metadata of the recordings that the rows come from."""
     columns: Sequence[str] = ALL_COLUMNS
     """The columns to write, in a format whose columns can be chosen."""
+    zone: tzinfo = UTC
+    """Zone of the times in a table or CSV."""
 
     def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
         """What is known about the rows between two times; None for no bound."""
@@ -102,7 +105,11 @@ class _TextSink:
             else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         )
         self._writer = row_writer(
-            form, self._stream, ports=len(source.ports) > 1, columns=source.columns
+            form,
+            self._stream,
+            ports=len(source.ports) > 1,
+            columns=source.columns,
+            zone=source.zone,
         )
         self._rows = 0
 

@@ -29,6 +29,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
+from fte_sniff.protocol import zone_at
 from fte_sniff.session.notes import Place, RowKey
 from fte_sniff.tui.commands import (
     COMMANDS,
@@ -59,7 +60,6 @@ from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
-from fte_sniff.tui.table.columns import zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
+from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.save import UNKNOWN, ExportSource
@@ -88,8 +89,8 @@ class StartOptions:
     """Problems from before the screen opened, a sentence each."""
     export_source: ExportSource = UNKNOWN
     """Facts about the rows that are saved with them."""
-    zone: tzinfo | None = None
-    """Zone of local times; None for this machine's."""
+    zone: tzinfo = LOCAL
+    """Zone of local times."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store bounded by `keep_rows`; one for all rows where a source can read them again."""

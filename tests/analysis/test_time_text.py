@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from datetime import UTC, timedelta, timezone, tzinfo
+import time
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from zoneinfo import ZoneInfo
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, duration_ns, time_ns
+from fte_sniff.analysis.time_text import (
+    DAY_NS,
+    LOCAL,
+    SECOND_NS,
+    clock_time,
+    duration_ns,
+    time_ns,
+    zone_of,
+)
+from fte_sniff.errors import InputTextError
 from fte_sniff.protocol import iso_time
 
 NOON_NS = 1_769_860_800 * SECOND_NS
@@ -122,3 +132,45 @@ def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
 )
 def test_a_duration(text: str, ns: int | None) -> None:
     assert duration_ns(text) == ns
+
+
+@pytest.mark.parametrize(
+    ("text", "near"),
+    [
+        ("Asia/Shanghia", "Asia/Shanghai"),
+        ("asia/shanghai ", "Asia/Shanghai"),
+        ("shanghai", "Asia/Shanghai"),
+        ("new york", "America/New_York"),
+        ("locale", "local"),
+        ("CST6", ""),
+    ],
+)
+def test_unknown_zone_is_refused_with_the_nearest_one(text: str, near: str) -> None:
+    with pytest.raises(InputTextError, match=r"--zone: .* is not a time zone; ") as refused:
+        zone_of(text)
+    advice = f"did you mean {near}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
+    assert str(refused.value).endswith(advice)
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="the zone of a process cannot be set")
+@given(t_ns=st.integers(0, 2**62))
+def test_local_zone_is_that_of_the_machine(t_ns: int) -> None:
+    """Also in the hour that comes twice when summer time ends."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("Europe/Berlin", "Asia/Shanghai", "Australia/Lord_Howe"):
+            patch.setenv("TZ", name)
+            time.tzset()
+            for t in (t_ns, *_AUTUMN_NS):
+                assert iso_time(t, zone_of("local")) == iso_time(t, ZoneInfo(name))
+                moment = datetime.fromtimestamp(t // SECOND_NS, LOCAL)
+                assert moment.timestamp() == t // SECOND_NS
+                if t > _RULES_NS:
+                    assert time_ns(f"{moment:%Y-%m-%dT%H:30}", LOCAL) == time_ns(
+                        f"{moment:%Y-%m-%dT%H:30}", ZoneInfo(name)
+                    )
+    time.tzset()
+
+
+_RULES_NS = time_ns("2000-01-01") or 0
+_AUTUMN_NS = [time_ns(f"2026-10-25T0{hour}:30Z") or 0 for hour in range(3)]
+"""Around the end of summer time in Berlin."""

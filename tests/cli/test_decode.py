@@ -7,6 +7,7 @@ import gc
 import io
 import json
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -581,6 +582,47 @@ def test_a_day_or_zone_that_is_none(run, samples: Path, option: str, value: str)
     done = run("decode", samples / "idle.hex", option, value)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert value in done.stderr
+
+
+def test_zone_changes_the_times_of_text_only(run, samples: Path) -> None:
+    def times(form: str, *zone: str) -> list[str]:
+        done = run("decode", samples / "clean.mcap", "--format", form, *zone)
+        assert done.returncode == 0, done.stderr
+        return re.findall(r"2026-0\S+?(?:Z|[+-]\d\d:\d\d)", done.stdout + done.stderr)
+
+    utc = times("csv")
+    for form in ("csv", "table"):
+        found = times(form, "--zone", "Asia/Shanghai")
+        assert found[0] == "2026-01-31T20:00:00.000350850+08:00"
+        # The summary has the first time too.
+        moments = [datetime.fromisoformat(f"{time[:26]}{time[29:]}") for time in found]
+        assert moments == [datetime.fromisoformat(f"{time[:26]}Z") for time in utc]
+    assert times("jsonl", "--zone", "Asia/Shanghai")[:-1] == utc[:-1]
+
+
+@pytest.mark.parametrize(
+    ("command", "shown"),
+    [
+        (("decode", "--format", "csv"), "2026-01-31T21:00:00.029484529+09:00"),
+        (("stats",), "first      2026-01-31T21:00:00.029484529+09:00"),
+        (("stats",), "until 21:00:16.529;"),
+        (("findings",), "1. unanswered, motor 3, 21:00:29 to 21:01:00"),
+        (
+            ("check", "--expect", "count(unanswered) == 0"),
+            "first at 2026-01-31T21:00:30.089133026+09",
+        ),
+        (
+            ("check", "--expect", "count(unanswered) == 0", "--format", "junit"),
+            "first at 2026-01-31T21:00:30.089133026+09",
+        ),
+    ],
+)
+def test_commands_print_times_in_the_zone(
+    run, samples: Path, command: tuple[str, ...], shown: str
+) -> None:
+    name, *options = command
+    done = run(name, samples / "motor3.mcap", *options, "--zone", "Asia/Tokyo")
+    assert shown in done.stdout
 
 
 def test_a_log_that_swaps_the_directions_is_reported(run) -> None:

@@ -54,6 +54,20 @@ def test_count_ends_it_and_the_recording_holds_just_that(run, tmp_path: Path) ->
     assert "recorded to x.mcap" in done.stderr
 
 
+def test_lines_are_in_the_zone_and_the_recording_in_utc(run, tmp_path: Path) -> None:
+    wanted = ("--zone", "Asia/Tokyo")
+    done = run(
+        "live", "sim://?seed=1&rate=1000", *wanted, "--plain", "--count", "9", "-o", "x.mcap"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("+09:00") == 9
+    assert run("decode", "x.mcap", *wanted).stdout == done.stdout
+    assert run("decode", "x.mcap").stdout.count("Z  ") == 9
+    refused = run("live", "sim://", "--no-record", "--plain", "--zone", "Asia/Tokio")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.endswith("is not a time zone; did you mean Asia/Tokyo?\n")
+
+
 @pytest.mark.parametrize("duration", ["0.4", "0.4s", "0.005 min"])
 def test_duration_ends_it(run, duration: str) -> None:
     done = run("live", "sim://?rate=500", "--duration", duration, "--no-record")

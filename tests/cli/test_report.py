@@ -202,6 +202,23 @@ def test_a_narrow_range_has_exactly_the_rows(run, tmp_path, browser, samples) ->
     assert targets[: len(speeds)] == speeds
 
 
+@needs_browser
+def test_tables_and_plots_are_in_the_zone(run, tmp_path, browser, samples) -> None:
+    """Labels of an axis are those of UTC, so its places are shifted by the offset."""
+    found = []
+    for zone in ("UTC", "Asia/Tokyo"):
+        page = made(run, tmp_path, samples / "motor3.mcap", "--zone", zone)
+        shown(browser, page)
+        found.append((source(browser, "rpm-1-actual")["x"], page.read_text("utf-8")))
+    (utc, before), (tokyo, after) = found
+    assert tokyo == pytest.approx([x + 9 * 3600 * 1000 for x in utc])
+    assert "Times are UTC." in before
+    assert "Times are UTC+09:00." in after
+    for page, hour in ((before, 12), (after, 21)):
+        assert f"Motor 3, 2026-01-31 {hour}:00:29" in page
+        assert f"<td>2026-01-31 {hour}:00:00.029</td>" in page
+
+
 SHORT_LOG = """
 [12:00:00.000] TX: AA 01 01 03 E8 00 00 00 00 EE
 [12:00:00.050] TX: AA 01 01 01 F4 00 00 00 00 EE

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import random
+from datetime import UTC, timedelta, timezone, tzinfo
 from itertools import accumulate
+from zoneinfo import ZoneInfo
 
 import pytest
 from hypothesis import given
@@ -21,9 +23,9 @@ FORMS = (OutputFormat.TABLE, OutputFormat.CSV, OutputFormat.JSONL)
 BEGIN_NS = 1_769_860_800_000_000_001
 
 
-def written(rows: list[Row], form: OutputFormat, *, ports: bool = False) -> str:
+def written(rows: list[Row], form: OutputFormat, *, ports: bool = False, zone: tzinfo = UTC) -> str:
     stream = io.StringIO()
-    writer = row_writer(form, stream, ports=ports)
+    writer = row_writer(form, stream, ports=ports, zone=zone)
     writer.write(rows)
     writer.close()
     return stream.getvalue()
@@ -61,17 +63,21 @@ GAPS = st.sampled_from([0, 1, 86_806, 868_060, 5_000_000, 10**9])
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("ports", [False, True])
-@given(steps=st.lists(st.tuples(FRAMES, GAPS), min_size=1, max_size=12), timed=st.booleans())
+@given(
+    steps=st.lists(st.tuples(FRAMES, GAPS), min_size=1, max_size=12),
+    timed=st.booleans(),
+    zone=st.sampled_from([UTC, ZoneInfo("Asia/Shanghai"), timezone(-timedelta(hours=9.5))]),
+)
 @examples(20)
 def test_rows_come_back_at_their_times(
-    form: OutputFormat, ports: bool, steps: list[tuple[bytes, int]], timed: bool
+    form: OutputFormat, ports: bool, steps: list[tuple[bytes, int]], timed: bool, zone: tzinfo
 ) -> None:
     times = list(accumulate((gap for _, gap in steps), initial=BEGIN_NS))
     rows: list[Row] = [
         Frame("a name  with spaces", 10 * at, raw, times[at] if timed else None)
         for at, (raw, _) in enumerate(steps)
     ]
-    assert reported(read_back(written(rows, form, ports=ports))) == reported(rows)
+    assert reported(read_back(written(rows, form, ports=ports, zone=zone))) == reported(rows)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -124,6 +130,17 @@ def test_what_is_cut_is_called_so(form: OutputFormat, keep: int, said: str) -> N
     with pytest.raises(InputTextError) as caught:
         read_back(cut)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("right", "wrong"), [("2026-01-31T", "2026-13-31T"), ("000000001Z", "000000001+99:00")]
+)
+def test_impossible_time_is_one_line(form: OutputFormat, right: str, wrong: str) -> None:
+    text = written([Frame("p", 0, frame("reset"), BEGIN_NS)], form)
+    assert right in text
+    with pytest.raises(InputTextError, match=r"this row of fte-sniff's .* is cut or damaged"):
+        read_back(text.replace(right, wrong))
 
 
 @pytest.mark.parametrize("form", [OutputFormat.CSV, OutputFormat.JSONL])

@@ -87,7 +87,9 @@ class ExportController:
         rows = self._rows_to_copy()
         if rows is not None:
             stream = StringIO()
-            row_writer(OutputFormat.TABLE, stream, ports=len(self._model.ports) > 1).write(rows)
+            zone = self._table.view.shown_zone
+            ports = len(self._model.ports) > 1
+            row_writer(OutputFormat.TABLE, stream, ports=ports, zone=zone).write(rows)
             text = stream.getvalue()
             if len(rows) == 1:
                 # A single row needs neither columns nor their names.
@@ -163,7 +165,8 @@ class ExportController:
     def _export_source(self, selected: range) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
         store = self._model.store
-        source = replace(self._source, ports=self._model.ports)
+        zone = self._table.view.shown_zone
+        source = replace(self._source, ports=self._model.ports, zone=zone)
         if selected:
             first, last = store.row(selected.start), store.row(selected.stop - 1)
             source = source.within(first.t_ns, last.t_ns)

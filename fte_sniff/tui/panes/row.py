@@ -19,9 +19,9 @@ from fte_sniff.analysis.relations import AnswerState, CommandAnswer
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import listed, printable
-from fte_sniff.formats.cell_text import moment_text, padded, wrap
+from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
-from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
+from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
@@ -125,7 +125,7 @@ def detail_text(
 def _heading(row: Row, palette: Palette, layout: DetailLayout, zone: tzinfo) -> list[Text]:
     kind = row.kind if isinstance(row, Frame) else None
     name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
-    time = _("no time") if row.t_ns is None else moment_text(row.t_ns, zone)
+    time = _("no time") if row.t_ns is None else iso_time(row.t_ns, zone)
     position = _(
         "offset {offset:,}  {length} bytes  {port}",
         offset=row.offset,

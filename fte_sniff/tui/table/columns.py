@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from datetime import UTC, timezone
 from functools import cache
 
 from rich.cells import cell_len
@@ -93,20 +93,12 @@ class TableView:
     """Whether bytes that changed are highlighted, and the others dimmed."""
     events: bool = True
     zone: timezone = UTC
+    """Offset of local times; one for the whole table, also where clocks are changed later."""
 
     @property
     def shown_zone(self) -> timezone:
         """Zone of the times of day."""
         return self.zone if self.times is TimeStyle.LOCAL else UTC
-
-
-def zone_at(t_ns: int, zone: tzinfo | None) -> timezone:
-    """Fixed offset of a zone at a time; None is this machine's zone.
-
-    The whole table has one offset, which its head names, also where clocks are changed later.
-    """
-    moment = datetime.fromtimestamp(t_ns // 1_000_000_000, UTC).astimezone(zone)
-    return timezone(moment.utcoffset() or timedelta(0))
 
 
 VALUES = "values"

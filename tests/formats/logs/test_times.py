@@ -281,7 +281,7 @@ def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
     "text", ["Beijing", "+99:99", "", "../etc", "+24", "+08:60", "+23:59:59.5", "+8:", "8", "+٨"]
 )
 def test_what_is_no_zone(text: str) -> None:
-    with pytest.raises(InputTextError, match=r"--zone: .* is not a zone; write \+08:00"):
+    with pytest.raises(InputTextError, match=r"--zone: .* is not a time zone; write \+08:00"):
         zone_of(text)
 
 
