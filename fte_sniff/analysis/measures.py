@@ -26,6 +26,7 @@ from fte_sniff.protocol import (
     KINDS,
     MOTORS,
     Direction,
+    Frame,
     Gap,
     GapKind,
     PortEvent,
@@ -141,6 +142,9 @@ class RowPosition(NamedTuple):
     """Of its first byte in the port's stream."""
     file: str = ""
     """The input's name, text from outside; empty during a capture."""
+    motor: int | None = None
+    """The motor that the row names."""
+    raw: bytes = b""
 
 
 class _FirstRows(Model):
@@ -166,8 +170,10 @@ class _FirstRows(Model):
 
     def position(self, rows: Rows, at: int) -> RowPosition:
         """The position of a row of a batch."""
-        port = rows.codebook.ports[rows.port[at]]
-        return RowPosition(int(rows.t_ns[at]), port, int(rows.offset[at]), self.file)
+        row = rows[int(at)]
+        motor = row.values.get(_MOTOR) if isinstance(row, Frame) else None
+        t_ns = NO_TIME if row.t_ns is None else row.t_ns
+        return RowPosition(t_ns, row.port, row.offset, self.file, motor, row.raw)
 
     def add(self, positions: Sequence[RowPosition]) -> None:
         """Add rows by their positions."""
@@ -187,9 +193,14 @@ class Measure(Model, ABC):
     """One measure of the rows so far."""
 
     def __init__(self, rule: Rule) -> None:
+        self._filter = rule.filter_text
         self._too_large = rule.least_too_large
         self._too_small = rule.greatest_too_small
         self._first = _FirstRows(self._least_violating())
+
+    def conditions(self) -> list[str]:
+        """Filters that the row that is shown passes, and others like it."""
+        return [] if self._filter is None else [self._filter]
 
     def _least_violating(self) -> int:
         """The number of rows that violates the rule, the last of which is shown; 0 to show none."""
@@ -206,6 +217,12 @@ class Measure(Model, ABC):
         if number > MOST_KEPT:
             return MOST_KEPT + 1
         return max(1, math.ceil(number) if inclusive else math.floor(number) + 1)
+
+    def _beyond(self, field: str, *, below: bool = False) -> str:
+        """The filter for values of a field that violate the rule."""
+        number, inclusive = self._too_small if below else self._too_large
+        operator = f"{'<' if below else '>'}{'=' if inclusive else ''}"
+        return f"{field} {operator} {number:.15g}" if math.isfinite(number) else ""
 
     def _falls_below(self, values: Array) -> Bools:
         number, inclusive = self._too_small
@@ -332,6 +349,10 @@ class _FieldValues(Measure):
         elif self._which == "min":
             self._first.observe(rows, found[self._falls_below(own)])
 
+    def conditions(self) -> list[str]:
+        """See `Measure`."""
+        return [*super().conditions(), self._beyond(self._field, below=self._which == "min")]
+
     def _extend(self, least: float, greatest: float) -> None:
         self._least = least if self._least is None else min(least, self._least)
         self._greatest = greatest if self._greatest is None else max(greatest, self._greatest)
@@ -404,6 +425,10 @@ class _MaxGap(Measure):
 
     def _least_violating(self) -> int:
         return 1
+
+    def conditions(self) -> list[str]:
+        """None: other rows show what came instead."""
+        return []
 
     def observe(self, rows: Rows, matches: Bools) -> None:
         timed = np.flatnonzero(rows.timed)
@@ -527,6 +552,14 @@ class _CommandAnswers(Measure):
                 at = int(commands[-1])
                 self._open[motor] = self._first.position(rows, at), bool(matches[at])
 
+    def conditions(self) -> list[str]:
+        """See `Measure`."""
+        return [*super().conditions(), self._state()]
+
+    def _state(self) -> str:
+        """The filter for the commands that violate the rule."""
+        return "unanswered"
+
     def _decide(
         self, positions: Sequence[RowPosition], answered: Bools, delays_ns: Ints, ends_ns: Ints
     ) -> None:
@@ -578,6 +611,9 @@ class _AnswerDelay(_CommandAnswers):
     def _least_violating(self) -> int:
         return 1
 
+    def _state(self) -> str:
+        return self._beyond("answer_ms")
+
     def _shown(self, answered: Bools, delays_ns: Ints) -> Bools:
         shown: Bools = (delays_ns != NO_TIME) & self._exceeds(delays_ns / _MILLISECOND)
         return shown
@@ -624,6 +660,10 @@ class _OnlineShare(Measure):
         held_ns = np.maximum(np.diff(t_ns), 0)
         self._known_ns += int(held_ns.sum())
         self._on_ns += int(held_ns[bits[:-1]].sum())
+
+    def conditions(self) -> list[str]:
+        """See `Measure`."""
+        return [str(Direction.FEEDBACK)]
 
     def _hold(self, before: tuple[int, bool], after: tuple[int, bool]) -> None:
         """A bit held until the next feedback."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,7 +19,8 @@ from fte_sniff.analysis.model import RowModel
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import Bools, Rows
+from fte_sniff.protocol.rows import NO_TIME, Bools, Rows
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 
 class RuleResult(StrEnum):
@@ -42,6 +44,8 @@ class Verdict:
     """The first row that violates a failed rule, if one row can show it."""
     needs: str = ""
     """What the measure needs to have a value, if the rows lack it."""
+    filter: str = ""
+    """A filter for rows as the one that is shown; empty for all."""
 
     @property
     def refuses(self) -> bool:
@@ -55,6 +59,20 @@ def _needs_facts(rule: Rule) -> bool:
     """Whether it reads a column that depends on other rows."""
     text = rule.filter_text
     return rule.argument in DERIVED or (text is not None and RowFilter.parse(text).needs_facts)
+
+
+def _filter_of(conditions: Sequence[str], row: RowPosition | None) -> str:
+    """The filter for rows as the one that violates a rule."""
+    parts = dict.fromkeys(filter(None, conditions))
+    if parts and row is not None and row.motor is not None:
+        parts[f"{NAME_OF_ROLE[Role.MOTOR]} = {row.motor}"] = None
+    if row is not None and row.t_ns == NO_TIME:
+        parts[f"offset = {row.offset}"] = None
+    if len(parts) == 1:
+        return next(iter(parts))
+    return " AND ".join(
+        f"({part})" if re.search(r"\bor\b", part, re.IGNORECASE) else part for part in parts
+    )
 
 
 class RuleCheck(RowModel):
@@ -141,7 +159,9 @@ class RuleCheck(RowModel):
             elif rule.holds(value):
                 found.append(Verdict(rule, value, RuleResult.PASS))
             else:
-                found.append(Verdict(rule, value, RuleResult.FAIL, measure.row))
+                row = measure.row
+                shown = _filter_of(measure.conditions(), row)
+                found.append(Verdict(rule, value, RuleResult.FAIL, row, filter=shown))
         return found
 
     def _without_value(self, rule: Rule) -> RuleResult:

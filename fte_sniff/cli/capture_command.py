@@ -24,6 +24,7 @@ from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
 from fte_sniff.cli.datagrams import Datagrams, address_of
 from fte_sniff.cli.foxglove_server import DEFAULT_ADDRESS, FoxgloveServer
+from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
@@ -297,7 +298,8 @@ class Judge(Observer):
         check = self._check
         if session.state.error is not None and not check.total.rows:
             return
-        for line in verdict_lines(check.verdicts(), None):
+        query = InputQuery(tuple(path for path in session.state.recordings if path.is_file()))
+        for line in verdict_lines(check.verdicts(), None, query=query):
             print_err(line.plain.rstrip())
         if check.unseen:
             print_err(

@@ -54,5 +54,5 @@ def command(
     from fte_sniff.analysis.verdicts import RuleCheck
 
     check, measured = measure(query, partial(RuleCheck, wanted), jobs, cluster)
-    print_verdicts(check, form, measured.reading, measured.files)
+    print_verdicts(check, form, measured.reading, query)
     measured.finish(refused=any(one.refuses for one in check.verdicts()))

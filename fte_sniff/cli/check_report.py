@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, tzinfo
 from functools import partial
 from pathlib import Path
@@ -11,11 +12,13 @@ from xml.etree import ElementTree as ET
 
 import click
 
+from fte_sniff.cli.input_files import STDIN, InputQuery
 from fte_sniff.cli.output import print_json
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
-from fte_sniff.protocol import Status, iso_time
+from fte_sniff.protocol import Status, iso_time, spaced_hex
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.session.stats_json import MOTOR
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -55,28 +58,26 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
     return found
 
 
-def print_verdicts(check: RuleCheck, form: str, reading: InputReading, files: int) -> None:
+def print_verdicts(check: RuleCheck, form: str, reading: InputReading, query: InputQuery) -> None:
     """Print the verdicts about files on standard output."""
     verdicts = check.verdicts()
     if form == "json":
-        print_json(_object(check, verdicts, reading))
+        print_json(_object(check, verdicts, reading, query))
     elif form == "junit":
-        click.echo(junit_xml(verdicts, reading, names_files=files > 1))
+        click.echo(junit_xml(verdicts, reading, query))
     else:
         from fte_sniff.cli.stats_report import print_lines
 
-        zone = reading.source.zone
-        print_lines(partial(verdict_lines, verdicts, names_files=files > 1, zone=zone))
+        print_lines(partial(verdict_lines, verdicts, query=query, zone=reading.source.zone))
 
 
 def verdict_lines(
-    verdicts: Sequence[Verdict],
-    width: int | None,
-    *,
-    names_files: bool = False,
-    zone: tzinfo = UTC,
+    verdicts: Sequence[Verdict], width: int | None, *, query: InputQuery, zone: tzinfo = UTC
 ) -> Iterator[Text]:
-    """A line for each rule; below it the first row that violates it, or what the rule needs."""
+    """A line for each rule; below it the first row that violates it, or what the rule needs.
+
+    The inputs of `query` have the rows. The lines of a row are longer than `width` if need be.
+    """
     from rich.text import Text
 
     from fte_sniff.cli.stats_report import TextTable
@@ -92,7 +93,9 @@ def verdict_lines(
     for one, line in zip(verdicts, lines, strict=True):
         yield line
         if one.row is not None:
-            yield Text(f"    first {_row_text(one.row, zone, names_file=names_files)}")
+            yield Text(f"    first {_row_text(one.row, query, zone)}", overflow="ignore")
+            if command := _view_command(one, query):
+                yield Text(f"    {printable(command)}", overflow="ignore")
         if one.needs:
             yield Text(f"    needs {one.needs}")
 
@@ -109,11 +112,30 @@ def measured_text(verdict: Verdict) -> str:
     return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
 
 
-def _row_text(row: RowPosition, zone: tzinfo, *, names_file: bool) -> str:
+_LONGEST_SHOWN: Final = 32
+"""Bytes of a row that a line has."""
+
+
+def _row_text(row: RowPosition, query: InputQuery, zone: tzinfo) -> str:
     place = f"offset {row.offset} of {printable(row.port)}"
     time = _time(row, zone)
     found = f"at {place}" if time is None else f"at {time}, {place}"
-    return f"in {printable(row.file)} {found}" if names_file else found
+    if row.motor is not None:
+        found += f", {MOTOR} {row.motor}"
+    more = len(row.raw) - _LONGEST_SHOWN
+    found += f": {spaced_hex(row.raw[:_LONGEST_SHOWN])}" + (f" … +{more:,}" if more > 0 else "")
+    is_only = query.files in ((Path(row.file),), (STDIN,))
+    return found if is_only or not row.file else f"in {printable(row.file)} {found}"
+
+
+def _view_command(verdict: Verdict, query: InputQuery) -> str:
+    """The command that shows the row of a verdict; empty for rows that cannot be read again."""
+    row, files = verdict.row, query.files
+    if row is None or not files or STDIN in files:
+        return ""
+    own = replace(query, files=(Path(row.file),) if row.file else files)
+    span_ns = None if _time(row) is None else (row.t_ns, row.t_ns)
+    return own.view_command(span_ns, verdict.filter)
 
 
 def _time(row: RowPosition, zone: tzinfo = UTC) -> str | None:
@@ -122,7 +144,9 @@ def _time(row: RowPosition, zone: tzinfo = UTC) -> str | None:
     return None if row.t_ns == NO_TIME else iso_time(row.t_ns, zone)
 
 
-def _object(check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading) -> dict[str, Any]:
+def _object(
+    check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading, query: InputQuery
+) -> dict[str, Any]:
     total, errors = check.total, [str(error) for error in reading.unreadable]
     return {
         "version": VERSION,
@@ -132,11 +156,11 @@ def _object(check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading
         "last_time": None if total.last_ns is None else iso_time(total.last_ns),
         "errors": errors,
         "notes": reading.notes,
-        "rules": [_rule(one) for one in verdicts],
+        "rules": [_rule(one, query) for one in verdicts],
     }
 
 
-def _rule(verdict: Verdict) -> dict[str, Any]:
+def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
     rule, row = verdict.rule, verdict.row
     return {
         "name": rule.name,
@@ -148,7 +172,7 @@ def _rule(verdict: Verdict) -> dict[str, Any]:
         "operator": rule.operator,
         "number": rule.number,
         "needs": verdict.needs or None,
-        "row": row and _row(row),
+        "row": row and {**_row(row), "view": _view_command(verdict, query) or None},
     }
 
 
@@ -158,10 +182,12 @@ def _row(row: RowPosition) -> dict[str, Any]:
         "file": row.file or None,
         "port": row.port,
         "offset": row.offset,
+        MOTOR: row.motor,
+        "raw": row.raw.hex().upper(),
     }
 
 
-def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, *, names_files: bool) -> str:
+def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, query: InputQuery) -> str:
     """The verdicts as a JUnit test suite; a file that cannot be read is an error."""
     errors = [str(error) for error in reading.unreadable]
     root = ET.Element("testsuites")
@@ -173,10 +199,10 @@ def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, *, names_files
         if one.refuses:
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
-                zone = reading.source.zone
-                details += f"; first {_row_text(one.row, zone, names_file=names_files)}"
+                details += f"; first {_row_text(one.row, query, reading.source.zone)}"
             details += _needs(one)
-            ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
+            failure = ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
+            failure.text = _xml(_view_command(one, query)) or None
         elif one.result == "not covered":
             ET.SubElement(case, "skipped", message=f"not covered{_needs(one)}")
     for error in errors:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from datetime import tzinfo
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,8 +17,6 @@ from fte_sniff.session.stats_json import MOTOR
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding, Findings
-
-_SECOND_NS = 1_000_000_000
 
 
 @click.command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
@@ -59,7 +55,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     if form == "json":
         print_json(findings_json(findings, found))
     else:
-        for line in _lines(findings, found, query.files, measured.reading.source.zone):
+        for line in _lines(findings, found, query, measured.reading.source.zone):
             click.echo(printable(line))
     measured.finish()
 
@@ -96,18 +92,8 @@ def finding_json(one: Finding) -> dict[str, Any]:
     }
 
 
-def view_command(one: Finding, files: Sequence[Path]) -> str:
-    """The command that shows the rows of a finding."""
-    names = [str(path) for path in files]
-    # Whole seconds around the span are shorter, and show what was before.
-    first, last = one.first_ns // _SECOND_NS, -(-one.last_ns // _SECOND_NS)
-    times = [f"{iso_time(second * _SECOND_NS)[:19]}Z" for second in (first, last)]
-    shown = ["--filter", one.filter] if one.filter else []
-    return shlex.join(["fte-sniff", "view", *names, "--from", times[0], "--to", times[1], *shown])
-
-
 def _lines(
-    findings: Findings, found: Sequence[Finding], files: Sequence[Path], zone: tzinfo
+    findings: Findings, found: Sequence[Finding], query: InputQuery, zone: tzinfo
 ) -> Iterator[str]:
     days = {iso_time(t_ns, zone)[:10] for one in found for t_ns in (one.first_ns, one.last_ns)}
     for number, one in enumerate(found, 1):
@@ -117,8 +103,8 @@ def _lines(
         about = f", motor {one.motor}" if one.motor else ""
         yield f"{number}. {one.cause}{about}, {first} to {last}"
         yield f"   {one.text}"
-        if STDIN not in files:
-            yield f"   {view_command(one, files)}"
+        if STDIN not in query.files:
+            yield f"   {query.view_command((one.first_ns, one.last_ns), one.filter)}"
     missing = findings.not_covered()
     if not found:
         covered = [cause for cause in findings.CAUSES if cause not in missing]

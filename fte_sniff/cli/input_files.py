@@ -12,12 +12,12 @@ from datetime import UTC, tzinfo
 from functools import partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from weakref import finalize
 
 import click
 
-from fte_sniff.analysis.time_text import day_of, time_ns, zone_of
+from fte_sniff.analysis.time_text import SECOND_NS, day_of, time_ns, zone_of
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
@@ -48,7 +48,7 @@ from fte_sniff.formats.input_kind import (
     raw_chunks,
     raw_stream_chunks,
 )
-from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import (
@@ -197,6 +197,20 @@ def input_options(
     return with_options
 
 
+_READING_OPTIONS: Final = {
+    "kind": "--input",
+    "topic": "--topic",
+    "day": "--date",
+    "zone": "--zone",
+    "start": "--start",
+    "samplerate": "--samplerate",
+    "log_form": "--form",
+    "pattern": "--input-regex",
+    "baud": "--baud",
+}
+"""The options that decide how inputs are read, by their names in `InputQuery`."""
+
+
 @dataclass(frozen=True, slots=True)
 class InputQuery:
     """The inputs of a command, how to read them, and which of their rows are wanted."""
@@ -264,6 +278,19 @@ class InputQuery:
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError for an unknown zone."""
         return None if self.zone is None else zone_of(self.zone)
+
+    def view_command(self, span_ns: tuple[int, int] | None, filter_text: str) -> str:
+        """The command that shows the rows of these inputs that a filter selects in a span."""
+        words = ["fte-sniff", "view", *map(str, self.files)]
+        for name, option in _READING_OPTIONS.items():
+            if (given := getattr(self, name)) is not None:
+                words += [option, str(given)]
+        if span_ns is not None:
+            # Whole seconds around the span are shorter, and show what was before.
+            first, last = span_ns[0] // SECOND_NS, span_ns[1] // SECOND_NS + 1
+            times = [f"{iso_time(second * SECOND_NS)[:19]}Z" for second in (first, last)]
+            words += ["--from", times[0], "--to", times[1]]
+        return shlex.join([*words, *(["--filter", filter_text] if filter_text else [])])
 
     def row_filter(self) -> RowFilter | None:
         """The compiled filter; raises FilterError."""

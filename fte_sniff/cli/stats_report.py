@@ -79,7 +79,10 @@ class TextTable:
 
 
 def print_lines(lines: Callable[[int | None], Iterable[Text]]) -> None:
-    """Print lines that fit a given width, None for any; with colours on a terminal."""
+    """Print lines that fit a given width, None for any; with colours on a terminal.
+
+    A longer line is cut, unless its overflow is `ignore`.
+    """
     if not sys.stdout.isatty():
         sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines(None))
         return
@@ -87,7 +90,8 @@ def print_lines(lines: Callable[[int | None], Iterable[Text]]) -> None:
 
     console = Console(file=sys.stdout)
     for line in lines(console.width):
-        console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
+        is_cut = line.overflow != "ignore"
+        console.print(line, no_wrap=True, overflow=line.overflow or "ellipsis", crop=is_cut)
 
 
 _LABEL: Final = 10

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -51,10 +52,12 @@ def test_exit_codes(run, samples: Path, rules: list[str], code: int) -> None:
 
 def test_the_table(run, samples: Path) -> None:
     done = run("check", samples / "damaged.mcap", "--expect", BAD, "--expect", UNCOVERED)
-    head, bad, first, uncovered, needs = done.stdout.splitlines()
+    head, bad, first, view, uncovered, needs = done.stdout.splitlines()
     assert head.split() == ["rule", "measured", "expected", "verdict"]
     assert re.fullmatch(rf"! {re.escape(BAD)} +66 rows +== 0 +fail", bad)
     assert first.startswith("    first at 2026-01-31T12:00:00.066938325Z, offset 20 of sim://")
+    assert first.endswith(": 55 01 02 00 00 00 00 00")
+    assert view.startswith("    fte-sniff view ")
     assert re.fullmatch(rf"! {re.escape(UNCOVERED)} +– +< 9 +not covered", uncovered)
     assert needs == "    needs a matching row with the field"
 
@@ -81,6 +84,56 @@ def test_every_key_is_described(run, samples: Path) -> None:
     reported = json.loads(done.stdout)
     (rule,) = reported["rules"]
     assert set(reported) | set(rule) | set(rule["row"]) <= described
+
+
+MEASURED = (
+    BAD,
+    "share(noise OR truncated) == 0",
+    "rate(malformed) < 1",
+    "max(rpm) < 10",
+    "min(rpm, motor = 2 OR motor = 3) > 10",
+    "delay(p95) < 1",
+    "unanswered() == 0",
+    "unanswered(kind = 'speed') == 0",
+    "max_gap(feedback) < 0.01",
+    "online(1) > 0.999",
+)
+
+
+@pytest.mark.parametrize("expect", MEASURED)
+@pytest.mark.parametrize("name", ["damaged.mcap", "motor3.mcap", "damaged.raw"])
+def test_view_command_shows_the_row(run, samples: Path, expect: str, name: str) -> None:
+    """Another program would run it in a terminal: `decode` has the same options."""
+    arguments = ["check", samples / name, "--expect", expect, "--format"]
+    (rule,) = json.loads(run(*arguments, "json").stdout)["rules"]
+    if (row := rule["row"]) is None:
+        assert rule["verdict"] != "fail" or rule["measured"] is None
+        return
+    program, command, *words = shlex.split(row["view"])
+    assert (program, command) == ("fte-sniff", "view")
+    done = run("decode", *words, "--format", "jsonl")
+    assert done.returncode == 0, done.stderr
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    shown = {key: row[key] for key in ("time", "port", "offset", "motor", "raw")}
+    assert shown in [{key: one[key] for key in shown} for one in rows]
+    ((case,),) = JUnitXml.fromstring(run(*arguments, "junit").stdout.encode())
+    assert case.result[0].text == row["view"]
+    assert row["view"] in run(*arguments, "text").stdout
+
+
+def test_view_command_reads_a_log_as_check_did(run, tmp_path: Path) -> None:
+    (tmp_path / "log.txt").write_text("[12:00:00.000] TX: AA 01 01 03 E8 00 00 00 00 EE\n" * 2)
+    given = ("--date", "2026-01-31", "--zone", "+08:00")
+    done = run("check", "log.txt", *given, "--expect", "max(rpm) < 9", "--format", "json")
+    words = shlex.split(json.loads(done.stdout)["rules"][0]["row"]["view"])
+    assert words[2:7] == ["log.txt", *given]
+    shown = run("decode", *words[2:])
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stdout.count("AA 01 01") == 2
+    piped = run(
+        "check", "-", *given, "--expect", "max(rpm) < 9", stdin=(tmp_path / "log.txt").read_bytes()
+    )
+    assert "fte-sniff view" not in piped.stdout
 
 
 def test_the_first_row_names_its_file(run, samples: Path, tmp_path: Path) -> None:
@@ -355,10 +408,14 @@ def test_a_terminal_of_any_width_shows_every_verdict_on_one_line(
     with terminal(environment, tmp_path, "check", file, *rules, size=(columns, 24)) as one:
         assert one.ended() == 1
         lines = re.sub(r"\x1b\[[0-9;]*m", "", one.drawn.decode()).splitlines()
-    assert len(lines) == 5
-    assert max(map(cell_len, lines)) <= columns
+    assert len(lines) == 6
+    # What names a row is never cut: a command can be copied whole.
+    whole = [line for line in lines if not line.startswith("    f")]
+    assert len(whole) == 4
+    assert max(map(cell_len, whole)) <= columns
+    assert lines[3].endswith("--filter malformed")
     assert "fail" in lines[1]
-    assert "not covered" in lines[3]
+    assert "not covered" in lines[4]
 
 
 def rules_file(folder: Path, *expected: str) -> Path:
