@@ -22,6 +22,7 @@ from google.protobuf.descriptor_pb2 import (
 from mcap.reader import make_reader
 
 import fte_sniff
+from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
 from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
@@ -82,6 +83,14 @@ def rows_table() -> str:
     return table(
         ("name", "type", "meaning"),
         ((f"`{column.name}`", column.type.value, text) for text, column in described),
+    )
+
+
+def functions_table(function: str = "example", meaning: str = "meaning") -> str:
+    """The functions of filters, with these headings."""
+    return table(
+        (function, meaning),
+        ((f"`{one.example}`", _(one.meaning)) for one in FUNCTIONS.values()),
     )
 
 
@@ -351,6 +360,8 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "kinds zh": lambda: in_chinese(kinds_table, "帧类型", "含义"),
     "fields zh": lambda: in_chinese(fields_table, ("帧类型", "字节", "列", "含义", "范围")),
     "keys zh": lambda: in_chinese(keys, "按键", "作用"),
+    "functions": functions_table,
+    "functions zh": lambda: in_chinese(functions_table, "例子", "含义"),
     "python api": python_api,
 }
 """Makers of the generated parts, by name."""

@@ -17,6 +17,7 @@ Modules:
     motor_events  Events of each motor over time: no answer, late answers, damage, flags.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
+    previous_frames  The frame before of the same port, motor and kind.
     relations     Streams of frames, and what changed between them; commands and their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
     rules         Parser of rules: a measure of the rows, compared with a number.

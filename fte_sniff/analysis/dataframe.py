@@ -28,7 +28,7 @@ from fte_sniff.protocol import (
     Field,
     FrameKind,
 )
-from fte_sniff.protocol.columns import VALUE_FORMS, short_feedback, value_heads
+from fte_sniff.protocol.columns import PREVIOUS, VALUE_FORMS, short_feedback, value_heads
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
 
@@ -59,9 +59,17 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 """The polars type of every column of the row contract, in its order."""
 
 
+_READABLE: Final = (*COLUMNS, *PREVIOUS.values())
+"""The columns that a filter reads."""
+_TYPES: Final = {column.name: column_dtype(column) for column in _READABLE}
+
+
 def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
-    """The rows, of any ports, as a frame of `TABLE_SCHEMA`, or of only its columns `names`."""
-    wanted = (column for column in COLUMNS if names is None or column.name in names)
+    """The rows, of any ports, as a frame of `TABLE_SCHEMA`.
+
+    With `names`, of only these columns, which may be of `PREVIOUS` too.
+    """
+    wanted = COLUMNS if names is None else [one for one in _READABLE if one.name in names]
     return pl.DataFrame([_series(rows, column).alias(column.name) for column in wanted])
 
 
@@ -75,7 +83,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
     values, known, words = column.of_rows(rows)
-    dtype = TABLE_SCHEMA[column.name]
+    dtype = _TYPES[column.name]
     if words is None:
         return _with_nulls(values, known).cast(dtype)
     if column.type is ColumnType.TEXT:
@@ -137,8 +145,8 @@ SCHEMA: Final[Mapping[str, pl.DataType]] = {
 
 
 def wide(table: pl.DataFrame) -> pl.DataFrame:
-    """The columns of a frame of `TABLE_SCHEMA`, in the types of `SCHEMA`."""
-    return table.cast({name: SCHEMA[name] for name in table.columns})
+    """The columns of a `table_frame`, in the types of `SCHEMA`."""
+    return table.cast({name: SCHEMA.get(name, pl.Int64()) for name in table.columns})
 
 
 def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:

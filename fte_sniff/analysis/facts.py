@@ -1,4 +1,4 @@
-"""Facts of rows that depend on other rows: answers of commands, and the motor of damage.
+"""Facts of rows that depend on other rows: answers, the motor of damage, the frame before.
 
     commands   c1      c1           c1        c1
     feedback       f1                                      deadline: 1 s
@@ -28,8 +28,18 @@ from fte_sniff.analysis.motors import (
     is_overdue,
     motor_rows,
 )
+from fte_sniff.analysis.previous_frames import PreviousFrames
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, Status, status_of
-from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
+from fte_sniff.protocol.rows import (
+    FACTS,
+    NO_FACT,
+    NO_KIND,
+    NO_ROWS,
+    NO_TIME,
+    Bools,
+    Ints,
+    Rows,
+)
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FTE_FORMAT,
@@ -58,6 +68,7 @@ class Facts(Model):
     def __init__(self) -> None:
         self._held = NO_ROWS
         self._past = _Past()
+        self._previous = PreviousFrames()
         self._lost: bool | None = None
         """Whether a port is lost, so that no command is unanswered."""
 
@@ -75,6 +86,7 @@ class Facts(Model):
         """A gap, or the end: returns the rows that waited; what they lack is not known."""
         found, self._held = self._with_facts(self._held)[0], NO_ROWS
         self._past = _Past()
+        self._previous.interrupt()
         if gap is not None and gap.port_lost is not None:
             self._lost = gap.port_lost
         return found
@@ -82,6 +94,7 @@ class Facts(Model):
     def _decide(self, rows: Rows) -> Rows:
         if not len(rows):
             return NO_ROWS
+        rows = self._previous.add(rows)
         rows = Rows.concat([self._held, rows]) if len(self._held) else rows
         whole, decided = self._with_facts(rows)
         open_at = np.flatnonzero(~decided)
@@ -94,7 +107,12 @@ class Facts(Model):
         """The rows with their facts as far as they are known, and which of them are decided."""
         answer_ns, unanswered, decided = _answers(rows, lost=bool(self._lost))
         hints, hinted = _hints(rows, self._past)
-        facts = {"answer_ns": answer_ns, "unanswered": unanswered, "motor_hint": hints}
+        facts = {
+            "answer_ns": answer_ns,
+            "unanswered": unanswered,
+            "motor_hint": hints,
+            "previous": rows.previous,
+        }
         whole = rows.with_facts({name: facts[name].astype(FACTS[name]) for name in FACTS})
         return whole, decided & hinted
 

@@ -465,13 +465,16 @@ class PlainLines(Observer):
 
         `form` is a text format, `zone` that of its times.
         """
-        self._select = list if wanted is None else wanted.select
+        self._wanted = None if wanted is None else wanted.stream()
         self._alert = alert
         self._writer = row_writer(form, sys.stdout, ports=ports, zone=zone)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""
-        self._writer.write(self._select(update.rows))
+        rows = update.rows
+        if self._wanted is not None:
+            rows = self._wanted.select(rows, update.changes)
+        self._writer.write(rows)
         rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
         if rings and sys.stderr.isatty():
             sys.stderr.write("\a")

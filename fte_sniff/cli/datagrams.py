@@ -67,7 +67,7 @@ class Datagrams(Observer):
     """Sends each row as a datagram; what cannot be sent at once is lost, and counted."""
 
     def __init__(self, address: tuple[str, int], wanted: RowFilter | None) -> None:
-        self._select = list if wanted is None else wanted.select
+        self._wanted = None if wanted is None else wanted.stream()
         self._address = address
         family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -76,7 +76,8 @@ class Datagrams(Observer):
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Send the rows that pass the filter."""
-        for row in self._select(update.rows):
+        rows = update.rows
+        for row in rows if self._wanted is None else self._wanted.select(rows, update.changes):
             try:
                 self._socket.sendto(datagram(row), self._address)
             except OSError:  # full, too large, no network, or nobody listens

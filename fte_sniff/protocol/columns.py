@@ -259,7 +259,23 @@ def record(row: Row) -> dict[str, Value]:
     return values
 
 
-DERIVED = frozenset(column.name for column in COLUMNS if column.derived)
+def _previous_column(field: Field) -> Column:
+    return Column(
+        f"previous({field.name})",
+        ColumnType.INT,
+        f"{field.name} of the frame before of the same port, motor and kind",
+        None,
+        lambda rows: ColumnData(*rows.previous_field(field.name)),
+        bits=8 * field.size,
+        signed=field.signed,
+        derived=True,
+    )
+
+
+PREVIOUS = {field.name: _previous_column(field) for field in VALUE_FIELDS}
+"""By field, the column that only filters read, as the function `previous`."""
+
+DERIVED = frozenset(column.name for column in (*COLUMNS, *PREVIOUS.values()) if column.derived)
 """The columns that `analysis.facts` computes."""
 
 

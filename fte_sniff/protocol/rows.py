@@ -73,6 +73,8 @@ class _Row:
     """Whether a command had no answer by the deadline; None where that is not known."""
     motor_hint: int | None = field(default=None, compare=False)
     """The motor that a damaged row probably belonged to."""
+    previous: int | None = field(default=None, compare=False)
+    """The payload, as a number, of the frame before of this port, motor and kind."""
 
     def __reduce__(self) -> tuple[type[_Row], tuple[object, ...]]:
         """Pickle for another process, faster than dataclasses do."""
@@ -87,6 +89,7 @@ class _Row:
             self.answer_ns,
             self.unanswered,
             self.motor_hint,
+            self.previous,
         )
 
     @property
@@ -205,9 +208,17 @@ COLUMNS: Final[Mapping[str, str]] = {
 
 
 NO_FACT: Final = -1
-"""The value of `answer_ns`, `unanswered` and `motor_hint` in a row without one."""
+"""The value of the columns of `FACTS` in a row without one."""
 
-FACTS: Final[Mapping[str, str]] = {"answer_ns": "i", "unanswered": "b", "motor_hint": "b"}
+_PAYLOAD: Final = slice(NUM_OFFSET, FRAME_LENGTH - 1)
+"""The bytes of a frame that hold its fields: at most eight."""
+
+FACTS: Final[Mapping[str, str]] = {
+    "answer_ns": "i",
+    "unanswered": "b",
+    "motor_hint": "b",
+    "previous": "q",
+}
 """The type of each column that depends on other rows; rows have all of them, or none yet."""
 
 
@@ -278,6 +289,8 @@ class Rows(Sequence["Row"]):
     `NO_FACT`; int8."""
     motor_hint = _FactColumn()
     """The motor that a damaged row probably belonged to, or `NO_FACT`; int8."""
+    previous = _FactColumn()
+    """The `payloads` of the frame before of the same port, motor and kind, or `NO_FACT`; int64."""
 
     def __init__(
         self,
@@ -467,11 +480,11 @@ class Rows(Sequence["Row"]):
         ports, faults = self.codebook.ports, self.codebook.faults
         raws = bytes(self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * end])
         scalars = [self.buffers[name][start:end].tolist() for name in COLUMNS]
-        facts: Iterable[tuple[int | None, ...]] = repeat((None, None, None), end - start)
+        facts: Iterable[tuple[int | None, ...]] = repeat((None,) * len(FACTS), end - start)
         if self.has_facts:
             facts = zip(*(_optional(self.buffers[name][start:end]) for name in FACTS), strict=True)
         columns = zip(zip(*scalars, strict=True), facts, strict=True)
-        for at, (scalar, (answer_ns, unanswered, motor_hint)) in enumerate(columns):
+        for at, (scalar, (answer_ns, unanswered, motor_hint, previous)) in enumerate(columns):
             t_ns, offset, delay, length, port, fault, framed, unordered = scalar
             first = at * FRAME_LENGTH
             yield (Frame if framed else Damage)(
@@ -485,6 +498,7 @@ class Rows(Sequence["Row"]):
                 answer_ns,
                 None if unanswered is None else bool(unanswered),
                 motor_hint,
+                previous,
             )
 
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
@@ -626,6 +640,26 @@ class Rows(Sequence["Row"]):
     def field(self, name: str) -> tuple[Array, Bools]:
         """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
         return _field_values(self.raw, self.kinds, name)
+
+    @property
+    def payloads(self) -> Ints:
+        """The bytes between CMD and tail of each row as a number, most significant first."""
+        import numpy as np
+
+        wide = np.zeros((len(self), 8), np.uint8)
+        wide[:, -_PAYLOAD.stop + _PAYLOAD.start :] = self.raw[:, _PAYLOAD]
+        return wide.view(">i8").reshape(-1).astype(np.int64)
+
+    def previous_field(self, name: str) -> tuple[Array, Bools]:
+        """A field of the frame before of the same port, motor and kind, as `field`."""
+        import numpy as np
+
+        known = self.previous != NO_FACT
+        raw = self.raw.copy()
+        wide = np.ascontiguousarray(self.previous, ">i8").view(np.uint8).reshape(-1, 8)
+        raw[:, _PAYLOAD] = wide[:, -_PAYLOAD.stop + _PAYLOAD.start :]
+        values, has = _field_values(raw, self.kinds, name)
+        return values, has & known
 
     def values(self, field: str | Role, rows: Ints) -> Ints:
         """One field, by name or role, of the rows at these indices, which all must have it."""

@@ -477,7 +477,7 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
     if plan.trigger is not None:
         from fte_sniff.analysis.filter.row_filter import RowFilter
 
-        select = RowFilter.parse(plan.trigger).matches
+        select = RowFilter.parse(plan.trigger).stream().matches
         facts = facts | {"trigger": plan.trigger}
     return Recorder(
         plan.recording,

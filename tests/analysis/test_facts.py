@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.facts import MOST_HELD, Facts
 from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.motors import ANSWERABLE, DEADLINE_NS
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     MOTORS,
@@ -76,6 +78,112 @@ def test_any_division_into_batches_gives_the_same_facts(steps: list[Step], cuts:
     whole = fed(steps)
     assert whole == [one for one in steps if isinstance(one, Frame | Damage)]
     assert facts_of(fed(steps, cuts)) == facts_of(whole)
+
+
+def previous_by_hand(steps: Sequence[Step], field: str) -> list[int | None]:
+    """The field in the frame before of the same port, motor and kind, which no gap is after."""
+    found, last = list[int | None](), dict[object, Frame]()
+    for step in steps:
+        if isinstance(step, Gap):
+            last.clear()
+        if not isinstance(step, Frame | Damage):
+            continue
+        if not isinstance(step, Frame) or step.kind is None:
+            found.append(None)
+            continue
+        key = step.port, step.kind.name, step.values.get("motor")
+        found.append(last[key].values.get(field) if key in last else None)
+        last[key] = step
+    return found
+
+
+def jumps(steps: Sequence[Step], field: str) -> list[bool]:
+    """The rows for which `abs(field - previous(field)) > 0`."""
+    own = [one for one in steps if isinstance(one, Frame | Damage)]
+    values = [one.values.get(field) if isinstance(one, Frame) else None for one in own]
+    pairs = zip(values, previous_by_hand(steps, field), strict=True)
+    return [None not in pair and pair[0] != pair[1] for pair in pairs]
+
+
+MOVING = st.builds(
+    lambda kind, motor, rpm, port: Frame(
+        port,
+        0,
+        encode(
+            KIND_BY_NAME[kind],
+            {
+                one.name: {"motor": motor, "rpm": rpm}.get(one.name, 0)
+                for one in KIND_BY_NAME[kind].fields
+            },
+        ),
+        None,
+    ),
+    st.sampled_from(["speed", "position", "mecanum", "speed_feedback", "reset"]),
+    st.integers(1, 2),
+    st.sampled_from([-32768, -1, 0, 1, 32767]),
+    st.sampled_from("pq"),
+)
+STEPS = st.lists(
+    MOVING
+    | st.just(damage("AA01", None))
+    | st.sampled_from([Gap(GapKind.DAMAGE), Gap(GapKind.PORT, port_lost=True)]),
+    max_size=40,
+)
+CUTS = st.lists(st.integers(0, 40), max_size=6)
+
+
+def batches(steps: Sequence[Step], cuts: Sequence[int]) -> list[tuple[Rows, list[StreamChange]]]:
+    """The steps in batches that end at the cuts, each with a codebook of its own."""
+    found = []
+    edges = [0, *sorted({min(cut, len(steps)) for cut in cuts}), len(steps)]
+    for start, end in pairwise(edges):
+        rows, changes = list[Row](), list[StreamChange]()
+        for step in steps[start:end]:
+            if isinstance(step, Frame | Damage):
+                rows.append(step)
+            else:
+                changes.append(StreamChange(len(rows), step))
+        found.append((Rows.from_rows(rows), changes))
+    return found
+
+
+@pytest.mark.parametrize("field", ["rpm", "motor", "online"])
+@given(STEPS, CUTS)
+def test_previous_is_that_of_the_frame_before_for_any_division(
+    field: str, steps: list[Step], cuts: list[int]
+) -> None:
+    expected = jumps(steps, field)
+    wanted = RowFilter.parse(f"abs({field} - previous({field})) > 0")
+    assert wanted.needs_facts
+    stream = wanted.stream()
+    live = [stream.matches(*batch).tolist() for batch in batches(steps, cuts)]
+    assert [one for some in live for one in some] == expected
+    whole = Rows.from_rows(fed(steps, cuts))
+    assert wanted.matches(whole).tolist() == expected
+    unknown = RowFilter.parse(f"previous({field}) IS NULL").matches(whole).tolist()
+    assert unknown == [one is None for one in previous_by_hand(steps, field)]
+
+
+@given(STEPS, CUTS, st.integers(1, 9))
+def test_filter_with_previous_selects_the_same_rows_in_a_store(
+    steps: list[Step], cuts: list[int], block_rows: int
+) -> None:
+    """Also where the filter is set later, and applied to the blocks in another order."""
+    wanted = RowFilter.parse("abs(rpm - previous(rpm)) > 0")
+    early, late = (RowStore(1000, block_rows) for _ in "12")
+    early.view.set_filter(wanted)
+    for store in (early, late):
+        facts = Facts()
+        for rows, changes in batches(steps, cuts):
+            store.append(rows)
+            store.fill(facts.feed(rows, changes))
+        store.fill(facts.interrupt())
+    late.view.set_filter(wanted, near=0)
+    expected = np.flatnonzero(jumps(steps, "rpm")).tolist()
+    for store in (early, late):
+        while not store.view.filter_step():
+            pass
+        assert [index for index, _ in store.view.slice(0, len(expected) + 1)] == expected
 
 
 def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None]]:

@@ -625,6 +625,41 @@ def test_commands_print_times_in_the_zone(
     assert shown in done.stdout
 
 
+def test_jumps_are_the_same_rows_live_in_files_and_in_check(run, tmp_path: Path) -> None:
+    jump = "abs(rpm - previous(rpm)) > 100"
+    port = "sim://?seed=2&rate=400&drop=0.05&flip=0.05&noise=0.05"
+    live = run("live", port, "--plain", "--count", "600", "--filter", jump, "-o", "x.mcap")
+    assert live.returncode == 0, live.stderr
+    rows = jsonl(run("decode", "x.mcap", "--format", "jsonl").stdout)
+    last, expected = dict[tuple[str, int], int](), []
+    for row in rows:
+        if row["rpm"] is not None:
+            key = row["kind"], row["motor"]
+            if key in last and abs(row["rpm"] - last[key]) > 100:
+                expected.append(row["offset"])
+            last[key] = row["rpm"]
+    assert expected
+    found = run("decode", "x.mcap", "--filter", jump)
+    assert found.stdout == live.stdout
+    assert [int(line.split()[1]) for line in found.stdout.splitlines()[1:]] == expected
+    (tmp_path / "x.raw").write_bytes(bytes.fromhex("".join(row["raw"] for row in rows)))
+    piped = run(
+        "decode", "-", "--filter", jump, "--format", "csv", stdin=(tmp_path / "x.raw").read_bytes()
+    )
+    assert [int(row["offset"]) for row in csv.DictReader(io.StringIO(piped.stdout))] == expected
+    counted = run("check", "x.mcap", "--expect", f"count({jump}) == {len(expected)}")
+    assert counted.returncode == 0, counted.stdout
+
+
+@pytest.mark.parametrize(
+    "text", ["previous(time) > 1", "previous(rpm + 1) > 1", "previous(offset) > 1"]
+)
+def test_previous_of_other_than_a_field_is_one_line(run, samples: Path, text: str) -> None:
+    done = run("decode", samples / "clean.mcap", "--filter", text)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert 'at character 10 of "previous(-->' in done.stderr
+
+
 def test_a_log_that_swaps_the_directions_is_reported(run) -> None:
     swapped = SSCOM.replace("发→◇", "x").replace("收←◆", "发→◇").replace("x", "收←◆")
     reported = run("decode", "-", stdin=swapped).stderr

@@ -18,6 +18,7 @@ from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
     FUNCTIONS,
     UNTYPED,
+    Function,
     MistakeError,
     Term,
     TermType,
@@ -30,6 +31,7 @@ from fte_sniff.analysis.filter.terms import (
 from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, time_ns
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import Column, ColumnType
+from fte_sniff.protocol.columns import PREVIOUS
 
 _INT64: Final = range(-(2**63), 2**63)
 
@@ -153,8 +155,23 @@ def call(name: str, arguments: Sequence[Term], start: int) -> Term:
         _argument(name, wanted, term)
         for wanted, term in zip(function.takes, arguments, strict=True)
     ]
-    made = combine(function.expression(*values), arguments, of_type=function.gives)
-    return replace(made, start=start, label=f"{name}(...)")
+    if function.of_field:
+        _expect_field(name, function, arguments[0])
+    expr: pl.Expr = function.expression(*values)
+    made = combine(expr, arguments, of_type=function.gives)
+    names = frozenset(expr.meta.root_names())
+    return replace(made, start=start, label=f"{name}(...)", names=names)
+
+
+def _expect_field(name: str, function: Function, term: Term) -> None:
+    if term.column is None or term.column.name not in PREVIOUS:
+        what = TranslatableText("{name} takes one field of a frame", name=name)
+        fix = TranslatableText(
+            "write one of {names}, as in {example}",
+            names=listed(PREVIOUS),
+            example=function.example,
+        )
+        raise MistakeError(term.start, what, fix)
 
 
 def _argument(name: str, wanted: TermType, term: Term) -> pl.Expr:

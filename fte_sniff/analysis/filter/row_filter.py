@@ -19,7 +19,7 @@ damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Final
@@ -27,7 +27,9 @@ from typing import Final
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.parser import parse
+from fte_sniff.analysis.previous_frames import PreviousFrames
 from fte_sniff.errors import FilterError, TranslatableText, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, Status, encode, status_of
 from fte_sniff.protocol.columns import DERIVED
@@ -51,14 +53,14 @@ class RowFilter:
         found = parse(text)
         try:
             made = cls(text, found.names, found.expr)
-            made.mask(_TEST_FRAME)
+            made.matches(_TEST_ROWS)
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise _refused(error) from None
         return made
 
     @property
     def needs_facts(self) -> bool:
-        """Whether it reads a column that depends on later rows; see `analysis.facts`."""
+        """Whether it reads a column that depends on other rows; see `analysis.facts`."""
         return not DERIVED.isdisjoint(self.names)
 
     @property
@@ -96,6 +98,31 @@ class RowFilter:
         """The rows that pass, in order, and the port events between them."""
         return rows.select(self.matches(rows), rows.events)
 
+    def stream(self) -> StreamFilter:
+        """This filter, for rows that come one after the other."""
+        return StreamFilter(self)
+
+
+class StreamFilter:
+    """A filter of rows that come one after the other, and do not wait for later ones.
+
+    What depends on later rows is null; `previous` is known.
+    """
+
+    def __init__(self, row_filter: RowFilter) -> None:
+        self._filter = row_filter
+        self._previous = PreviousFrames() if row_filter.needs_facts else None
+
+    def matches(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Bools:
+        """Whether each of the next rows passes; the changes are between them."""
+        if self._previous is not None and not rows.has_facts:
+            rows = self._previous.add(rows, changes)
+        return self._filter.matches(rows)
+
+    def select(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Rows:
+        """The rows that pass, in order, and the port events between them."""
+        return rows.select(self.matches(rows, changes), rows.events)
+
 
 _DAMAGED: Final = frozenset(
     {str(Status.MALFORMED), *(str(one) for one in Fault if status_of((one,)) is Status.MALFORMED)}
@@ -111,7 +138,7 @@ class Alert:
     """Counts the rows that match a filter, and decides when to signal them."""
 
     def __init__(self, row_filter: RowFilter) -> None:
-        self._filter = row_filter
+        self._filter = row_filter.stream()
         self._due_s = -inf
         self.count = 0
         self.last: Row | None = None
@@ -147,4 +174,4 @@ def _test_rows() -> Iterator[Row]:
     yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
 
 
-_TEST_FRAME: Final = row_frame(Rows.from_rows(_test_rows()))
+_TEST_ROWS: Final = Rows.from_rows(_test_rows())

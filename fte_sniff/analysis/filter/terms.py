@@ -22,7 +22,7 @@ from fte_sniff.protocol import (
     iso_time,
     record,
 )
-from fte_sniff.protocol.columns import RANKED
+from fte_sniff.protocol.columns import PREVIOUS, RANKED
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
@@ -80,29 +80,53 @@ class Function:
     expression: Callable[..., Any]
     """Makes the polars expression from those of the arguments."""
     example: str
+    meaning: str = "a function"
+    of_field: bool = False
+    """Whether its argument is the name of a field of a frame."""
+
+
+def _column_expression(name: str) -> pl.Expr:
+    import polars as pl
+
+    return pl.col(name)
 
 
 FUNCTIONS: Final = {
     "abs": Function(
-        (TermType.NUMBER,), TermType.NUMBER, lambda number: number.abs(), "abs(rpm) > 500"
+        (TermType.NUMBER,),
+        TermType.NUMBER,
+        lambda number: number.abs(),
+        "abs(rpm) > 500",
+        "without the sign",
     ),
     "coalesce": Function(
         (TermType.NUMBER, TermType.NUMBER),
         TermType.NUMBER,
         lambda first, second: first.fill_null(second),
         "coalesce(rpm, 0) < 10",
+        "the second value where the first is null",
     ),
     "lower": Function(
         (TermType.TEXT,),
         TermType.TEXT,
         lambda text: text.str.to_lowercase(),
         "lower(port) LIKE '%usb%'",
+        "in lower case",
     ),
     "upper": Function(
         (TermType.TEXT,),
         TermType.TEXT,
         lambda text: text.str.to_uppercase(),
         "upper(port) LIKE '%USB%'",
+        "in upper case",
+    ),
+    "previous": Function(
+        (TermType.NUMBER,),
+        TermType.NUMBER,
+        lambda field: _column_expression(PREVIOUS[field.meta.output_name()].name),
+        "abs(rpm - previous(rpm)) > 500",
+        "value in the motor's frame before",
+        of_field=True,
     ),
 }
 """The functions of the language by name."""
@@ -291,7 +315,7 @@ EXAMPLES: Final = (
     ("time > '12:00:05'", "a time of day, UTC, on any day"),
     ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
     ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
-    *((function.example, "a function") for function in FUNCTIONS.values()),
+    *((function.example, function.meaning) for function in FUNCTIONS.values()),
 )
 """Working filters, each with its meaning."""
 
