@@ -5,7 +5,8 @@
 
 Each sample but `motor3.mcap` exists as a recording, as raw bytes and as hex text.
 `expected/NAME.txt` is the output of `fte-sniff decode samples/NAME`. Recordings are compared by
-content, because another release of the compressor may produce other bytes.
+content, because another release of the compressor may produce other bytes. `layouts/` is that of
+`samples/layouts.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+import layouts
 
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import (
@@ -134,6 +137,7 @@ POLLED = PolledSample("motor3", "motor 3 loses answers and answers late for half
 def make(folder: Path) -> None:
     """Make every sample and its expected output in `folder`."""
     (folder / "expected").mkdir(parents=True, exist_ok=True)
+    layouts.write(folder / "layouts")
     _write_recording(folder / f"{POLLED.name}.mcap", POLLED, POLLED.chunks(), flush_s=20)
     for sample in SAMPLES:
         chunks = sample.chunks()
