@@ -40,6 +40,12 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
     callback=lambda _context, _option, text: None if text is None else _columns(text),
     help="Only these columns, in this order; CSV or JSON lines, by default CSV.",
 )
+@click.option(
+    "--why",
+    is_flag=True,
+    help="Add the key `why` to damaged and ambiguous rows of JSON lines: the best two readings of"
+    " their bytes, with probabilities.",
+)
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     query: InputQuery,
@@ -48,6 +54,7 @@ def command(
     output: Path | None,
     force: bool,
     columns: tuple[str, ...] | None,
+    why: bool,
     limit: int | None,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw), hex text (.hex .txt .log) and Parquet.
@@ -64,12 +71,15 @@ def command(
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     fte-sniff decode samples/clean.mcap --columns time,motor,rpm
     fte-sniff decode --follow capture.mcap --filter "error = 1"
+    fte-sniff decode samples/damaged.raw --format jsonl --why
     """
     check_inputs(query.files, output)
     is_named = output is not None and output.suffix
     form = form or (OutputFormat.CSV if columns and not is_named else _format_for(output))
     if columns and form not in CHOOSABLE:
         raise UsageError(f"--columns chooses those of csv and jsonl; {form} has its own")
+    if why and form is not OutputFormat.JSONL:
+        raise UsageError(f"--why adds to JSON lines, not to {form}; use --format jsonl")
     if following is not None and form is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -77,7 +87,9 @@ def command(
     with ending, progress_line(reads_stdin=STDIN in query.files) as line:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = form in _WITH_FACTS and following is None and STDIN not in query.files
-        reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
+        reading = query.read(
+            query.row_filter(), limit, line.progress, following, facts=facts, readings=why
+        )
         if columns:
             reading.source = replace(reading.source, columns=columns)
         hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext

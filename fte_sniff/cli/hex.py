@@ -18,6 +18,7 @@ from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Rows
+from fte_sniff.protocol.readings import with_readings
 from fte_sniff.session.log_rows import rows_of_log
 
 PORT_NAME = "hex"
@@ -40,7 +41,8 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     writer = _dissection() if form is None else row_writer(form, sys.stdout, ports=False)
     notes: list[str] = []
     try:
-        for rows in _rows_of(text, notes):
+        batches = _rows_of(text, notes)
+        for rows in with_readings(batches) if form is None else batches:
             writer.write(rows)
     except InputTextError as error:
         raise _file_name_error(text) or error from error

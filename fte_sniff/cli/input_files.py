@@ -311,6 +311,7 @@ class InputQuery:
         following: Following | None = None,
         *,
         facts: bool = False,
+        readings: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -333,7 +334,15 @@ class InputQuery:
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
         found = InputReading(
-            inputs, span, row_filter, limit, self.baud, unreadable, progress, facts=facts
+            inputs,
+            span,
+            row_filter,
+            limit,
+            self.baud,
+            unreadable,
+            progress,
+            facts=facts,
+            readings=readings,
         )
         if following is not None:
             progress.step = f"following {inputs[0].name}"

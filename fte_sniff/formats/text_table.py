@@ -11,7 +11,7 @@ import click
 
 from fte_sniff.formats.text_layout import GAP, TextLayout, kind_text, values_text
 from fte_sniff.protocol import Frame, Row, Status, faults_text, spaced_hex, status_of
-from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain, explain_readings
 from fte_sniff.protocol.look import LOOKS
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class DissectionWriter:
 
 def _row_lines(row: Row, width: int | None) -> Iterator[str]:
     yield _title(row)
-    for sentence in explain(row):
+    for sentence in (*explain(row), *explain_readings(row)):
         yield from _indented(sentence, 2, width, LOOKS[row.status].color)
     for field in dissect(row):
         yield from _field_lines(field, width)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
+from fte_sniff.protocol.readings import WHY
 
 if TYPE_CHECKING:
     import polars as pl
@@ -121,7 +122,10 @@ class _LineWriter:
 
 
 class JsonlWriter(_LineWriter):
-    """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
+    """Writes one JSON object a row; `time` as ISO 8601 with nine digits.
+
+    `write` adds the readings of the rows that have them.
+    """
 
     def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
         super().__init__(stream)
@@ -152,8 +156,10 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     values = record(row)
     if row.t_ns is not None:
         values["time"] = iso_time(row.t_ns)
-    values = {name: values[name] for name in columns}
-    return printable_json(json.dumps(values, ensure_ascii=False, separators=(",", ":"))) + "\n"
+    chosen: dict[str, object] = {name: values[name] for name in columns}
+    if row.readings is not None:
+        chosen[WHY] = [one._asdict() for one in row.readings]
+    return printable_json(json.dumps(chosen, ensure_ascii=False, separators=(",", ":"))) + "\n"
 
 
 def printable_json(text: str) -> str:

@@ -15,9 +15,7 @@ from typing import NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
 from fte_sniff.protocol.columns import spaced_hex
-from fte_sniff.protocol.framer.predicates import can_split
-from fte_sniff.protocol.framer.tables import FTE_TABLES
-from fte_sniff.protocol.rows import Damage, Frame, Row
+from fte_sniff.protocol.rows import Damage, Frame, Reading, Row
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
@@ -35,7 +33,7 @@ from fte_sniff.protocol.spec import (
     FrameKind,
 )
 
-__all__ = ["ExplainedBit", "ExplainedField", "byte_names", "dissect", "explain"]
+__all__ = ["ExplainedBit", "ExplainedField", "byte_names", "dissect", "explain", "explain_readings"]
 
 _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
@@ -48,6 +46,9 @@ _LAYOUTS = [
     [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS],
 ]
 """The legal bytes of each kind: with 00 in its reserve, and with anything."""
+
+
+_LEAST_SHARE = 0.0001
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +113,12 @@ def dissect(row: Row) -> list[ExplainedField]:
 
 def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row; empty if it has none."""
-    return [
-        _ambiguity(row) if fault is Fault.AMBIGUOUS else _fault_text(fault) for fault in row.faults
-    ]
+    return [_fault_text(fault) for fault in row.faults]
+
+
+def explain_readings(row: Row) -> list[str]:
+    """One line for each reading of the row; empty if they were not computed."""
+    return [_reading_text(one) for one in row.readings or ()]
 
 
 class _Slot(NamedTuple):
@@ -485,32 +489,16 @@ def _fault_text(fault: Fault) -> TranslatableText:
     )
 
 
-def _ambiguity(row: Row) -> TranslatableText:
-    """The meaning of `ambiguous`, and what in the row's own bytes allows another reading."""
-    doubt, raw = _fault_text(Fault.AMBIGUOUS), row.raw
-    headers = [offset for offset in range(1, len(raw)) if raw[offset] in HEADER_BYTES]
-    inner = range(1, FRAME_LENGTH - 1) if isinstance(row, Frame) else range(0)
-    divided = [offset for offset in inner if can_split(FTE_TABLES, raw, offset)]
-    if divided:
-        offset = next(offset for offset in headers if offset >= divided[0])
-        return TranslatableText(
-            "{doubt} (a frame could end before the {byte} at {place}, and another begin)",
-            doubt=doubt,
-            byte=f"{raw[offset]:02X}",
-            place=offset,
-        )
-    if TAIL in raw[1:-1]:
-        return TranslatableText(
-            "{doubt} (a frame could end with the {byte} at {place})",
-            doubt=doubt,
-            byte=_TAIL_TEXT,
-            place=raw.index(TAIL, 1),
-        )
-    if headers:
-        return TranslatableText(
-            "{doubt} (a frame could begin with the {byte} at {place})",
-            doubt=doubt,
-            byte=f"{raw[headers[0]]:02X}",
-            place=headers[0],
-        )
-    return TranslatableText("{doubt} (because of the bytes around it)", doubt=doubt)
+def _reading_text(one: Reading) -> TranslatableText:
+    return TranslatableText(
+        "probability {share}: {reading}", share=_share(one.probability), reading=one.reading
+    )
+
+
+def _share(probability: float) -> str:
+    """`12.34 %`; one that is nearly 0 or 1 is neither."""
+    if probability < _LEAST_SHARE:
+        return f"<{100 * _LEAST_SHARE:.2f} %"
+    if probability > 1 - _LEAST_SHARE:
+        return f">{100 - 100 * _LEAST_SHARE:.2f} %"
+    return f"{100 * probability:.2f} %"

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import accumulate, compress, repeat
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar, overload
 
 from fte_sniff.protocol.items import Chunk, PortEvent
 from fte_sniff.protocol.spec import (
@@ -53,6 +53,15 @@ Buffer: TypeAlias = Any
 """A column: a memoryview, an array or a numpy array, of the type that `COLUMNS` names."""
 
 
+class Reading(NamedTuple):
+    """A way to divide the bytes of a row into frames and damage; see `readings`."""
+
+    reading: str
+    """The segments, each with its kind or fault, and its bytes."""
+    probability: float
+    """0-1."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Row:
     port: str
@@ -75,6 +84,8 @@ class _Row:
     """The motor that a damaged row probably belonged to."""
     previous: int | None = field(default=None, compare=False)
     """The payload, as a number, of the frame before of this port, motor and kind."""
+    readings: tuple[Reading, ...] | None = None
+    """The best two readings of a damaged or ambiguous row; None if they were not computed."""
 
     def __reduce__(self) -> tuple[type[_Row], tuple[object, ...]]:
         """Pickle for another process, faster than dataclasses do."""
@@ -90,6 +101,7 @@ class _Row:
             self.unanswered,
             self.motor_hint,
             self.previous,
+            self.readings,
         )
 
     @property
@@ -266,6 +278,8 @@ class Rows(Sequence["Row"]):
     long: dict[int, bytes]
     """All bytes of the rows longer than ten, by index."""
     events: tuple[PortEvent, ...]
+    readings: dict[int, tuple[Reading, ...]]
+    """The readings of rows by index, where they were computed."""
     t_ns = _LazyColumn()
     """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
     offset = _LazyColumn()
@@ -299,16 +313,19 @@ class Rows(Sequence["Row"]):
         raw: Array | bytes | memoryview,
         long: dict[int, bytes] | None = None,
         events: tuple[PortEvent, ...] = (),
+        readings: dict[int, tuple[Reading, ...]] | None = None,
     ) -> None:
         """Rows of these columns, which all of `COLUMNS` are in, and all of `FACTS` or none.
 
-        `raw` holds the first ten bytes of each row, padded with zeros. `long` is not copied.
+        `raw` holds the first ten bytes of each row, padded with zeros. `long` and `readings` are
+        not copied.
         """
         self.codebook = codebook
         self.buffers = columns
         self._raw = memoryview(raw) if isinstance(raw, bytes) else raw
         self.long = {} if long is None else long
         self.events = events
+        self.readings = {} if readings is None else readings
 
     @classmethod
     def allocate(cls, codebook: Codebook, rows: int) -> Rows:
@@ -358,7 +375,8 @@ class Rows(Sequence["Row"]):
                 columns[name] = array(code, [NO_FACT if one is None else one for one in facts])
         if not columns.keys().isdisjoint(FACTS):
             columns = {**no_facts(len(rows)), **columns}
-        return found.with_columns(events=events, **columns)
+        readings = {at: row.readings for at, row in enumerate(rows) if row.readings is not None}
+        return found.with_columns(events=events, **columns).with_readings(readings)
 
     @classmethod
     def from_values(
@@ -392,11 +410,16 @@ class Rows(Sequence["Row"]):
         if len(parts) == 1:
             return parts[0]
         codebook = parts[0].codebook if parts else Codebook()
-        starts = accumulate(map(len, parts), initial=0)
+        starts = list(accumulate(map(len, parts), initial=0))
         long = {
             start + at: raw
             for start, part in zip(starts, parts, strict=False)
             for at, raw in part.long.items()
+        }
+        readings = {
+            start + at: one
+            for start, part in zip(starts, parts, strict=False)
+            for at, one in part.readings.items()
         }
         events = tuple(event for part in parts for event in part.events)
         recoded = [part.recoded(codebook) for part in parts]
@@ -408,7 +431,8 @@ class Rows(Sequence["Row"]):
             facts = [part.buffers if part.has_facts else no_facts(len(part)) for part in parts]
             for name, code in FACTS.items():
                 columns[name] = _typed(b"".join([one[name] for one in facts]), code)
-        return cls(codebook, columns, b"".join([part.raw_bytes for part in parts]), long, events)
+        raw = b"".join([part.raw_bytes for part in parts])
+        return cls(codebook, columns, raw, long, events, readings)
 
     def with_columns(
         self,
@@ -423,12 +447,18 @@ class Rows(Sequence["Row"]):
             self._raw,
             self.long,
             self.events if events is None else tuple(events),
+            self.readings,
         )
 
     def with_facts(self, facts: Mapping[str, Buffer]) -> Rows:
         """These rows with the columns of `FACTS`."""
-        columns = {**self.buffers, **facts}
-        return Rows(self.codebook, columns, self._raw, self.long, self.events)
+        return self.with_columns(**facts)
+
+    def with_readings(self, readings: dict[int, tuple[Reading, ...]]) -> Rows:
+        """These rows with the readings of some of them, by index."""
+        if not readings:
+            return self
+        return Rows(self.codebook, self.buffers, self._raw, self.long, self.events, readings)
 
     def assign(self, start: int, rows: Rows) -> None:
         """Fill what `allocate` made, from index `start` on, with rows of its codebook."""
@@ -436,6 +466,7 @@ class Rows(Sequence["Row"]):
         for name in (*COLUMNS, "raw"):
             getattr(self, name)[own] = getattr(rows, name)
         self.long.update((start + at, raw) for at, raw in rows.long.items())
+        self.readings.update((start + at, one) for at, one in rows.readings.items())
 
     @property
     def has_facts(self) -> bool:
@@ -470,6 +501,9 @@ class Rows(Sequence["Row"]):
             {name: column[start:stop] for name, column in self.buffers.items()},
             self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * stop],
             {row - start: raw for row, raw in self.long.items() if start <= row < stop},
+            readings={
+                row - start: one for row, one in self.readings.items() if start <= row < stop
+            },
         )
 
     def __iter__(self) -> Iterator[Row]:
@@ -499,6 +533,7 @@ class Rows(Sequence["Row"]):
                 None if unanswered is None else bool(unanswered),
                 motor_hint,
                 previous,
+                self.readings.get(start + at),
             )
 
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
@@ -510,6 +545,7 @@ class Rows(Sequence["Row"]):
             bytes(self.raw_bytes),
             self.long,
             self.events,
+            self.readings,
         )
 
     @cached_property
@@ -698,7 +734,11 @@ class Rows(Sequence["Row"]):
             at = np.flatnonzero(columns["length"] > FRAME_LENGTH)
             old = np.arange(len(self))[rows][at]
             long = {new: self.long[of] for new, of in zip(at.tolist(), old.tolist(), strict=True)}
-        return Rows(self.codebook, columns, self.raw[rows], long, events)
+        readings: dict[int, tuple[Reading, ...]] = {}
+        if self.readings:
+            chosen = enumerate(np.arange(len(self))[rows].tolist())
+            readings = {new: self.readings[of] for new, of in chosen if of in self.readings}
+        return Rows(self.codebook, columns, self.raw[rows], long, events, readings)
 
     def recoded(self, codebook: Codebook) -> Rows:
         """These rows with the codes of another codebook."""
@@ -756,6 +796,7 @@ def _received(
     raw: bytes,
     long: dict[int, bytes],
     events: tuple[PortEvent, ...],
+    readings: dict[int, tuple[Reading, ...]],
 ) -> Rows:
     """The rows that another process pickled."""
     codebook = Codebook()
@@ -765,7 +806,7 @@ def _received(
         codebook.fault_code(one)
     typed = zip({**COLUMNS, **FACTS}.items(), columns, strict=False)
     buffers = {name: _typed(column, code) for (name, code), column in typed}
-    return Rows(codebook, buffers, raw, long, events)
+    return Rows(codebook, buffers, raw, long, events, readings)
 
 
 def no_facts(rows: int) -> dict[str, Buffer]:

@@ -81,7 +81,7 @@ FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
             "the reserve is not 00, unlike on the rest of this line (in speed feedback: not 00)"
         ),
         Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
-        Fault.AMBIGUOUS: "another reading of these bytes is as good",
+        Fault.AMBIGUOUS: "another reading of these bytes cannot be ruled out",
         Fault.LINE_ERROR: "the UART reported an error around these bytes",
     }
 )

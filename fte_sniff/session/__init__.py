@@ -5,7 +5,7 @@ Modules:
     capture_process  Child process: capture, record, send batches.
     capture_state    Messages of the capture process and the state folded from them.
     doctor           The checks of `doctor`: machine, ports, line.
-    fact_stage       Facts of an input's rows: rows wait until they are decided.
+    fact_stage       Facts and readings of an input's rows: rows wait until they are decided.
     file_jobs        Measure many files, one job a file: public check() and stats().
     following        Follow a recording that another program writes, across its files.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.

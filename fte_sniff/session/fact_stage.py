@@ -1,4 +1,4 @@
-"""The facts of an input's rows: rows wait until they are decided, and what is among them waits too.
+"""Facts and readings of an input's rows: rows wait until they are decided, what is among them too.
 
 rows      r1 r2 | r3 r4 r5      r3 waits for its answer
 events          e               waits with r3, so that the order remains
@@ -14,7 +14,8 @@ from typing import Final
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import StreamChange, rising_times, shifted
 from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.readings import Readings
+from fte_sniff.protocol.rows import NO_ROWS, Rows
 from fte_sniff.session.inputs import InputBatch
 
 MOST_BYTES: Final = 2 << 20
@@ -22,10 +23,10 @@ MOST_BYTES: Final = 2 << 20
 
 
 class FactStage:
-    """Completes the rows of one input with their facts."""
+    """Completes the rows of one input with their facts, their readings, or both."""
 
-    def __init__(self) -> None:
-        self._facts = Facts()
+    def __init__(self, facts: Facts | None = None, readings: Readings | None = None) -> None:
+        self._facts, self._readings = facts, readings
         self._read = self._decided = 0
         self._events = deque[tuple[int, PortEvent]]()
         """Each with the number of rows before it."""
@@ -40,14 +41,21 @@ class FactStage:
             self._events.extend(sorted(numbered, key=lambda one: one[0]))
         self._changes.extend(shifted(batch.changes, self._read))
         self._read += len(batch.rows)
-        rows = self._facts.feed(batch.rows, batch.changes)
+        rows = batch.rows
+        if self._facts is not None:
+            rows = self._facts.feed(rows, batch.changes)
+        if self._readings is not None:
+            rows = self._readings.feed(rows)
         first, *others = self._released(rows)
         yield replace(first, losses=batch.losses, gaps=batch.gaps)
         yield from others
 
     def end(self) -> Iterator[InputBatch]:
         """The rows that waited at the end of the input."""
-        return self._released(self._facts.interrupt())
+        rows = NO_ROWS if self._facts is None else self._facts.interrupt()
+        if self._readings is not None:
+            rows = Rows.concat([self._readings.feed(rows), self._readings.end()])
+        return self._released(rows)
 
     def _released(self, rows: Rows) -> Iterator[InputBatch]:
         parts = -(-rows.size // MOST_BYTES) or 1

@@ -63,6 +63,7 @@ class InputReading:
         progress: Progress | None = None,
         *,
         facts: bool = False,
+        readings: bool = False,
     ) -> None:
         """Read no rows yet; of several inputs, read their first times.
 
@@ -76,6 +77,7 @@ class InputReading:
             progress: shows how far reading has come.
             facts: whether rows wait for the facts that depend on later rows; they always do if the
                 filter names one.
+            readings: whether damaged and ambiguous rows get their readings; rows wait for them.
         """
         self.inputs = inputs = _by_first_time(inputs)
         for number, one in enumerate(inputs):
@@ -83,6 +85,7 @@ class InputReading:
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)
+        self._has_readings = readings
         self.tally = Tally()
         self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
@@ -248,11 +251,15 @@ class InputReading:
         self._gaps += gaps
 
     def _fact_stage(self) -> FactStage | None:
-        if not self._has_facts:
+        if not (self._has_facts or self._has_readings):
             return None
+        from fte_sniff.analysis.facts import Facts
+        from fte_sniff.protocol.readings import Readings
         from fte_sniff.session.fact_stage import FactStage
 
-        return FactStage()
+        return FactStage(
+            Facts() if self._has_facts else None, Readings() if self._has_readings else None
+        )
 
     def _selected(self, batch: InputBatch, facts: FactStage | None = None) -> Iterator[InputBatch]:
         """The batch, as far as its facts are decided, with the rows that match."""

@@ -134,12 +134,13 @@ _FEWEST: Final = 100
 def write_rows(writer: RowWriter, rows: Rows, so_far: int) -> None:
     """Write rows, as columns if the format allows it; `so_far` counts them and all before them.
 
-    Polars is not loaded for a few rows.
+    A DataFrame has no readings. Polars is not loaded for a few rows.
     """
     is_few = len(rows) < _FEWEST or (so_far <= FEW and "polars" not in sys.modules)
     if (
         is_few
         or not isinstance(writer, FrameWriter)
+        or rows.readings
         or (writer.shows_order and rows.unordered.any())
     ):
         writer.write(rows)

@@ -964,3 +964,47 @@ def test_columns_that_cannot_be_written_are_refused(
     assert told in done.stderr
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [(), ("--filter", "status <> 'ok'"), ("--limit", "400")])
+@pytest.mark.parametrize("name", ["damaged.raw", "damaged.mcap", "midstream.mcap"])
+def test_why_adds_readings_to_malformed_and_ambiguous_rows_alone(
+    run, samples: Path, name: str, words: tuple[str, ...]
+) -> None:
+    decode = "decode", samples / name, "--format", "jsonl", *words
+    plain = jsonl(run(*decode).stdout)
+    found = jsonl(run(*decode, "--why").stdout)
+    doubtful = [row["status"] == "malformed" or "ambiguous" in row["faults"] for row in plain]
+    assert ["why" in row for row in found] == doubtful
+    assert any(doubtful)
+    for row in found:
+        for one in row.get("why", ()):
+            assert set(one) == {"reading", "probability"}
+            assert 0 <= one["probability"] <= 1
+    assert [{**row, "why": None} for row in found] == [{**row, "why": None} for row in plain]
+
+
+def test_the_readings_of_a_row_do_not_depend_on_the_filter_and_the_columns(
+    run, samples: Path
+) -> None:
+    decode = "decode", samples / "damaged.mcap", "--format", "jsonl", "--why"
+    whole = [row for row in jsonl(run(*decode).stdout) if "why" in row]
+    words = "--filter", "status <> 'ok'", "--columns", "offset"
+    found = jsonl(run(*decode, *words).stdout)
+    assert [row for row in found if "why" in row] == [
+        {"offset": row["offset"], "why": row["why"]} for row in whole
+    ]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [(), *(("--format", form) for form in ("table", "csv", "hex")), ("-o", "x.parquet")],
+)
+def test_why_is_refused_for_other_formats_than_jsonl(
+    run, samples: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    done = run("decode", samples / "damaged.raw", "--why", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "--format jsonl" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -129,7 +129,8 @@ def test_unknown_tool_lists_the_tools(run) -> None:
 @pytest.mark.parametrize("name", ["clean", "damaged", "midstream", "idle"])
 def test_every_json_line_of_a_sample_is_valid_by_the_schema(run, samples: Path, name: str) -> None:
     validator = Draft202012Validator(json.loads(run("decoder", "json-schema").stdout))
-    lines = run("decode", samples / f"{name}.mcap", "--format", "jsonl").stdout.splitlines()
+    decode = "decode", samples / f"{name}.mcap", "--format", "jsonl"
+    lines = run(*decode).stdout.splitlines()
     assert lines
-    for line in lines:
+    for line in lines + run(*decode, "--why").stdout.splitlines():
         validator.validate(json.loads(line))

@@ -131,6 +131,18 @@ def test_ambiguity_and_damage_are_explained(run) -> None:
     assert done.returncode == 0
 
 
+def test_readings_are_shown_with_their_probabilities(run) -> None:
+    frames = "AA 01 01 03 E8 AA 02 01 03 E8 00 00 00 0F EE 55 01 01 03 E8 00 00 00 0F EE"
+    lines = run("hex", frames).stdout.splitlines()
+    assert [line.split(": ")[1] for line in lines if line.startswith("  probability ")] == [
+        "truncated AA 01 01 03 E8",
+        "truncated AA 01 01 03 E8 (AA)",
+        "position AA 02 01 03 E8 00 00 00 0F EE",
+        "truncated (AA 01 01 03 E8) AA + rest of a frame 02 01 03 E8 00 00 00 0F EE",
+    ]
+    assert "why" not in run("hex", frames, "--format", "jsonl").stdout
+
+
 def test_a_long_paste_that_is_no_hex(run) -> None:
     for paste in ("A" * 1001, "Z" * 1001):
         done = run("hex", paste)

@@ -146,10 +146,10 @@ def add(a: float, b: float) -> float:
     return high if low == -inf else high + log(1 + exp(low - high))
 
 
-def _noise(length: int) -> float:
-    """The log score of noise of that length, short or long, before a header."""
+def noise_score(length: int) -> float:
+    """The score of noise of that length, short or long, before a header or the end."""
     junk = JUNK if length <= LONGEST_JUNK else 0.0
-    return log(junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * NOISE_ENDS)
+    return junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * NOISE_ENDS
 
 
 def _forward(at: list[list[Candidate]], ends: list[int]) -> list[float]:
@@ -165,7 +165,7 @@ def _forward(at: list[list[Candidate]], ends: list[int]) -> list[float]:
         if frame[start] > -inf:
             for end in ends:
                 if end > start:
-                    noise[end] = add(noise[end], frame[start] + _noise(end - start))
+                    noise[end] = add(noise[end], frame[start] + log(noise_score(end - start)))
     return [add(a, b) for a, b in zip(frame, noise, strict=True)]
 
 
@@ -180,7 +180,7 @@ def _backward(at: list[list[Candidate]], ends: list[int]) -> list[float]:
         after[start] = from_frame[start]
         for end in ends:
             if end > start:
-                after[start] = add(after[start], _noise(end - start) + from_frame[end])
+                after[start] = add(after[start], log(noise_score(end - start)) + from_frame[end])
     return after
 
 

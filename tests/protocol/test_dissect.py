@@ -17,7 +17,8 @@ from fte_sniff.protocol import (
     LineErrorMarker,
     Row,
 )
-from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain, explain_readings
+from fte_sniff.protocol.rows import Reading
 from tests.protocol.oracle import frame_faults
 from tests.support.columns import in_columns
 from tests.support.faults import damaged_stream
@@ -220,15 +221,11 @@ def test_damage_explains_why_it_is_not_a_frame(
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        ("AA 02 03 EE 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
-        ("AA 02 03 E8 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
-        ("AA 02 03 EE 12 02 01 03 E8 EE", "could end with the EE at 3"),
-        ("AA 02 03 12 AA 12 01 03 E8 EE", "could begin with the AA at 4"),
-        ("AA 02 03 12 12 12 01 03 E8 EE", "because of the bytes around it"),
-    ],
+    ("probability", "share"),
+    [(1.0, ">99.99 %"), (0.99995, ">99.99 %"), (0.0909, "9.09 %"), (0.00004, "<0.01 %")],
 )
-def test_an_ambiguity_names_the_other_reading(text: str, why: str) -> None:
-    (sentence,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
-    assert why in sentence
+def test_readings_are_explained_with_their_probabilities(probability: float, share: str) -> None:
+    readings = (Reading("truncated AA 01 01", probability),)
+    damaged = Damage("p", 0, bytes.fromhex("AA 01 01"), None, (Fault.TRUNCATED,), readings=readings)
+    (reading,) = explain_readings(damaged)
+    assert reading == f"probability {share}: truncated AA 01 01"

@@ -38,7 +38,7 @@ from fte_sniff.errors import (
     unwritable,
 )
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.protocol import Frame, Gap, LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, Frame, Framer, Gap, LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
 from fte_sniff.recording.reader import RecordingReader
@@ -60,7 +60,7 @@ from fte_sniff.tui.status_bar import (
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.text import event_text, landmark_text
 from tests.analysis.filter.test_parser import MISTAKES
-from tests.tui.conftest import Rows, Scenario, enter_line, lines, page, play, press, settle
+from tests.tui.conftest import NOON_NS, Rows, Scenario, enter_line, lines, page, play, press, settle
 
 CHINESE = StartOptions(language="zh")
 
@@ -322,6 +322,33 @@ def test_a_search_that_cannot_be_read_is_explained_in_chinese(feed: Any, speed_r
         assert "'aa0g'不是十六进制：每个字节写两位" in squeezed(app)
 
     play_chinese(feed, scenario)
+
+
+AMBIGUOUS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
+"""A position frame that can also be two truncated frames."""
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
+@pytest.mark.parametrize(
+    ("player", "words"),
+    [(play, "probability {share}: {reading}"), (play_chinese, "概率 {share}：{reading}")],
+)
+def test_the_detail_names_both_readings_with_their_probabilities(
+    feed: Any, player: Any, words: str, size: tuple[int, int]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        framer = Framer("p")
+        feed.give(framer.feed(Chunk("p", NOON_NS, AMBIGUOUS)) + framer.flush())
+        await settle(app, pilot)
+        await press(app, pilot, "i")
+        await settle(app, pilot)
+        for share, reading in (
+            ("90.90 %", "position AA 02 03 EE 55 02 01 03 E8 EE"),
+            ("9.09 %", "truncated AA 02 03 EE + truncated 55 02 01 03 E8 EE"),
+        ):
+            assert words.format(share=share, reading=reading) in "\n".join(lines(app))
+
+    player(feed, scenario, size)
 
 
 @pytest.mark.parametrize(

@@ -448,7 +448,7 @@ def test_every_line_of_every_pane_fits(
     for text in (grid(look, width, height, palette), page.text):
         assert all(line.cell_len <= width for line in text.split("\n"))
     if rows:
-        near = neighbours(store, index, 100)
+        near = neighbours(store, index, 100, 100)
         assert rows[index] in near
         drawn = dump(rows[index], near, width, palette).plain
         assert drawn or not rows[index].raw
@@ -489,7 +489,7 @@ def test_the_bytes_around_a_row_stand_at_their_offsets(
     index = data.draw(st.integers(0, len(rows) - 1))
     row = rows[index]
     stream = b"".join(other.raw for other in rows if other.port == row.port)
-    near = neighbours(_store(rows), index, 200)
+    near = neighbours(_store(rows), index, 200, 200)
     assert b"".join(other.raw for other in near) in stream
     assert near[0].offset <= max(0, row.offset - 200)
     text = dump(row, near, width, DARK).plain
@@ -535,7 +535,7 @@ def test_what_the_store_does_not_have_is_dots() -> None:
 
 def test_rows_of_other_ports_are_no_neighbours() -> None:
     rows = _rows([10] * 40, "pq")
-    near = neighbours(_store(rows), 20, 30)
+    near = neighbours(_store(rows), 20, 30, 30)
     assert {row.port for row in near} == {"p"}
     assert len(near) == 7
 
@@ -544,8 +544,8 @@ def test_a_row_that_left_has_no_neighbours() -> None:
     store = RowStore(5, 2)
     store.append(columns.Rows.from_rows(_rows([10] * 9)))
     with pytest.raises(IndexError):
-        neighbours(store, 2, 100)
-    assert neighbours(store, 5, 100)[0].offset == 40
+        neighbours(store, 2, 100, 100)
+    assert neighbours(store, 5, 100, 100)[0].offset == 40
 
 
 def _page(

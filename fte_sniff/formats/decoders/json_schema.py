@@ -6,9 +6,27 @@ import json
 
 from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status, status_of
 from fte_sniff.protocol.columns import Column, ColumnType
+from fte_sniff.protocol.readings import MOST, WHY
+from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import VALUE_FIELDS, Field, FrameKind
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+_WHY = {
+    "description": "the best two readings of a damaged or ambiguous row, with --why",
+    "type": "array",
+    "maxItems": MOST,
+    "items": {
+        "type": "object",
+        "properties": {
+            "reading": {"type": "string"},
+            "probability": {"type": "number", "minimum": 0, "maximum": 1},
+        },
+        "required": [*Reading._fields],
+        "additionalProperties": False,
+    },
+}
 
 
 def schema() -> str:
@@ -18,7 +36,7 @@ def schema() -> str:
         "title": "A row of fte-sniff",
         "description": "One JSON line of `fte-sniff decode --format jsonl`.",
         "type": "object",
-        "properties": {column.name: _property(column) for column in COLUMNS},
+        "properties": {column.name: _property(column) for column in COLUMNS} | {WHY: _WHY},
         "required": [column.name for column in COLUMNS],
         "additionalProperties": False,
         "allOf": [*map(_rule_of_kind, (*KINDS, None)), *map(_rule_of_fault, Fault), _ok_rule()],

@@ -158,13 +158,13 @@ def _segment(candidates: CandidateSet, start: i64, stop: i64, score: float) -> S
     if score == _NOISE_SCORE:
         return Segment(start, stop, False, NOISE, 0.0)
     tables, data = candidates.tables, candidates.data
-    fault = _damage_fault(tables, data, start, stop)
+    fault = damage_fault(tables, data, start, stop)
     if fault:
         return Segment(start, stop, False, fault, score)
     return Segment(start, stop, True, framed_faults(tables, data, start), score)
 
 
-def _damage_fault(tables: FrameTables, data: bytes, start: i64, stop: i64) -> i64:
+def damage_fault(tables: FrameTables, data: bytes, start: i64, stop: i64) -> i64:
     """The fault of a candidate's bytes; 0 if they are framed."""
     size = stop - start
     has_header = tables.delimiters[data[start]] == HEADER

@@ -22,8 +22,15 @@ from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
-from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
+from fte_sniff.protocol.dissect import (
+    ExplainedBit,
+    ExplainedField,
+    dissect,
+    explain,
+    explain_readings,
+)
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.readings import CONTEXT, LEARNED, is_doubtful, readings
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
@@ -103,13 +110,15 @@ def detail_text(
     """The explanation of a row; positions in turns too, where the set-up gives pulses per turn."""
     lines = _heading(row, palette, layout, zone)
     style = palette.statuses[row.status]
-    marked = [(LOOKS[row.status].mark, explanation, style) for explanation in explain(row)]
+    mark, read = LOOKS[row.status].mark, explain_readings(row)
+    # The readings explain a frame that is ambiguous; of damage, the bytes come first.
+    first = [*explain(row), *(read if isinstance(row, Frame) else ())]
+    marked = [(mark, explanation, style) for explanation in first]
     if row.order_uncertain:
         marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
     marked += [(Sign.PAIRED.value, text, palette.signs) for text in layout.relations]
-    for mark, text, style in marked:
-        for n, part in enumerate(wrap(_(text), layout.width - 2)):
-            lines.append(Text(f"{' ' if n else mark} {part}", style=style))
+    for sign, text, own in marked:
+        lines += _marked_lines(sign, text, own, layout)
     fields = [_with_turns(field, line_setup) for field in dissect(row)]
     value_width = _VALUE_WIDTH if any(field.value for field in fields) else 0
     for number, field in enumerate(fields):
@@ -117,9 +126,16 @@ def detail_text(
         for line in _field_lines(field, palette, layout, value_width, number == layout.field):
             line.stylize(meta)
             lines.append(line)
+    for text in () if isinstance(row, Frame) else read:
+        lines += _marked_lines(mark, text, style, layout)
     for line in lines:
         line.truncate(layout.width, overflow="ellipsis")
     return Text("\n").join(lines)
+
+
+def _marked_lines(mark: str, text: str, style: Style, layout: DetailLayout) -> list[Text]:
+    parts = wrap(_(text), layout.width - 2)
+    return [Text(f"{' ' if n else mark} {part}", style=style) for n, part in enumerate(parts)]
 
 
 def _heading(row: Row, palette: Palette, layout: DetailLayout, zone: tzinfo) -> list[Text]:
@@ -244,15 +260,24 @@ class DetailPane(Pane):
             context.field,
             tuple(relation_lines(context)),
         )
-        setup, zone = context.line_setup, context.zone
-        if context.row is None:
+        setup, zone, row = context.line_setup, context.zone, _with_readings(context)
+        if row is None:
             self.set_page_of(Text, _("no row"))
         elif (
-            self.set_page_of(detail_text, context.row, context.palette, layout, setup, zone)
+            self.set_page_of(detail_text, row, context.palette, layout, setup, zone)
             and context.index != self._index
         ):
             self._index = context.index
             self.scroll_home(animate=False)
+
+
+def _with_readings(context: PaneContext) -> Row | None:
+    """The cursor's row, with its readings if it is doubtful."""
+    row, index = context.row, context.index
+    if row is None or index is None or not is_doubtful(row.faults):
+        return row
+    rows = neighbours(context.store, index, LEARNED, CONTEXT)
+    return replace(row, readings=readings(rows, rows.index(row)))
 
 
 CONTEXT_LINES = 6
@@ -269,17 +294,17 @@ _OFFSET_WIDTH = 12
 _STEP_ROWS = 256
 
 
-def neighbours(store: RowStore, index: int, reach: int) -> list[Row]:
-    """The row at an index, with the rows of its port up to `reach` bytes away, in order.
+def neighbours(store: RowStore, index: int, before: int, after: int) -> list[Row]:
+    """The row at an index, with the rows of its port that have the bytes before and after it.
 
-    Raises IndexError for an unknown row.
+    `before` and `after` are numbers of bytes. Raises IndexError for an unknown row.
     """
     row = store.row(index)
-    start, end = row.offset - reach, row.offset + len(row.raw) + reach
-    before = (other for other in _backwards(store, index) if other.port == row.port)
-    after = (other for other in _forwards(store, index) if other.port == row.port)
-    near_before = takewhile(lambda other: other.offset + len(other.raw) > start, before)
-    near_after = takewhile(lambda other: other.offset < end, after)
+    start, end = row.offset - before, row.offset + len(row.raw) + after
+    backwards = (other for other in _backwards(store, index) if other.port == row.port)
+    forwards = (other for other in _forwards(store, index) if other.port == row.port)
+    near_before = takewhile(lambda other: other.offset + len(other.raw) > start, backwards)
+    near_after = takewhile(lambda other: other.offset < end, forwards)
     return [*reversed(list(near_before)), row, *near_after]
 
 
@@ -402,7 +427,8 @@ class BytesPane(Pane):
         around = CONTEXT_LINES
         if not (self.styles.height is None or self.styles.height.is_auto):
             around = max(around, (self.page_size.height - 1) // 2)
-        rows = neighbours(context.store, context.index, around * DUMP_BYTES[0])
+        reach = around * DUMP_BYTES[0]
+        rows = neighbours(context.store, context.index, reach, reach)
         self.set_title(_("bytes around offset {offset:,}", offset=context.row.offset))
         width, palette = self.page_size.width, context.palette
         self.set_page_of(dump, context.row, rows, width, palette, context.field, around)
