@@ -19,14 +19,16 @@ from fte_sniff.formats.logs.times import masked
 from fte_sniff.formats.logs.weave import unwoven
 from fte_sniff.protocol.spec import FRAME_LENGTH, FTE_FORMAT, HEADERS, KINDS, TAIL
 
-NUMBER_TOKEN: Final = (
+NUMBER_TOKEN: Final = re.compile(
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
-GOES_ON: Final = (
+GOES_ON: Final = re.compile(
     rb"-[0-9A-Fa-f]{2}-|: ?[^\s.+\xe2]| [^\w\s.+]{0,2}[A-Za-z]{3}|[ ,;\t]+\d{3,}(?![\w.:-])"
 )
 """After a run that is a part of something else: of words, or of numbers."""
+_BLANK: Final = re.compile(rb"\s+")
+_COLUMN_GAP: Final = re.compile(rb" {8,}")
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
@@ -139,8 +141,8 @@ def without_labels(text: bytes) -> str:
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
     """The text with each number as 0, and white space as one space; a column is apart."""
-    text = re.sub(NUMBER_TOKEN, b"0", re.sub(rb" {8,}", b" ~ ", text))
-    return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
+    text = NUMBER_TOKEN.sub(b"0", _COLUMN_GAP.sub(b" ~ ", text))
+    return _BLANK.sub(b" ", text) if text.strip(b" ") else b""
 
 
 Common = frozenset[bytes]
@@ -189,7 +191,7 @@ def runs_in_lanes(
         between, after = folded(text[end : run.start]), text[run.stop : run.stop + 8]
         is_record = between == last and repeated >= _MOST_COLUMNS
         key = _loose((before if is_record else before + between)[-_LONGEST_KEY:], common)
-        yield run, key + "…".encode() if re.match(GOES_ON, after) else key
+        yield run, key + "…".encode() if GOES_ON.match(after) else key
         if len(run.data) >= LIKE_BYTES:
             repeated = repeated + 1 if between == last else 0
             before, end, last = key if repeated >= _MOST_COLUMNS else key + b"0", run.stop, between
@@ -228,6 +230,16 @@ class Lane:
     def in_records(self) -> set[tuple[int, bytes]]:
         """Record and bytes of its runs."""
         return {(run.record, run.data) for run in self.runs}
+
+    @cached_property
+    def number_records(self) -> list[int]:
+        """The records of its runs that may be numbers by accident."""
+        return [run.record for run in self.runs if len(run.data) < LIKE_BYTES]
+
+    @cached_property
+    def sizes(self) -> set[int]:
+        """How many bytes its runs have."""
+        return {len(run.data) for run in self.runs}
 
     @cached_property
     def starts(self) -> list[int]:
@@ -298,12 +310,10 @@ class Lane:
 
         Where each run is one byte, two numbers of the other are a character and its byte.
         """
-        records = {run.record for run in self.runs if len(run.data) < LIKE_BYTES}
-        beside = sum(run.record in records for run in other.runs if len(run.data) < LIKE_BYTES)
+        beside = sum(map({*self.number_records}.__contains__, other.number_records))
         if 2 * beside <= min(len(self.runs), len(other.runs)):
             yield Lane({**self.cuts, **other.cuts}, self.runs + other.runs)
-        sizes = {len(run.data) for run in self.runs}, {len(run.data) for run in other.runs}
-        if sizes == ({1}, {2}):
+        if (self.sizes, other.sizes) == ({1}, {2}):
             runs = [run._replace(data=run.data[1:]) for run in other.runs]
             yield Lane({**self.cuts, **dict.fromkeys(other.cuts, slice(1, None))}, self.runs + runs)
 
@@ -339,7 +349,7 @@ class Hypothesis:
     def unwoven(self) -> Hypothesis:
         """This hypothesis, or one of two wires if its bytes are those of two wires in turn."""
         lane = self.lanes[0] if len(self.lanes) == 1 else None
-        if self.share >= _ALMOST_ALL or lane is None or {len(one.data) for one in lane.runs} != {1}:
+        if self.share >= _ALMOST_ALL or lane is None or lane.sizes != {1}:
             return self
         data = lane.data[:_MOST_UNWOVEN]
         frames = _frames_of_wires(data)
@@ -399,7 +409,8 @@ def hypotheses(
     lines: Sequence[bytes], extractors: Iterable[Extractor], needed: bytes = bytes([TAIL])
 ) -> list[Hypothesis]:
     """What extractors whose runs have the needed bytes find in lines, the best score first."""
-    texts, found = (b"\n".join(lines), b"\n".join(map(masked, lines))), list[Hypothesis]()
+    text, found = b"\n".join(lines), list[Hypothesis]()
+    texts = text, masked(text)
     for one in extractors:
         text = texts[one.masks_times]
         runs = list(one.runs(text)) if re.search(one.needs, text) else []
@@ -412,9 +423,10 @@ def hypotheses(
         best = _hypothesis(one, keys, placed, None)
         if len({*keys}) > _FEW_LANES:
             common = _common_words(keys)
-            keys = [key for _, key in runs_in_lanes(text, runs, common)]
-            loose = _hypothesis(one, keys, placed, common)
-            best = max(best, loose, key=lambda own: own.score)
+            loosened = [key for _, key in runs_in_lanes(text, runs, common)]
+            if len({*loosened}) < len({*keys}):  # else the lanes are the same
+                loose = _hypothesis(one, loosened, placed, common)
+                best = max(best, loose, key=lambda own: own.score)
         found.append(best.unwoven())
     return sorted(found, key=lambda one: -one.score)
 
@@ -427,7 +439,8 @@ def _hypothesis(
     for key, run in zip(keys, runs, strict=True):
         lanes.setdefault(key, []).append(run)
     whole = [Lane({key: slice(None)}, own) for key, own in lanes.items()]
-    choices = [_chosen(whole), _chosen([lane.cut() for lane in whole])]
+    cut = [lane.cut() for lane in whole]
+    choices = [_chosen(own) for own in ((whole,) if cut == whole else (whole, cut))]
     return max(
         (Hypothesis(extractor, own, common, repeated) for own, repeated in choices),
         key=lambda own: own.score,

@@ -16,7 +16,8 @@ from functools import cache
 from typing import Final, NamedTuple
 
 _LONGEST_KNOWN: Final = 16
-"""Characters of a unit whose bytes are kept."""
+_MOST_KNOWN: Final = 1 << 16
+"""Characters of a piece of a run whose bytes are kept, and how many are."""
 
 
 class Run(NamedTuple):
@@ -52,48 +53,98 @@ class Extractor(NamedTuple):
                 yield Run(*found.span(), data)
 
     @property
-    def bytes_of(self) -> Callable[[bytes], bytes]:
+    def bytes_of(self) -> BytesOf:
         """What returns the bytes of the text of a run; none if it is not a run after all."""
         return _bytes_of_runs(self.unit, self.swaps)
 
 
-class _Known(dict[bytes, bytes]):
-    """The bytes of the units of an extractor, or of the codes in a text, by their text."""
+BytesOf = Callable[[bytes], bytes]
 
-    def __init__(self, pattern: bytes, step: int = 1) -> None:
+
+class _Known(dict[bytes, bytes]):
+    """The bytes of the pieces of runs, by their text."""
+
+    def __init__(self, bytes_of: BytesOf) -> None:
         super().__init__()
-        self._find, self._step = re.compile(pattern).fullmatch, step
+        self._bytes_of = bytes_of
 
     def __missing__(self, text: bytes) -> bytes:
-        found = self._find(text)
-        if found is None:
-            raise ValueError(text)
-        data = _bytes_of(found)[:: self._step]
-        if len(text) <= _LONGEST_KNOWN:
+        data = self._bytes_of(text)
+        if len(text) <= _LONGEST_KNOWN and len(self) < _MOST_KNOWN:
             self[text] = data
         return data
 
 
-@cache
-def _bytes_of_runs(unit: bytes, swaps: bool) -> Callable[[bytes], bytes]:
-    """What returns the bytes of the text of a run of units."""
-    unnamed = re.sub(rb"[?]P<[^>]+>", b"?:", unit)
-    units, known = re.compile(unnamed).findall, _Known(unit, -1 if swaps else 1).__getitem__
+def _by_pieces(known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | None]]) -> BytesOf:
+    """What returns the bytes of a text by those of its pieces, without a search for them.
 
-    def bytes_of(run: bytes) -> bytes:
-        try:
-            return b"".join(map(known, units(run)))
-        except (ValueError, OverflowError):
-            return b""
+    Pieces of a log mostly begin with the same character, so that a text can be split there.
+
+    Args:
+        known: the bytes of a piece; raises ValueError if it is not a whole one.
+        searched: the bytes of a text by a search, and the character that pieces may begin with;
+            none if a text is one piece, None to search the next text too.
+    """
+    mark: bytes | None = None
+    following = _Known(lambda piece: known((mark or b"") + piece))
+
+    def bytes_of(text: bytes) -> bytes:
+        nonlocal mark
+        if mark is not None:
+            try:
+                first, *others = text.split(mark) if mark else (text,)
+                data = known(first) if first else b""
+                return data + b"".join(map(following.__getitem__, others))
+            except (ValueError, OverflowError):
+                pass
+        was = mark
+        data, mark = searched(text)
+        if mark != was:
+            following.clear()
+        return data
 
     return bytes_of
 
 
 @cache
-def _codes(kind: str) -> tuple[re.Pattern[bytes], _Known]:
-    """What finds the codes in a text of a kind, and their bytes."""
-    pattern = _expanded(_CODES[kind]).encode()
-    return re.compile(pattern), _Known(pattern)
+def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
+    """What returns the bytes of the text of a run of units."""
+    unnamed = re.sub(rb"[?]P<[^>]+>", b"?:", unit)
+    units, whole, step = re.compile(unnamed).findall, re.compile(unit).fullmatch, -1 if swaps else 1
+
+    def bytes_of_unit(text: bytes) -> bytes:
+        found = whole(text)
+        if found is None:
+            raise ValueError(text)
+        return _bytes_of(found)[::step]
+
+    def searched(run: bytes) -> tuple[bytes, bytes | None]:
+        texts = units(run)
+        begin = texts[1][:1] if len(texts) > 1 else b""
+        try:
+            return b"".join(map(known, texts)), b"" if begin.isalnum() else begin
+        except (ValueError, OverflowError):
+            return b"", None
+
+    known = _Known(bytes_of_unit).__getitem__
+    return _by_pieces(known, searched)
+
+
+@cache
+def _bytes_of_codes(kind: str) -> BytesOf:
+    """What returns the bytes of a text with codes of a kind."""
+    codes = re.compile(_expanded(_CODES[kind]).encode())
+
+    def bytes_of_piece(text: bytes) -> bytes:
+        if text[:1] in _BEFORE_CODES and not codes.match(text):
+            raise ValueError(text)
+        return codes.sub(_bytes_of, text)
+
+    def searched(text: bytes) -> tuple[bytes, bytes | None]:
+        first = codes.search(text)
+        return codes.sub(_bytes_of, text), first[0][:1] if first else None
+
+    return _by_pieces(_Known(bytes_of_piece).__getitem__, searched)
 
 
 def _bytes_of(unit: re.Match[bytes]) -> bytes:
@@ -103,10 +154,10 @@ def _bytes_of(unit: re.Match[bytes]) -> bytes:
         value = int(text, base)
         return value.to_bytes(1 + kind.isupper(), "big", signed=value < 0)
     if kind in _CODES:
-        with suppress(UnicodeError):
-            text = text.decode().encode("latin-1")
-        codes, known = _codes(kind)
-        return codes.sub(lambda code: known[code[0]], text)
+        if not text.isascii():
+            with suppress(UnicodeError):
+                text = text.decode().encode("latin-1")
+        return _bytes_of_codes(kind)(text)
     return _KINDS[kind](text)
 
 
@@ -135,7 +186,8 @@ _CODES: Final = {
     "w": rf"[\[<{{(](?:(?:0x)?@@|(?P<n>{_CONTROLS}))[\]>}})]",
 }
 """By kind of form, the patterns of bytes that are not characters, in a text of characters."""
-_KINDS: Final[dict[str, Callable[[bytes], bytes]]] = {
+_BEFORE_CODES: Final = (b"\\", b"[", b"<", b"{", b"(")
+_KINDS: Final[dict[str, BytesOf]] = {
     "x": unhexlify,
     "q": urlsafe_b64decode,
     "n": lambda name: bytes([_VALUES[name.decode()]]),
@@ -145,11 +197,16 @@ _KINDS: Final[dict[str, Callable[[bytes], bytes]]] = {
 """By the first letter of a group that is not a number: how its text becomes bytes."""
 
 
+_NO_CODE: Final = r"!-')-;=-Z\]-z|}~"
+"""Characters that begin no code."""
+
+
 def _text_with(kind: str) -> str:
     """A text with codes, from the word with the first to that with the last of them."""
     code = _unnamed(_CODES[kind])
-    word = rf"(?:(?!{code})[!-~])*+"
-    return rf"(?<![!-~])(?P<{kind}>{word}{code}(?:(?:(?!{code})[ -~])*+{code})*+{word})"
+    word = rf"(?:[{_NO_CODE}]++|(?!{code})[!-~])*+"
+    words = rf"(?:[ {_NO_CODE}]++|(?!{code})[ -~])*+"
+    return rf"(?<![!-~])(?P<{kind}>{word}{code}(?:{words}{code})*+{word})"
 
 
 _EDGE: Final = "(?!(?<=[0-9A-Za-z])[0-9A-Za-z])"
@@ -212,8 +269,8 @@ _FORMS: Final = (
     ("text with codes in brackets", _text_with("w"), "",
      "minicom, interceptty, DSView, Docklight, Bray's Terminal, Termite, Hercules, YAT"),
     ("a character in each line",
-     r"(?<![^,;\t])'?(?:(?:\\x|[\[<]|0x)@@[\]>]?|\\(?P<e>[a-z0])|(?P<c>[ -~]))'?(?![^,;\t\n])", "",
-     "DSView, Saleae Logic in ASCII"),
+     r"(?<![^,;\t\n])'?(?:(?:\\x|[\[<]|0x)@@[\]>]?|\\(?P<e>[a-z0])|(?P<c>[ -~]))'?(?![^,;\t\n])",
+     "", "DSView, Saleae Logic in ASCII"),
     ("characters of od -c", _OD_CELL, "", "od -c, hexdump -c"),
 )  # fmt: skip
 """Name, unit, separator, programs."""

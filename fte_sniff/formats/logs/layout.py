@@ -20,7 +20,7 @@ from fte_sniff.formats.logs.times import Fields, StepUnit, TimeRule, masked, tim
 from fte_sniff.formats.logs.weave import WIRES
 from fte_sniff.protocol.spec import HEADERS, Direction
 
-GAP: Final = (
+GAP: Final = re.compile(
     rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
     rb"|(?i:([ ,:-])(?:[\da-f][g-z]|[g-z][\da-f]|[\da-f](?=\1[\da-f]{2}\1))(?=\1[\da-f]{2}\b))"
 )
@@ -150,7 +150,7 @@ class Layout:
                 ):
                     others[run.start] = text
                 continue
-            gap = re.match(GAP, line[run.stop : run.stop + 32]) is not None
+            gap = GAP.match(line, run.stop, run.stop + 32) is not None
             found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
         found = [self._described(one, line) for one in _with_parts(found, line)]
         if not found and {"above", "below"} & {self.labelled, self.times.where}:

@@ -7,18 +7,26 @@ same length and bytes in two digits, numpy reads them; else a regular expression
 from __future__ import annotations
 
 import re
+from bisect import bisect
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import compress, pairwise
+from itertools import accumulate, compress, pairwise
 from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from fte_sniff.formats.log_form import NO_TIME
-from fte_sniff.formats.logs.evidence import GOES_ON, LIKE_BYTES, NUMBER_TOKEN, folded, label_of
+from fte_sniff.formats.logs.evidence import (
+    GOES_ON,
+    LIKE_BYTES,
+    NUMBER_TOKEN,
+    folded,
+    label_of,
+    runs_in_lanes,
+)
 from fte_sniff.formats.logs.layout import GAP, Found, Layout, without_bytes
-from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, first_time
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, masked
 
 _MOST_SHAPES: Final = 24
 """Of one length; also those that regular expressions read."""
@@ -134,7 +142,7 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     if untimed:
         return None
     fields = found[0].fields or {}
-    tokens = re.finditer(NUMBER_TOKEN, without_bytes(line, found))
+    tokens = NUMBER_TOKEN.finditer(without_bytes(line, found))
     numbers = {at for token in tokens for at in range(*token.span())}
     numbers -= {at for span in fields.values() for at in range(*span)}
     numbers = {at for at in numbers if re.match(rb"\d(?![xX])", line[at : at + 2])}
@@ -208,7 +216,8 @@ class _Bytes(NamedTuple):
 class _Pattern(NamedTuple):
     """A regular expression for lines of a shape."""
 
-    find: Callable[[bytes], re.Match[bytes] | None]
+    find: Callable[[bytes], list[tuple[bytes, ...]]]
+    """Of each line of a text, the groups; they are empty if the line has another shape."""
     runs: list[_Bytes]
     names: dict[int, int | None]
     """The groups of words that may differ, with what they have in common."""
@@ -237,7 +246,11 @@ class _Checked(dict[bytes, Any]):
 
 def _column(columns: Sequence[Sequence[bytes]], pattern: _Pattern, start: int, stop: int) -> Any:
     """The numbers of the time that are between two offsets in the line of a pattern."""
-    return np.array([*map(int, columns[pattern.clock[start, stop]])], np.int64)
+    column = columns[pattern.clock[start, stop]]
+    width, text = len(max(column, key=len)), b"".join(column)
+    if width * len(column) > len(text):
+        return np.array([*map(int, column)], np.int64)
+    return _number(np.frombuffer(text, np.uint8).reshape(-1, width).T, 0, width)
 
 
 class _Varying:
@@ -254,48 +267,60 @@ class _Varying:
 
     def read(self, lines: Sequence[bytes], rows: Any) -> Iterator[Alike]:
         """The lines that are alike, of those with these indices in a text."""
-        left, tried, at = [*range(len(lines))], 0, 0
-        foreign, alone = list[int](), list[int]()
-        while tried < _MOST_SHAPES and at < len(left):
-            line = lines[left[at]]
-            if self._is_foreign(line):
-                foreign.append(left[at])
-                at += 1
-                continue
-            tried += 1
-            shape = _shape_of(line, self._layout)
-            own = shape and self._alike(shape, lines, left[at:])
-            if not own:
-                alone.append(left[at])
-                at += 1
-                continue
-            which, alike = own
-            yield alike._replace(rows=rows[alike.rows])
-            left = [one for one, is_own in zip(left[at:], which, strict=True) if not is_own]
-            at = 0
-        foreign += [one for one in left[at:] if self._is_foreign(lines[one])]
+        left, foreign = [*range(len(lines))], list[int]()
+        for _ in range(_MOST_SHAPES):
+            first = self._first_with_bytes(lines, left)
+            foreign += left[:first]
+            left = left[first:]
+            if not left:
+                break
+            shape = _shape_of(lines[left[0]], self._layout)
+            own = shape and self._alike(shape, lines, left)
+            if own:
+                which, alike = own
+                yield alike._replace(rows=rows[alike.rows])
+                left = [one for one, is_own in zip(left, which, strict=True) if not is_own]
+            else:
+                del left[0]
+        foreign += compress(left, self._are_foreign([lines[at] for at in left]))
         if foreign:
             yield Alike(rows[sorted(foreign)], b"", 0, None, NO_TIME)
 
-    def _is_foreign(self, line: bytes) -> bool:
-        """Whether a line has nothing that is read."""
-        if self._has_headings or line[:1] == b"*":  # a dump leaves out lines like that before
-            return False
-        time = first_time(line) if self._extractor.masks_times else None
-        if time is None:
-            return self._run.search(line) is None
-        return not (self._run.search(line, time.end()) or self._run.search(line, 0, time.start()))
+    def _first_with_bytes(self, lines: Sequence[bytes], left: Sequence[int]) -> int:
+        """How many of the lines that are left come before the first that is not foreign."""
+        at, size = 0, 1
+        while at < len(left):
+            are_foreign = self._are_foreign([lines[one] for one in left[at : at + size]])
+            if not all(are_foreign):
+                return at + are_foreign.index(False)
+            at, size = at + size, 2 * size
+        return len(left)
+
+    def _are_foreign(self, lines: Sequence[bytes]) -> list[bool]:
+        """Which lines have nothing that is read."""
+        if self._has_headings:
+            return [False] * len(lines)
+        text, hypothesis = b"\n".join(lines), self._layout.hypothesis
+        text = masked(text) if self._extractor.masks_times else text
+        ends = [*accumulate(len(line) + 1 for line in lines)]
+        # After a line with `*`, a dump leaves out lines like that before.
+        are_foreign = [line.strip() != b"*" for line in lines]
+        for run, key in runs_in_lanes(text, self._extractor.runs(text), self._common):
+            size = len(run.data)
+            if size >= LIKE_BYTES or hypothesis.cut_of(key, size) is not None:
+                are_foreign[bisect(ends, run.start)] = False
+        return are_foreign
 
     def _alike(
         self, shape: _Shape, lines: Sequence[bytes], left: Sequence[int]
     ) -> tuple[list[bool], Alike] | None:
         """Which of the lines that are left have a shape, and what they hold."""
         pattern = self._pattern_of(shape)
-        matches = [pattern.find(lines[at]) for at in left]
-        which = [one is not None for one in matches]
-        columns: list[Sequence[bytes]] = [
-            *zip(*(one.groups() for one in matches if one is not None), strict=True)
-        ]
+        found = pattern.find(b"\n".join([*(lines[at] for at in left), b""]))
+        which = [one[-1] != b"" for one in found]
+        if sum(which) < 2:
+            return None
+        columns: list[Sequence[bytes]] = [*zip(*compress(found, which), strict=True)]
         rows = [at for at, is_own in zip(left, which, strict=True) if is_own]
         data, fits = self._data_of(pattern, columns, len(rows))
         if self._extractor.swaps:  # the last word before another line may be half empty
@@ -334,16 +359,16 @@ class _Varying:
     ) -> tuple[list[bytes], list[bool]]:
         """The bytes of lines that match a pattern, and which need not be parsed."""
         data, fits = [b""] * count, [True] * count
-        for at, tail in pattern.tails.items():
-            fits = [
-                own and self._tails[text] == tail
-                for own, text in zip(fits, columns[at], strict=True)
-            ]
-        for at, common in pattern.names.items():
-            fits = [
-                own and self._names[text] == common
-                for own, text in zip(fits, columns[at], strict=True)
-            ]
+        alike: list[tuple[int, _Checked, Any]] = [
+            (at, self._tails, tail) for at, tail in pattern.tails.items()
+        ]
+        alike += [(at, self._names, common) for at, common in pattern.names.items()]
+        for at, checked, like in alike:
+            others = {text for text in {*columns[at]} if checked[text] != like}
+            if others:
+                fits = [
+                    own and text not in others for own, text in zip(fits, columns[at], strict=True)
+                ]
         for group, is_short, cut in pattern.runs:
             run = [*map(self._extractor.bytes_of, columns[group])]
             fits = [
@@ -374,7 +399,7 @@ class _Varying:
         parts.append(self._literal(shape, at, len(line)))
         order = {start: group for group, start in enumerate(sorted(groups))}
         return _Pattern(
-            re.compile(b"".join(parts)).fullmatch,
+            re.compile(rb"%b(\n)|.*\n" % b"".join(parts)).findall,
             [self._run_in(one, line, order[one.start]) for one in runs],
             {order[start]: self._names[line[start:stop]] for start, stop in names},
             {order[end]: self._tails[line[end:]]} if runs and self._is_tail_free else {},
@@ -421,5 +446,5 @@ class _Varying:
         """What the text after bytes is like."""
         has_numbers = self._run.search(b"0" + text, 1)
         numbers = re.sub(rb"\d+", b"0", text) if has_numbers else None
-        goes_on = re.match(GOES_ON, text[:8]) is not None
-        return goes_on, re.match(GAP, text[:32]) is not None, numbers
+        goes_on = GOES_ON.match(text[:8]) is not None
+        return goes_on, GAP.match(text[:32]) is not None, numbers

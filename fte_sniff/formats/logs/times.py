@@ -120,14 +120,10 @@ def _compiled(pattern: str) -> re.Pattern[bytes]:
     return re.compile(pattern.encode())
 
 
-def first_time(line: bytes) -> re.Match[bytes] | None:
-    """The first date or time of a line, which cannot be bytes."""
-    return _compiled(_ANY).search(line)
-
-
-def masked(line: bytes) -> bytes:
-    """The line with its first date or time hidden, which cannot be bytes."""
-    return _compiled(_ANY).sub(lambda found: b"~" * len(found[0]), line, count=1)
+def masked(text: bytes) -> bytes:
+    """The text with the first date or time of each line hidden, which cannot be bytes."""
+    first = _compiled(rf"(?m)^(.*?)({_ANY})")
+    return first.sub(lambda found: found[1] + b"~" * len(found[2]), text)
 
 
 @dataclass(slots=True)
