@@ -222,8 +222,8 @@ COLUMNS: Final[Mapping[str, str]] = {
 NO_FACT: Final = -1
 """The value of the columns of `FACTS` in a row without one."""
 
-_PAYLOAD: Final = slice(NUM_OFFSET, FRAME_LENGTH - 1)
-"""The bytes of a frame that hold its fields: at most eight."""
+_PAYLOAD: Final = slice(NUM_OFFSET + 1, FRAME_LENGTH - 1)
+"""The bytes of a frame that hold its fields but the motor: at most eight."""
 
 FACTS: Final[Mapping[str, str]] = {
     "answer_ns": "i",
@@ -679,7 +679,7 @@ class Rows(Sequence["Row"]):
 
     @property
     def payloads(self) -> Ints:
-        """The bytes between CMD and tail of each row as a number, most significant first."""
+        """The bytes between NUM and tail of each row as a number, most significant first."""
         import numpy as np
 
         wide = np.zeros((len(self), 8), np.uint8)
