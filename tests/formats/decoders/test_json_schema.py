@@ -12,7 +12,8 @@ from jsonschema import Draft202012Validator
 
 from fte_sniff.formats.decoders.json_schema import schema
 from fte_sniff.formats.writers import JsonlWriter
-from fte_sniff.protocol import COLUMNS, DEFAULT_BAUD, KINDS, Chunk, Framer, Row, encode
+from fte_sniff.protocol import COLUMNS, DEFAULT_BAUD, KINDS, Chunk, Framer, Row, Rows, encode
+from fte_sniff.protocol.readings import WHY, with_readings
 from tests.protocol.streams import raw_bytes
 from tests.recording.conftest import some_rows
 
@@ -27,14 +28,17 @@ def lines(rows: list[Row]) -> list[dict[str, Any]]:
 
 def test_schema_is_valid_and_lists_the_columns_in_order() -> None:
     Draft202012Validator.check_schema(json.loads(schema()))
-    assert [*json.loads(schema())["properties"]] == [column.name for column in COLUMNS]
+    columns = [column.name for column in COLUMNS]
+    assert [*json.loads(schema())["properties"]] == [*columns, WHY]
+    assert json.loads(schema())["required"] == columns
 
 
 @given(raw_bytes)
 def test_every_row_of_any_stream_is_valid(data: bytes) -> None:
     framer = Framer("p", DEFAULT_BAUD)
     rows = [*framer.feed(Chunk("p", None, data)), *framer.flush()]
-    for line in lines(rows):
+    explained = [row for batch in with_readings([Rows.from_rows(rows)]) for row in batch]
+    for line in lines(rows) + lines(explained):
         VALIDATOR.validate(line)
 
 
