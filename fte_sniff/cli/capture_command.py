@@ -22,19 +22,22 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import LOCAL, zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
-from fte_sniff.cli.datagrams import Datagrams, address_of
-from fte_sniff.cli.foxglove_server import DEFAULT_ADDRESS, FoxgloveServer
+from fte_sniff.cli.datagrams import Datagrams
+from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
+    address_of,
     alert_of,
     alert_option,
     all_of,
     filter_option,
     keep_rows_option,
     line_setup,
+    network_option,
     row_filter,
+    serve_option,
     units_options,
 )
 from fte_sniff.cli.output import print_saved, summary
@@ -89,18 +92,8 @@ capture_options = all_of(
         metavar="HOST:PORT",
         help="Send each row as a JSON object to this UDP port of this machine.",
     ),
-    click.option(
-        "--serve",
-        is_flag=False,
-        flag_value=DEFAULT_ADDRESS,
-        metavar="[HOST:PORT]",
-        help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
-    ),
-    click.option(
-        "--network",
-        is_flag=True,
-        help="Allow --udp and --serve to use a network: anyone there can read.",
-    ),
+    serve_option,
+    network_option("--udp and --serve"),
     click.option(
         "--check",
         "rules",

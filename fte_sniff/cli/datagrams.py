@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
 import json
 import socket
 from typing import TYPE_CHECKING
 
 from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, printable, reason_of
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import Row, iso_time, record
 
@@ -17,29 +15,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.session.live_session import LiveSession
-
-
-def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
-    """The address of `HOST:PORT`; an empty host is this machine, and an IPv6 host has brackets.
-
-    Raises UsageError if it is not valid, or is another machine and `network` is false.
-    """
-    name, colon, number = text.rpartition(":")
-    shown = f"{option} {printable(text)}"
-    if not colon or not (number.isdecimal() and number.isascii() and int(number) < 1 << 16):
-        raise UsageError(f"{shown} is not HOST:PORT, such as 127.0.0.1:9870")
-    try:
-        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
-    except (OSError, UnicodeError) as error:
-        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
-        raise UsageError(f"{shown}: the host is not known ({reason})") from None
-    host = str(found[0][4][0])
-    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
-        raise UsageError(
-            f"{shown} is not this machine: anyone in that network could read; add --network if they"
-            " may"
-        )
-    return host, int(number)
 
 
 def datagram(row: Row) -> bytes:

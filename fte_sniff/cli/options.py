@@ -25,7 +25,7 @@ import click
 
 from fte_sniff.analysis.time_text import SECOND_NS, ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
+from fte_sniff.errors import InputTextError, UsageError, printable, quoted, reason_of, shortened
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 
@@ -211,6 +211,54 @@ alert_option = click.option(
     help="Ring the bell, at most once per second, when rows match: error != 0.",
 )
 """The `--alert` option; its value goes to `alert_of`."""
+
+
+DEFAULT_ADDRESS: Final = "127.0.0.1:8765"
+"""Where viewers look if the user names no other."""
+
+serve_option = click.option(
+    "--serve",
+    is_flag=False,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[HOST:PORT]",
+    help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
+)
+"""The `--serve` option."""
+
+
+def network_option(allowed: str) -> Decorator:
+    """The `--network` option, which allows these options to use a network."""
+    return click.option(
+        "--network",
+        is_flag=True,
+        help=f"Allow {allowed} to use a network: anyone there can read.",
+    )
+
+
+def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
+    """The address of `HOST:PORT`; an empty host is this machine, and an IPv6 host has brackets.
+
+    Raises UsageError if it is not valid, or is another machine and `network` is false.
+    """
+    import ipaddress
+    import socket
+
+    name, colon, number = text.rpartition(":")
+    shown = f"{option} {printable(text)}"
+    if not colon or not (number.isdecimal() and number.isascii() and int(number) < 1 << 16):
+        raise UsageError(f"{shown} is not HOST:PORT, such as 127.0.0.1:9870")
+    try:
+        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
+    except (OSError, UnicodeError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
+        raise UsageError(f"{shown}: the host is not known ({reason})") from None
+    host = str(found[0][4][0])
+    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
+        raise UsageError(
+            f"{shown} is not this machine: anyone in that network could read; add --network if they"
+            " may"
+        )
+    return host, int(number)
 
 
 def row_filter(text: str | None) -> RowFilter | None:

@@ -15,14 +15,18 @@ import click
 
 from fte_sniff.analysis.feed import SPEEDS
 from fte_sniff.analysis.time_text import LOCAL
+from fte_sniff.cli.foxglove_server import PlaybackServer
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
 from fte_sniff.cli.options import (
     REREAD_ROWS,
+    address_of,
     alert_of,
     alert_option,
     keep_rows_option,
     line_setup,
+    network_option,
     row_filter,
+    serve_option,
     units_options,
 )
 from fte_sniff.cli.output import exit_if_unreadable, print_notes, print_saved
@@ -37,6 +41,7 @@ from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.session.input_reading import InputReading
     from fte_sniff.session.notes import Place
 
 
@@ -51,6 +56,8 @@ if TYPE_CHECKING:
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )
+@serve_option
+@network_option("--serve")
 @keep_rows_option(10_000_000, REREAD_ROWS)
 @units_options
 @config_option
@@ -60,6 +67,8 @@ def command(
     alert_text: str | None,
     play_speed: str | None,
     following: Following | None,
+    serve: str | None,
+    network: bool,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -70,9 +79,13 @@ def command(
 
     A folder means the recordings in it. The rows of several files are merged by time.
 
+    --serve gives the rows that are played to other programs, which can play, pause, seek and set
+    the speed, as the keys can.
+
     \b
     fte-sniff view samples/damaged.mcap
     fte-sniff view --follow capture.mcap
+    fte-sniff view --serve --play 1 samples/clean.mcap
     """
     if STDIN in query.files:
         raise UsageError(
@@ -81,6 +94,8 @@ def command(
         )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
+    if serve is not None and following is not None:
+        raise UsageError("--serve plays a file; leave --follow out, or use live --serve")
     settings = load_settings(config)
     language = settings.language(lang)
     if not query.files:
@@ -104,6 +119,9 @@ def command(
     pages = RecordingPages() if only_recordings else None
     parts = [one.part if isinstance(one, RecordingInput) else None for one in reading.inputs]
     notes = Notes([Path(one.name) for one in reading.inputs], [one and one.start for one in parts])
+    viewers = None
+    if serve is not None:
+        viewers = _viewers(address_of(serve, "--serve", network=network), reading)
     session = ReplaySession(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
@@ -124,13 +142,18 @@ def command(
         colors=settings.colors,
         choices=settings.choices_at(place),
         save_choices=settings.keep,
-        warnings=(*settings.trouble, *notes.damage),
+        warnings=(*settings.trouble, *notes.damage, *([] if viewers is None else [viewers.text])),
         notes=notes,
         place=place if play_speed is None else replace(place, cursor=None),
         play_speed=None if play_speed is None else float(play_speed),
         save_place=partial(_keep_place, paths, place),
+        viewers=viewers,
     )
-    code = run_screen(session, opening, pages)
+    try:
+        code = run_screen(session, opening, pages)
+    finally:
+        if viewers is not None:
+            viewers.close()
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
@@ -140,6 +163,19 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
+
+
+def _viewers(address: tuple[str, int], reading: InputReading) -> PlaybackServer:
+    """The server of a playback; raises UsageError if the rows have no times."""
+    spans = [one.times for one in reading.inputs]
+    starts = [first for first, _ in filter(None, spans)]
+    if not starts:
+        raise UsageError("--serve plays rows by their times, and these have none; try --start")
+    ends = [first if last is None else last for first, last in filter(None, spans)]
+    first, last = min(starts), max(ends)
+    if reading.span is not None:
+        first, last = max(first, reading.span.first_ns), min(last, reading.span.end_ns - 1)
+    return PlaybackServer(address, reading.source.ports, (first, max(first, last)))
 
 
 def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import queue
 import threading
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from math import isfinite
+from typing import Final, Protocol
 
 from fte_sniff.analysis.counters import Rate
 from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate, StreamChange, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
+from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Codebook, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.notes import RowOrigins
@@ -177,14 +180,55 @@ MAX_PLAYED_PER_STEP: Final = 100_000
 """Rows that one step of playback shows at most."""
 
 
+@dataclass(frozen=True, slots=True)
+class PlayRequest:
+    """What a viewer of a served playback asks for."""
+
+    plays: bool
+    """Whether to play; else to pause."""
+    speed: float
+    seek_ns: int | None = None
+    """The time to go to first, nanoseconds since 1970 UTC."""
+
+    @property
+    def shown_speed(self) -> float:
+        """The speed, as far as it is in the range of `SPEEDS`."""
+        speed = self.speed if isfinite(self.speed) else 1.0
+        return min(max(speed, SPEEDS[0]), SPEEDS[-1])
+
+
+class Viewers(Protocol):
+    """Other programs that see a playback and control it."""
+
+    def requests(self) -> Iterator[PlayRequest]:
+        """The requests since the last call."""
+
+    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send what was played."""
+
+    def report(self, play: Playback | None, *, jumped: bool) -> None:
+        """Report the state; None where nothing is played."""
+
+
+def index_from(store: RowStore, t_ns: int) -> int:
+    """Index of the first row at or after a time, as if times never fell; at most the last one."""
+
+    def time(index: int) -> int:
+        found = store.row(index).t_ns
+        return NO_TIME if found is None else found
+
+    found = bisect_left(range(store.first, store.next), t_ns, key=time)
+    return min(store.first + found, store.next - 1)
+
+
 class Playback:
     """Shows the rows of a store at the pace at which they came, from one row on."""
 
     def __init__(self, store: RowStore, index: int, speed: float, now_ns: int) -> None:
         """Hide the rows from an index on; their times give the pace.
 
-        It sets the store's limit. The row at the index or a later one must have a time; `speed` is
-        one of `SPEEDS`, `now_ns` the present time of a monotonic clock.
+        It sets the store's limit. The row at the index or a later one must have a time; `now_ns` is
+        the present time of a monotonic clock.
         """
         self._store, self._now_ns = store, now_ns
         self.speed = speed
@@ -239,8 +283,12 @@ class Playback:
 
     def change_speed(self, by: int) -> None:
         """Switch to the next speed (`by` 1) or the previous one (-1)."""
-        number = SPEEDS.index(self.speed) + by
+        number = bisect_right(SPEEDS, self.speed) if by > 0 else bisect_left(SPEEDS, self.speed) - 1
         self.speed = SPEEDS[min(max(number, 0), len(SPEEDS) - 1)]
+
+    def obey(self, request: PlayRequest) -> None:
+        """Play or pause, at the speed of a request."""
+        self.paused, self.speed = not request.plays, request.shown_speed
 
     def stop(self) -> None:
         """Show all rows."""

@@ -139,7 +139,7 @@ class SniffApp(App[None]):
             store, table, focus, notice, options.notes, options.place.cursor
         )
         self.export = ExportController(model, table, focus, notice, options.export_source)
-        self.playback = PlaybackController(model, table, panes, notice, speed)
+        self.playback = PlaybackController(model, table, panes, notice, speed, options.viewers)
         self.view = ViewController(model, table, panes, self._body, focus, notice)
         self._owners: Mapping[str, object] = {
             "app": self,
@@ -363,6 +363,7 @@ class SniffApp(App[None]):
 
     def _on_clock(self) -> None:
         at_rest = self._model.at_rest and not self._panes.models_pending
+        at_rest = at_rest and self._options.viewers is None
         if self._poll_interval.on_clock(at_rest=at_rest):
             self.tick()
 
@@ -399,6 +400,7 @@ class SniffApp(App[None]):
             self._update_table()
         self._hit_status.tick()
         self._show_state()
+        self.playback.serve(update.played, update.events)
         if not keys_first:
             state = self._model.state
             play = self._model.playback

@@ -14,6 +14,7 @@ from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
+from fte_sniff.session.replay import Viewers
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView
 
@@ -91,6 +92,8 @@ class StartOptions:
     """Facts about the rows that are saved with them."""
     zone: tzinfo = LOCAL
     """Zone of local times."""
+    viewers: Viewers | None = None
+    """Other programs that see and control the playback of a file."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store bounded by `keep_rows`; one for all rows where a source can read them again."""

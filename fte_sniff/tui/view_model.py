@@ -27,6 +27,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import PortEvent, PortEventKind, Rows
+from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.session.replay import Playback
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.status_bar import StatusCounters
@@ -58,6 +59,8 @@ class ViewUpdate:
     rows: Rows
     first: int
     """Index of the first of these rows in the store."""
+    played: Rows = NO_ROWS
+    """The rows that playback reached."""
 
 
 class ViewModel:
@@ -113,6 +116,7 @@ class ViewModel:
             self._file_events += events
             self._file_changes += stream_changes
         changed = bool(update.rows) or bool(self.store.view.pending)
+        played = NO_ROWS
         if self.playback is not None:
             played = self.playback.advance(now_ns)
             changed |= bool(len(played))
@@ -122,7 +126,7 @@ class ViewModel:
         self._update_rate(now_ns)
         self._update_recording(now_ns)
         return ViewUpdate(
-            changed, events, ended, trouble, rings, stream_changes, update.rows, first
+            changed, events, ended, trouble, rings, stream_changes, update.rows, first, played
         )
 
     def _fill(self, facts: Rows) -> None:

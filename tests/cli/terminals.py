@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from itertools import cycle
 from pathlib import Path
+from threading import Event
 from time import monotonic
 
-from tests.beside import running
+from tests.beside import Work, running
 from tests.cli.processes import BOUND_S, PROGRAM
 
 
@@ -80,6 +81,22 @@ class Terminal:
     def draw(self, most: int) -> bool:
         """Draw at most so many bytes of what the program has written."""
         return self._draw(BOUND_S, most)
+
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Draw in another thread: a program whose terminal is full waits for it."""
+        stop = Event()
+
+        def draw() -> None:
+            while not stop.is_set():
+                self._draw(0.05)
+
+        work = Work(draw)
+        try:
+            yield
+        finally:
+            stop.set()
+            work.ended()
 
     def _draw(self, timeout_s: float, most: int = 1 << 16) -> bool:
         if timeout_s <= 0 or not select.select([self._far], [], [], timeout_s)[0]:

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from fte_sniff.analysis.feed import FeedUpdate
-from fte_sniff.cli.datagrams import Datagrams, address_of, datagram
+from fte_sniff.cli.datagrams import Datagrams, datagram
+from fte_sniff.cli.options import address_of
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import Damage, Fault, Rows, iso_time
 from fte_sniff.recording.messages.encode import topic_of

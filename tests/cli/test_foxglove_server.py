@@ -9,7 +9,7 @@ import signal
 import struct
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from mcap.reader import make_reader
@@ -19,6 +19,7 @@ from fte_sniff.recording.messages.schema import TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT
 from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
+from tests.cli.terminals import terminal
 from tests.waiting import BOUND_S
 
 pytest.importorskip("foxglove")
@@ -36,8 +37,15 @@ class Viewer:
         assert connection.subprotocol == PROTOCOL
         self._connection = connection
         self.channels: dict[int, dict[str, Any]] = {}
+        self.info: dict[str, Any] = {}
+        self.states: list[PlayState] = []
         while not self.channels:
-            said = json.loads(connection.recv(BOUND_S))
+            received = connection.recv(BOUND_S)
+            if isinstance(received, bytes):
+                continue
+            said = json.loads(received)
+            if said["op"] == "serverInfo":
+                self.info = said
             if said["op"] == "advertise":
                 self.channels = {one["id"]: one for one in said["channels"]}
         wanted = [{"id": number, "channelId": number} for number in self.channels]
@@ -45,14 +53,49 @@ class Viewer:
 
     def message(self) -> tuple[str, int, Any]:
         """Topic, time and decoded message of the next row or event."""
-        while isinstance(data := self._connection.recv(BOUND_S), str):
+        while (data := self._received())[0] != 1:
             pass
-        code, number, t_ns = _MESSAGE.unpack_from(data)
-        assert code == 1
+        _, number, t_ns = _MESSAGE.unpack_from(data)
         channel = self.channels[number]
         assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
         made = message_class(channel["schemaName"], base64.b64decode(channel["schema"]))
         return channel["topic"], t_ns, made.FromString(data[_MESSAGE.size :])
+
+    def _received(self) -> bytes:
+        """The next binary message; a state of playback is kept too."""
+        while isinstance(data := self._connection.recv(BOUND_S), str):
+            pass
+        if data[0] == 5:
+            self.states.append(PlayState(*_STATE.unpack_from(data)[1:]))
+        return data
+
+    def ask(self, *, plays: bool, speed: float = 1.0, seek_ns: int | None = None) -> None:
+        """Request to play or pause."""
+        request = _REQUEST.pack(3, not plays, speed, seek_ns is not None, seek_ns or 0, 1) + b"x"
+        self._connection.send(request)
+
+    def state(self, status: int, speed: float | None = None) -> PlayState:
+        """The next state of playback with this status, and perhaps speed."""
+        while True:
+            while self.states:
+                found = self.states.pop(0)
+                if found.status == status and speed in (None, found.speed):
+                    return found
+            self._received()
+
+
+class PlayState(NamedTuple):
+    """The state of a playback, as the protocol encodes it."""
+
+    status: int
+    t_ns: int
+    speed: float
+    jumped: bool
+
+
+PLAYING, PAUSED, _, ENDED = range(4)
+_STATE = struct.Struct("<BBQf?")
+_REQUEST = struct.Struct("<B?f?QI")
 
 
 def address_in(text: str) -> str:
@@ -147,3 +190,78 @@ def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) 
     assert "--serve needs the package foxglove-sdk: " in errors
     assert re.search(r"install .*foxglove-sdk", errors)
     assert errors.count("\n") == 1
+
+
+NOON_NS = 1_769_860_800_000_000_000
+"""About the first time of the samples."""
+
+
+def test_file_is_played_as_the_viewer_asks(environment, tmp_path: Path, samples: Path) -> None:
+    file = str(samples / "motor3.mcap")
+    with terminal(environment, tmp_path, "view", file, "--serve", "127.0.0.1:0") as screen:
+        screen.until("Foxglove WebSocket")
+        address = address_in(screen.drawn.decode(errors="replace"))
+        with screen.drawing(), viewer_at(address) as connection:
+            viewer = Viewer(connection)
+            assert "playbackControl" in viewer.info["capabilities"]
+            assert {one["topic"] for one in viewer.channels.values()} == {t.name for t in TOPICS}
+            viewer.ask(plays=True, speed=100)
+            assert viewer.state(PLAYING).speed == 100
+            played = [viewer.message() for _ in range(200)]
+            viewer.ask(plays=False, speed=100)
+            paused = viewer.state(PAUSED)
+            assert NOON_NS < paused.t_ns < NOON_NS + 81 * 10**9
+            sought_ns = NOON_NS + 70 * 10**9
+            viewer.ask(plays=True, speed=3, seek_ns=sought_ns)
+            assert viewer.state(PLAYING, speed=3).t_ns == sought_ns
+            wait_until(lambda: viewer.message()[1] >= sought_ns)
+            found = viewer.message()
+            assert sought_ns <= found[1] < sought_ns + 5 * 10**9
+            viewer.ask(plays=True, speed=1000)  # the fastest is 100
+            assert viewer.state(PLAYING, speed=100)
+            assert viewer.state(ENDED).t_ns == max(time for _, time in recorded(Path(file)))
+            viewer.ask(plays=True, speed=1)  # from the start again
+            while not (found_state := viewer.state(PLAYING, speed=1)).jumped:
+                pass
+            assert found_state.t_ns < NOON_NS + 10**9
+        screen.type("Q")
+        assert screen.ended() == 0
+    known = recorded(Path(file))
+    for topic, t_ns, message in played:
+        assert str(message) == str(known[topic, t_ns])
+    assert [t_ns for _, t_ns, _ in played] == sorted(t_ns for _, t_ns, _ in played)
+
+
+def test_keys_of_the_screen_control_what_is_served(environment, tmp_path, samples: Path) -> None:
+    file = str(samples / "motor3.mcap")
+    options = ("--serve", "127.0.0.1:0", "--play", "5")
+    with terminal(environment, tmp_path, "view", file, *options) as screen:
+        screen.until("Foxglove WebSocket")
+        address = address_in(screen.drawn.decode(errors="replace"))
+        with screen.drawing(), viewer_at(address) as connection:
+            viewer = Viewer(connection)
+            assert viewer.state(PLAYING).speed == 5
+            screen.type(">")
+            assert viewer.state(PLAYING, speed=10)
+            screen.type(" ")
+            assert viewer.state(PAUSED, speed=10)
+        screen.type("Q")
+        assert screen.ended() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "reason"),
+    [
+        ("clean.raw", (), "these have none; try --start"),
+        ("clean.mcap", ("--follow",), "leave --follow out"),
+        ("clean.mcap", ("--serve", "0.0.0.0:1"), "anyone in that network could read"),
+    ],
+)
+def test_playback_that_cannot_be_served_is_one_line(
+    environment, tmp_path: Path, samples: Path, name: str, options: tuple[str, ...], reason: str
+) -> None:
+    words = ("view", str(samples / name), "--serve", "127.0.0.1:0", *options)
+    with terminal(environment, tmp_path, *words, size=(200, 24)) as screen:
+        assert screen.ended() == 2
+    assert reason in screen.drawn.decode()
+    assert b"Traceback" not in screen.drawn

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from time import monotonic_ns
 
+from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.session.replay import PlayRequest, Viewers, index_from
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.status_bar import NoticeLine
@@ -21,10 +25,13 @@ class PlaybackController:
         panes: PaneSwitcher,
         notice: NoticeLine,
         speed: float = 1.0,
+        viewers: Viewers | None = None,
     ) -> None:
-        """`speed` is that of the first playback."""
+        """`speed` is that of the first playback; viewers are other programs."""
         self._model, self._table, self._panes, self._notice = model, table, panes, notice
-        self._speed = speed
+        self._speed, self._viewers = speed, viewers
+        self._jumped = False
+        """Whether playback began at another row since the last report to the viewers."""
 
     def action_pause(self) -> None:
         """Freeze the view of a capture, or resume it; play a file, or pause playback."""
@@ -45,11 +52,36 @@ class PlaybackController:
         model.stop_playback()
         if index >= model.store.next - 1:
             index = model.store.first
-        self._panes.restart(*model.play(index, speed, monotonic_ns()))
+        self._play_from(index, speed)
+
+    def _play_from(self, index: int, speed: float) -> None:
+        self._panes.restart(*self._model.play(index, speed, monotonic_ns()))
+        self._jumped = True
         self._table.action_follow()
         self._notice.inform(
             _("playing; < and > change the speed, space pauses, esc shows the whole file")
         )
+
+    def serve(self, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send what was played to the viewers, and do what they ask for."""
+        viewers, model = self._viewers, self._model
+        if viewers is None or model.start_ns is None:
+            return
+        if model.playback is not None:
+            viewers.send(rows, events)
+        for request in viewers.requests():
+            self._obey(request)
+        viewers.report(model.playback, jumped=self._jumped)
+        self._jumped = False
+
+    def _obey(self, request: PlayRequest) -> None:
+        model = self._model
+        if request.seek_ns is not None or (request.plays and model.playback is None):
+            model.stop_playback()
+            first_ns = model.start_ns if request.seek_ns is None else request.seek_ns
+            self._play_from(index_from(model.store, first_ns or 0), self._speed)
+        if model.playback is not None:
+            model.playback.obey(request)
 
     def stop(self) -> None:
         """Show the whole file again, if it is played."""
