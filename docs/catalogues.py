@@ -24,6 +24,7 @@ from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.serial_port import ControlLine, LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
+from fte_sniff.protocol.spec import Role
 from fte_sniff.recording.output_file import STOPPED
 from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
@@ -62,6 +63,7 @@ def table_texts() -> Iterator[str]:
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()
     yield from Joint
+    yield from (Role.SPEED, Role.POSITION)
     yield from (event_words(kind) for kind in PortEventKind)
     for style in (*TimeStyle, *Delta):
         yield from (style, style.meaning)

@@ -27,6 +27,7 @@ from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.controllers.findings import SEARCH
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
 
@@ -165,12 +166,23 @@ async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
         for poll in range(POLLS + MORE_POLLS):
             capture.advance()
             app.tick()
+            await _caught_up(app)
             if poll % POLLS_PER_DRAWING == 0 or poll >= POLLS:
                 await idle(app)
             if poll == POLLS // 2:
                 for keys in picture.keys:
                     await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))
         return await _settled(app, pilot, picture.shows)
+
+
+async def _caught_up(app: PictureApp) -> None:
+    """Let the models observe all rows, and a search for findings end, whatever time they take."""
+    while app._panes.models.pending:
+        await idle(app)
+        app.tick()
+    searches = [worker for worker in app.workers if worker.group == SEARCH]
+    if searches:
+        await app.workers.wait_for_complete(searches)
 
 
 async def _settled(app: PictureApp, pilot: Pilot[None], shows: str) -> str:

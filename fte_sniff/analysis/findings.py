@@ -35,6 +35,7 @@ from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.model import RowModel
 from fte_sniff.analysis.tally import RowCount
+from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (
     FAULT_MEANINGS,
     KINDS,
@@ -111,7 +112,7 @@ class Finding:
     """Rows, or commands, that could have been events."""
     usual: float
     """The share of events elsewhere, 0 to 1."""
-    text: str
+    text: TranslatableText
     """One sentence for the user."""
     filter: str
     """Shows its rows."""
@@ -237,7 +238,7 @@ class _Series:
     cause: Cause
     events: Ints
     rows: Ints
-    describe: Callable[[slice, int, int, float], tuple[str, str]]
+    describe: Callable[[slice, int, int, float], tuple[TranslatableText, str]]
     """Sentence and filter for windows, events, rows and the usual share."""
     port: str = ""
     motor: int | None = None
@@ -345,6 +346,19 @@ class Findings(RowModel):
         """The findings in the rows from a time on, for a capture that runs; rows may follow."""
         return self._found_in(self.events.since(since_ns), alpha)
 
+    def found_and_recent(self, recent_ns: int) -> tuple[list[Finding], list[Finding]]:
+        """The findings about all rows and their last time, and those about that time alone.
+
+        What is rare in hours may stand out in the last minutes, and the other way round. With a
+        time of 0 there are only those about all rows. More rows may follow.
+        """
+        found = self._found_in(self.events, ALPHA)
+        last_ns = self.total.last_ns
+        if not recent_ns or last_ns is None:
+            return found, []
+        recent = self.recent(last_ns - recent_ns)
+        return _ranked([*found, *recent]), recent
+
     def _found_in(self, events: Events, alpha: float) -> list[Finding]:
         if self.total.times is None or not self.frames:
             return []
@@ -411,40 +425,55 @@ def _all_of(events: Events, first_ns: int, last_ns: int, alpha: float) -> Iterat
 def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
     for port, start, end in events.lost:
         until = last_ns if end is None else end
-        again = "was not found again" if end is None else "was found again"
-        text = f"the port was lost and {again}"
+        text = (
+            TranslatableText("the port was lost and not found again")
+            if end is None
+            else TranslatableText("the port was lost and found again")
+        )
         yield Finding(
             Cause.PORT, port, None, None, start, max(start, until), 1, 0, 0.0, text, "", inf
         )
 
 
 _PORT_EVENTS: Final = {
-    PortEventKind.LINE_ERROR: "the UART reported errors",
-    PortEventKind.OVERRUN: "bytes were lost, since they were read too late",
+    PortEventKind.LINE_ERROR: TranslatableText("the UART reported errors"),
+    PortEventKind.OVERRUN: TranslatableText("bytes were lost, since they were read too late"),
 }
 
 
 def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
     rows, damaged = windows.count("rows"), windows.count("damaged")
 
-    def of_damage(own: slice, events: int, rows: int, usual: float) -> tuple[str, str]:
+    def of_damage(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
         motor = _prevailing(windows, own, "hint", MOTORS)
         fault = _prevailing(windows, own, "fault", FAULT_MEANINGS, 0.0)
         direction = _prevailing(windows, own, "damaged", Direction)
-        what = f"{direction} rows" if direction else "rows"
-        about = f", mostly of motor {motor}" if motor else ""
-        text = f"{events:,} of {rows:,} rows are damaged{about}; mostly {fault}, {what}"
+        of_rows = TranslatableText(
+            "{events} of {rows} rows are damaged; {usual}", **_numbers(events, rows, usual)
+        )
+        mostly = [fault, direction] if direction else [fault]
+        if motor:
+            mostly.append(TranslatableText("motor {motor}", motor=motor))
+        what = listed(mostly)
+        text = TranslatableText("{text}; mostly {what}", text=of_rows, what=what)
         hint = f" AND motor_hint = {motor}" if motor else ""
-        return f"{text}; {_usually(usual)}", f"malformed{hint}"
+        return text, f"malformed{hint}"
 
     yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port, whole_share=_WHOLE_DAMAGE)
     for kind, meaning in _PORT_EVENTS.items():
         counts = windows.count(kind)
 
         def of_port(
-            own: slice, events: int, rows: int, usual: float, meaning: str = meaning
-        ) -> tuple[str, str]:
-            return f"{meaning}, {events:,} times", "line_error"
+            own: slice,
+            events: int,
+            rows: int,
+            usual: float,
+            meaning: TranslatableText = meaning,
+        ) -> tuple[TranslatableText, str]:
+            text = TranslatableText(
+                "{meaning}, {events} times", meaning=meaning, events=f"{events:,}"
+            )
+            return text, "line_error"
 
         exposed = np.maximum((rows > 0).astype(np.int64), counts)
         yield _Series(Cause.PORT, counts, exposed, of_port, port, whole_share=None, least_share=0.0)
@@ -459,8 +488,15 @@ def _prevailing(
     return best if counts[best] > least * sum(counts.values()) else ""
 
 
-def _usually(usual: float) -> str:
-    return "usually none" if usual < 0.0005 else f"usually {100 * usual:.2g} %"
+def _usually(usual: float) -> TranslatableText:
+    if usual < 0.0005:
+        return TranslatableText("usually none")
+    return TranslatableText("usually {percent} %", percent=f"{100 * usual:.2g}")
+
+
+def _numbers(events: int, rows: int, usual: float) -> dict[str, object]:
+    """The values that most sentences have."""
+    return {"events": f"{events:,}", "rows": f"{rows:,}", "usual": _usually(usual)}
 
 
 def _motor_series(events: Events) -> Iterator[_Series]:
@@ -483,9 +519,15 @@ _MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 def _unanswered(windows: Windows, motor: int, port: str) -> _Series:
     asked, missed = windows.count(f"asked {motor}"), windows.count(f"missed {motor}")
 
-    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[str, str]:
-        answered = "usually all" if usual < 0.0005 else f"usually {100 * (1 - usual):.3g} %"
-        text = f"motor {motor} answered {rows - events:,} of {rows:,} commands; {answered}"
+    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
+        share = TranslatableText("usually {percent} %", percent=f"{100 * (1 - usual):.3g}")
+        text = TranslatableText(
+            "motor {motor} answered {answered} of {rows} commands; {usual}",
+            motor=motor,
+            answered=f"{rows - events:,}",
+            rows=f"{rows:,}",
+            usual=TranslatableText("usually all") if usual < 0.0005 else share,
+        )
         own_filter = f"{_MOTOR} = {motor}"
         if windows.count(f"free {motor}")[own].any():
             own_filter = f"({own_filter} OR {_MOTOR} IS NULL)"
@@ -517,10 +559,15 @@ def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
                 limit: float = limit,
                 usual_ms: float = usual_ms,
                 name: str = kind.name,
-            ) -> tuple[str, str]:
-                text = (
-                    f"{events:,} of {rows:,} answers of motor {motor} to {name} took {limit:.3g} ms"
-                    f" or longer; usually about {usual_ms:.2g} ms"
+            ) -> tuple[TranslatableText, str]:
+                text = TranslatableText(
+                    "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or"
+                    " longer; usually about {usual_ms} ms",
+                    **_numbers(events, rows, usual),
+                    motor=motor,
+                    kind=name,
+                    limit=f"{limit:.3g}",
+                    usual_ms=f"{usual_ms:.2g}",
                 )
                 return text, f"answer_ms >= {limit:.3f} AND {_MOTOR} = {motor}"
 
@@ -543,14 +590,23 @@ def _flags(events: Events, motor: int, port: str) -> Iterator[_Series]:
     feedback, any_feedback = windows.count(f"feedback {motor}"), windows.count("feedback")
     errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
 
-    def of_error(own: slice, count: int, rows: int, usual: float) -> tuple[str, str]:
+    def of_error(own: slice, count: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
         bits = events.bytes.get((f"error {motor}", motor), 0)
-        text = f"motor {motor} reported ERROR {bits:02X} in {count:,} of {rows:,} frames"
-        return f"{text}; {_usually(usual)}", f"{_MOTOR} = {motor} AND {errors} != 0"
+        text = TranslatableText(
+            "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
+            **_numbers(count, rows, usual),
+            motor=motor,
+            bits=f"{bits:02X}",
+        )
+        return text, f"{_MOTOR} = {motor} AND {errors} != 0"
 
-    def of_online(own: slice, count: int, rows: int, usual: float) -> tuple[str, str]:
-        text = f"motor {motor} was not ONLINE in {count:,} of {rows:,} frames"
-        return f"{text}; {_usually(usual)}", f"{online} & {1 << motor_bit(motor)} = 0"
+    def of_online(own: slice, count: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
+        text = TranslatableText(
+            "motor {motor} was not ONLINE in {events} of {rows} frames; {usual}",
+            **_numbers(count, rows, usual),
+            motor=motor,
+        )
+        return text, f"{online} & {1 << motor_bit(motor)} = 0"
 
     yield _Series(
         Cause.ERROR_FLAG, windows.count(f"error {motor}"), feedback, of_error, port, motor
@@ -583,9 +639,12 @@ def _silences(windows: Windows, port: str) -> Iterator[_Series]:
 
         def describe(
             own: slice, events: int, rows: int, usual: float, motor: int = motor
-        ) -> tuple[str, str]:
-            seconds = events * windows.width_ns / 1e9
-            text = f"motor {motor} sent no feedback for {seconds:.0f} s while commands went on"
+        ) -> tuple[TranslatableText, str]:
+            text = TranslatableText(
+                "motor {motor} sent no feedback for {seconds} s while commands went on",
+                motor=motor,
+                seconds=f"{events * windows.width_ns / 1e9:.0f}",
+            )
             return text, f"{_MOTOR} = {motor}"
 
         yield _Series(
@@ -630,15 +689,18 @@ def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         off = exposed & ((least > top + near) | (greatest < bottom - near))
         if role is Role.POSITION:
             off &= greatest - least <= _TOLERANCE[role]
-        unit = "speed" if role is Role.SPEED else "position"
 
         def describe(
-            own: slice, events: int, rows: int, usual: float, unit: str = unit
-        ) -> tuple[str, str]:
-            text = (
-                f"the {unit} of motor {motor} was not near its target in {events:,} of {rows:,} s"
+            own: slice, events: int, rows: int, usual: float, role: Role = role
+        ) -> tuple[TranslatableText, str]:
+            text = TranslatableText(
+                "the {value} of motor {motor} was not near its target in {events} of {rows} s;"
+                " {usual}",
+                **_numbers(events, rows, usual),
+                motor=motor,
+                value=TranslatableText(role),
             )
-            return f"{text}; {_usually(usual)}", f"{_MOTOR} = {motor}"
+            return text, f"{_MOTOR} = {motor}"
 
         kinds = by_role(role, target=True)
         yield _Series(
@@ -667,10 +729,13 @@ def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
 
         def describe(
             own: slice, events: int, rows: int, usual: float, role: Role = role
-        ) -> tuple[str, str]:
-            text = (
-                f"the {role} of motor {motor} jumped and came back {events:,} times in {rows:,}"
-                " frames: bytes changed on the line"
+        ) -> tuple[TranslatableText, str]:
+            text = TranslatableText(
+                "the {value} of motor {motor} jumped and came back {events} times in {rows}"
+                " frames: bytes changed on the line",
+                **_numbers(events, rows, usual),
+                motor=motor,
+                value=TranslatableText(role),
             )
             return text, f"{_MOTOR} = {motor}"
 
@@ -700,7 +765,6 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
         number, name = stream.split(" ", 1)
         kind = next(one for one in KINDS if one.name == name)
         motor = int(number) if kind.names_motor else None
-        to = f" to motor {motor}" if motor else ""
         for octaves in (0.5, 1.0):
 
             def describe(
@@ -708,16 +772,19 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
                 events: int,
                 rows: int,
                 usual: float,
-                to: str = to,
                 name: str = name,
                 motor: int | None = motor,
-            ) -> tuple[str, str]:
-                text = (
-                    f"{events:,} of {rows:,} periods of {name} commands{to} differ from the one"
-                    " before"
+            ) -> tuple[TranslatableText, str]:
+                text = TranslatableText(
+                    "{events} of {rows} periods of {kind} commands differ from the one before;"
+                    " {usual}",
+                    **_numbers(events, rows, usual),
+                    kind=name,
                 )
+                if motor:
+                    text = TranslatableText("motor {motor}: {text}", motor=motor, text=text)
                 shown = f"kind = '{name}'" + (f" AND {_MOTOR} = {motor}" if motor else "")
-                return f"{text}; {_usually(usual)}", shown
+                return text, shown
 
             events = grades[int(octaves * RATIO_UNIT) :].sum(axis=0)
             yield _Series(
@@ -787,7 +854,11 @@ def _merged_motors(found: list[Finding]) -> list[Finding]:
                 last_ns=max(one.last_ns for one in group),
                 events=sum(one.events for one in group),
                 rows=sum(one.rows for one in group),
-                text=f"motors {', '.join(map(str, motors))} alike: {first.text}",
+                text=TranslatableText(
+                    "motors {motors} alike: {text}",
+                    motors=", ".join(map(str, motors)),
+                    text=first.text,
+                ),
                 filter=" OR ".join(f"({one.filter})" for one in group),
             )
         merged.append(first)

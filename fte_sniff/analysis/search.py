@@ -72,6 +72,12 @@ def find_raised(store: RowStore, index: int, by: int) -> int | None:
     return _find(store, Rows.raised, attrgetter("raised"), index + by, by)
 
 
+def find_unanswered(store: RowStore, index: int, by: int) -> int | None:
+    """Index of the next shown command known to have no answer after `index`, or before it."""
+    missed = attrgetter("unanswered")
+    return _find(store, lambda rows: missed(rows) > 0, missed, index + by, by)
+
+
 def find_byte(store: RowStore, port: str, offset: int) -> int | None:
     """Index of the first shown row that contains a byte of a port's stream, or None."""
     code = store.codebook.port_code(port)

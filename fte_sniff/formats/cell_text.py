@@ -152,6 +152,15 @@ def short_number(value: float) -> str:
     return f"{value:.0f}"
 
 
+def cell_edges(count: int, width: int) -> list[int]:
+    """Where the values of each cell begin if `count` values are drawn in at most `width` cells.
+
+    One more than the cells; the last is `count`.
+    """
+    width = min(width, count)
+    return [count * cell // width for cell in range(width + 1)]
+
+
 def sparkline(values: Sequence[float], width: int, full: float | None = None) -> str:
     """Draw values as blocks in `width` cells; a cell shows its greatest value.
 
@@ -159,8 +168,8 @@ def sparkline(values: Sequence[float], width: int, full: float | None = None) ->
     """
     if not values or width < 1:
         return ""
-    width = min(width, len(values))
-    edges = [len(values) * cell // width for cell in range(width + 1)]
+    edges = cell_edges(len(values), width)
+    width = len(edges) - 1
     tops = [max(values[edges[cell] : edges[cell + 1]]) for cell in range(width)]
     most = full or max(tops) or 1
     steps = len(_BLOCKS) - 1

@@ -233,9 +233,12 @@ class SniffApp(App[None]):
         self._quit()
 
     def action_open(self) -> None:
-        """Show the rows of the chosen finding where they are listed, else explain the row."""
+        """Show the rows of the chosen finding or time of a pane, else explain the row."""
         if self.findings.is_listed:
             self.findings.go()
+        elif (span := self._panes.chosen_span) is not None:
+            self._panes.close()
+            self.rows.go_to_fault_between(*span)
         else:
             self.view.action_pane("detail")
 

@@ -59,6 +59,8 @@ _DISPLAYS = {
     "greater_than_sign": ">",
     "right_square_bracket": "]",
     "left_square_bracket": "[",
+    "right_curly_bracket": "}",
+    "left_curly_bracket": "{",
     "plus": "+",
     "minus": "-",
     "full_stop": ".",
@@ -123,8 +125,8 @@ MOVING: tuple[Command, ...] = (
         rank=8,
         words="bottom end tail newest last live",
     ),
-    _rows("left,h", "table.aside(-1)", "columns to the left"),
-    _rows("right,l", "table.aside(1)", "columns to the right"),
+    _rows("left,h", "view.aside(-1)", "columns to the left; a time in the statistics"),
+    _rows("right,l", "view.aside(1)", "columns to the right; a time in the statistics"),
 )
 
 FINDING: tuple[Command, ...] = (
@@ -157,6 +159,18 @@ FINDING: tuple[Command, ...] = (
         "rows.raised(-1)",
         "the previous row whose ERROR or ONLINE is not all in order",
         words="alarm flag",
+    ),
+    _rows(
+        "right_curly_bracket",
+        "rows.unanswered(1)",
+        "the next command without an answer",
+        words="next missing reply response silent timeout",
+    ),
+    _rows(
+        "left_curly_bracket",
+        "rows.unanswered(-1)",
+        "the previous command without an answer",
+        words="missing reply response silent timeout",
     ),
     _rows(
         "slash",

@@ -11,8 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import HitCounter, HitPosition, Search, find_fault, find_raised
+from fte_sniff.analysis.row_store import RowNote, RowStore
+from fte_sniff.analysis.search import (
+    HitCounter,
+    HitPosition,
+    Search,
+    find_fault,
+    find_raised,
+    find_unanswered,
+)
 from fte_sniff.errors import InputTextError
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -213,6 +220,33 @@ def test_the_nearest_raised_flag_is_found_and_only_in_frames(
         if flags[at] == (True, True) and (at - start) * by > 0
     ]
     assert find_raised(store, start, by) == min(shown, key=lambda at: abs(at - start), default=None)
+
+
+@given(
+    st.lists(st.sampled_from((None, False, True)), max_size=40),
+    st.integers(0, 40),
+    st.integers(-5, 45),
+    st.sampled_from((1, -1)),
+)
+def test_the_nearest_unanswered_command_is_found_among_those_known(
+    missed: list[bool | None], known: int, start: int, by: int
+) -> None:
+    store = RowStore(block_rows=8)
+    rows = Rows.from_rows(
+        [
+            Frame("p", 9 * at, RAW_BY_FLAG[False], at, unanswered=one)
+            for at, one in enumerate(missed)
+        ]
+    )
+    store.append(rows)
+    store.fill(rows[:known])
+    wanted = [at for at, one in enumerate(missed[:known]) if one and (at - start) * by > 0]
+    nearest = min(wanted, key=lambda at: abs(at - start), default=None)
+    assert find_unanswered(store, start, by) == nearest
+    notes = [note for block in store.blocks for note in block.notes().tolist()]
+    assert [at for at, one in enumerate(notes) if one == RowNote.UNANSWERED] == [
+        at for at, one in enumerate(missed[:known]) if one
+    ]
 
 
 def rows_between(start: int, stop: int) -> Sequence[Row]:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from datetime import UTC
 from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import findings
-from tests.tui.conftest import NOON_NS, page, play, press, settle, table, until
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.table.painter import Sign
+from tests.tui.conftest import NOON_NS, lines, page, play, press, settle, table, until
 
 SECOND_NS = 1_000_000_000
 LOST = range(120, 180)
@@ -62,6 +65,77 @@ def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
         assert "findings: 1" not in page(app)
 
     play(feed, scenario, size)
+
+
+def test_keys_go_to_unanswered_commands_and_the_scroll_bar_shows_them(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session())
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "findings: 1" in page(app))
+        await press(app, pilot, "escape", "right_curly_bracket")
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.unanswered
+        assert row.t_ns == NOON_NS + LOST.start * SECOND_NS + SECOND_NS // 10
+        first = table(app).viewport.cursor
+        await press(app, pilot, "right_curly_bracket")
+        assert table(app).viewport.cursor > first
+        await press(app, pilot, "left_curly_bracket")
+        assert table(app).viewport.cursor == first
+        await press(app, pilot, "left_curly_bracket")
+        assert "no command without an answer above this row" in page(app)
+        table(app).end_overview_pause()
+        await settle(app, pilot)
+        assert any(line.rstrip().endswith(Sign.UNANSWERED.value) for line in lines(app))
+
+    play(feed, scenario)
+
+
+def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    rows = session()
+    damaged = {len(rows) // 3, 2 * len(rows) // 3}
+    feed.give(
+        [
+            Damage("p", row.offset, row.raw[:9], row.t_ns, (Fault.TRUNCATED,))
+            if at in damaged
+            else row
+            for at, row in enumerate(rows)
+        ]
+    )
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: app._panes.models.observed == len(rows))
+        await press(app, pilot, "escape", "S")
+        await until(app, pilot, lambda: "over time, from" in page(app))
+        await press(app, pilot, "l")
+        await settle(app, pilot)
+        assert "enter: its rows" in page(app)
+        start, end = app._panes.chosen_span or (0, 0)
+        for _ in range(500):
+            if any(start <= (rows[at].t_ns or 0) < end for at in damaged):
+                break
+            await press(app, pilot, "l")
+            start, end = app._panes.chosen_span or (0, 0)
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert not app._panes.is_open()
+        assert table(app).viewport.cursor == min(damaged)
+
+    play(feed, scenario)
+
+
+def test_a_finding_is_shown_in_chinese(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session())
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "诊断结果" in page(app))
+        assert "电机3应答了" in page(app).replace(" ", "")
+        assert "answered" not in page(app)
+
+    play(feed, scenario, options=StartOptions(language="zh", zone=UTC))
 
 
 def test_a_finding_of_a_capture_is_one_line_once(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left
+from collections.abc import Sequence
 
 from textual.worker import WorkType
 
@@ -18,6 +19,12 @@ from fte_sniff.tui.view_model import ViewModel
 
 EVERY_NS = 5_000_000_000
 """Shortest time between two searches; each takes some tenths of a second in a thread."""
+
+RECENT_NS = 600_000_000_000
+"""How far back a finding of a capture that runs may be to be shown in a line."""
+
+SEARCH = "findings"
+"""Group of the worker that searches."""
 
 _NO_TIME = -(2**63)
 
@@ -52,21 +59,22 @@ class FindingsController:
         self._running, self._searched = True, models.known
         self._next_ns = now_ns + EVERY_NS
         work: WorkType[None] = self._search
-        self._table.run_worker(work, group="findings")
+        self._table.run_worker(work, group=SEARCH)
 
     async def _search(self) -> None:
-        models = self._panes.models
+        models, live = self._panes.models, self._model.state.live
         try:
             # Of a copy: more rows are observed meanwhile.
-            found = await asyncio.to_thread(models.findings.copy().found)
+            search = models.findings.copy().found_and_recent
+            found, recent = await asyncio.to_thread(search, RECENT_NS if live else 0)
         finally:
             self._running = False
         models.found = tuple(found)
         self._panes.redraw()
-        if not self._model.state.live:
-            self._offer()
+        if live:
+            self._report(recent)
         else:
-            self._report(found)
+            self._offer()
 
     def _offer(self) -> None:
         """Open the list of a file's findings, once, where no pane is open."""
@@ -75,7 +83,7 @@ class FindingsController:
             if not self._panes.is_open():
                 self._panes.toggle(FindingsPane.NAME)
 
-    def _report(self, found: list[Finding]) -> None:
+    def _report(self, found: Sequence[Finding]) -> None:
         """Show a new finding of a capture in one line, once."""
         for one in found:
             topic = (one.cause, one.port, one.motor)

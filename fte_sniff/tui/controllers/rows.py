@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, tzinfo
 
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import find_byte, find_fault, find_raised
+from fte_sniff.analysis.search import find_byte, find_fault, find_raised, find_unanswered
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.cell_text import clock_text
@@ -171,6 +171,18 @@ class RowController:
             return
         self._notice.inform(text.format(time=line.strip(), end=clock_text(end, 3, zone)))
 
+    def go_to_fault_between(self, start_ns: int, end_ns: int) -> None:
+        """Go to the first shown row with a fault in a span of time, else to its first row."""
+        store = self._store
+        self._table.stop_following()
+        self._table.jump(min(_first_from(store, start_ns), max(0, store.view.count - 1)))
+        row = self._table.cursor_row
+        if row is None or not row.faults:
+            index = find_fault(store, self._table.last_index, 1)
+            t_ns = None if index is None else store.row(index).t_ns
+            if t_ns is not None and t_ns < end_ns:
+                self._table.jump_to_index(index)
+
     def action_fault(self, by: int) -> None:
         """Go to the next fault, or to the previous one."""
         store, start = self._store, self._table.last_index
@@ -191,6 +203,13 @@ class RowController:
         below = _("no row below this one whose ERROR or ONLINE is not in order")
         above = _("no row above this one whose ERROR or ONLINE is not in order")
         index = find_raised(self._store, self._table.last_index, by)
+        self._jump(index, below if by > 0 else above)
+
+    def action_unanswered(self, by: int) -> None:
+        """Go to the next command without an answer, or to the previous one."""
+        below = _("no command without an answer below this row")
+        above = _("no command without an answer above this row")
+        index = find_unanswered(self._store, self._table.last_index, by)
         self._jump(index, below if by > 0 else above)
 
     def _jump(self, index: int | None, otherwise: str) -> None:

@@ -71,6 +71,11 @@ class ViewController:
         chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
         self._table.app.push_screen(chooser, choose)
 
+    def action_aside(self, by: int) -> None:
+        """Choose a time in the statistics where they are open, else scroll sideways."""
+        if not self._panes.aside(by):
+            self._table.action_aside(by)
+
     def action_pane(self, name: str) -> None:
         """Show or close a pane."""
         self._panes.toggle(name)

@@ -41,7 +41,7 @@ def _lines_of(
 ) -> Iterator[Text]:
     when = span_of(finding, zone)
     indent = len(when) + 4
-    first, *more = wrap(finding.text, max(20, width - indent)) or [""]
+    first, *more = wrap(_(finding.text), max(20, width - indent)) or [""]
     mark = CHOSEN if chosen else " "
     style = palette.statuses[Status.MALFORMED]
     line = Text.assemble(f"{mark} ", (when, REVERSED if chosen else palette.muted), "  ")

@@ -16,10 +16,11 @@ from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts
 from fte_sniff.analysis.series import Counts
-from fte_sniff.analysis.statistics import PortStats, StreamStats
+from fte_sniff.analysis.statistics import FaultStats, PortStats, StreamStats
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
+    cell_edges,
     clock_text,
     fit,
     fit_path,
@@ -34,7 +35,7 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.findings import findings_text
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.theme import REVERSED, Palette
 from fte_sniff.tui.text import event_words, span_text
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
@@ -86,6 +87,8 @@ class StatisticsPage:
     width: int
     palette: Palette
     zone: tzinfo = UTC
+    chosen: int | None = None
+    """Cell of the faults over time that the user looks at."""
 
     @property
     def text(self) -> Text:
@@ -216,29 +219,45 @@ class StatisticsPage:
         if not faults:
             yield Text(_("no faults"))
             return
-        over_time = faults[0].over_time
         head = f"{fit(_('faults'), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
         line = Text(head, style=_BOLD)
-        if over_time.values:
-            end_ns = over_time.start_ns + over_time.window_ns * len(over_time.values)
-            start, end = (
-                clock_text(t_ns, 0, self.zone)[:8] for t_ns in (over_time.start_ns, end_ns)
-            )
-            text = _("over time, from {start} to {end}", start=start, end=end)
-            line.append(f"  {text}", self.palette.muted)
+        cells = fault_cells(faults, self.width)
+        chosen = None if self.chosen is None or not cells else min(self.chosen, len(cells) - 1)
+        if cells:
+            shown, form = (cells[0][0], cells[-1][1]), _("over time, from {start} to {end}")
+            if chosen is not None:
+                shown, form = cells[chosen], _("{start} to {end}; enter: its rows")
+            start, end = (clock_text(t_ns, 0, self.zone)[:8] for t_ns in shown)
+            line.append(f"  {form.format(start=start, end=end)}", self.palette.muted)
         yield line
         for fault in faults:
             status = status_of((fault.fault,))
             style = self.palette.statuses[status]
             count = fit_right(f"{fault.count:,}", COLUMNS[0].width)
-            spark = sparkline(fault.over_time.values, self.width - cell_len(head) - 2)
+            spark = Text(sparkline(fault.over_time.values, _over_time_width(self.width)), style)
+            if chosen is not None:
+                spark.stylize(REVERSED, chosen, chosen + 1)
             yield Text.assemble(
                 (LOOKS[status].mark, self.palette.marks[status]),
                 " ",
                 (fit(fault.fault.value, _NAME_WIDTH), style),
                 f" {count}  ",
-                (spark, style),
+                spark,
             )
+
+
+def _over_time_width(width: int) -> int:
+    """Cells of the faults over time, beside their names and counts."""
+    return width - (_NAME_WIDTH + 2 + 1 + COLUMNS[0].width) - 2
+
+
+def fault_cells(faults: Sequence[FaultStats], width: int) -> list[tuple[int, int]]:
+    """Start and end of each cell of the faults over time, nanoseconds since 1970 UTC."""
+    counts = faults[0].over_time if faults else Counts(0, 1, ())
+    if not counts.values or _over_time_width(width) < 1:
+        return []
+    edges = cell_edges(len(counts.values), _over_time_width(width))
+    return list(pairwise(counts.start_ns + counts.window_ns * edge for edge in edges))
 
 
 class StatisticsPane(Pane):
@@ -246,10 +265,36 @@ class StatisticsPane(Pane):
 
     NAME = "statistics"
     REDRAW_S = 0.5
+    HINT = later("h l enter: a time   J K: scroll   esc: close")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._chosen: int | None = None
+        self._cells: list[tuple[int, int]] = []
+
+    def choose(self, by: int) -> None:
+        """Choose the next cell of the faults over time (`by` 1) or the one before (-1)."""
+        last = len(self._cells) - 1
+        start = (last + 1 if by < 0 else -1) if self._chosen is None else self._chosen
+        self._chosen = max(0, min(start + by, last)) if self._cells else None
+
+    def forget_choice(self) -> None:
+        """Choose no cell."""
+        self._chosen = None
+
+    @property
+    def chosen_span(self) -> tuple[int, int] | None:
+        """Start and end of the chosen cell, nanoseconds since 1970 UTC; None without one."""
+        if self._chosen is None or self._chosen >= len(self._cells):
+            return None
+        return self._cells[self._chosen]
 
     def draw(self, context: PaneContext) -> None:
         """Draw the current numbers."""
         self.set_title("   ".join(filter(None, (_("statistics of all rows"), context.merged_text))))
         width, palette = self.page_size.width, context.palette
-        page = StatisticsPage(context.models, context.rates_ns, width, palette, context.zone)
+        self._cells = fault_cells(context.models.statistics.faults(), width)
+        page = StatisticsPage(
+            context.models, context.rates_ns, width, palette, context.zone, self._chosen
+        )
         self.set_page(page.text)

@@ -113,6 +113,8 @@ class PaneSwitcher:
         return True
 
     def _hide(self) -> None:
+        if isinstance(self._open, StatisticsPane):
+            self._open.forget_choice()
         if self._open is not None:
             self._open.fill(fills=False)
             self._open.display = False
@@ -150,6 +152,19 @@ class PaneSwitcher:
     def explains_row(self) -> bool:
         """Whether the open pane is about the cursor's row, which then should not move away."""
         return self._open is not None and self._open.EXPLAINS_ROW
+
+    def aside(self, by: int) -> bool:
+        """Choose another time in the statistics; False where they are not open."""
+        if not isinstance(self._open, StatisticsPane):
+            return False
+        self._open.choose(by)
+        self.redraw()
+        return True
+
+    @property
+    def chosen_span(self) -> tuple[int, int] | None:
+        """Start and end of the time that is chosen in the statistics; None without one."""
+        return self._open.chosen_span if isinstance(self._open, StatisticsPane) else None
 
     def on_cursor_moved(self) -> None:
         """Draw a pane about the cursor's row."""
