@@ -29,6 +29,7 @@ from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers.findings import SEARCH
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.switcher import STEP_ROWS
 from fte_sniff.tui.table.widget import RowTable
 
 FOLDER = Path(__file__).with_name("pictures")
@@ -177,9 +178,8 @@ async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
 
 async def _caught_up(app: PictureApp) -> None:
     """Let the models observe all rows, and a search for findings end, whatever time they take."""
-    while app._panes.models.pending:
-        await idle(app)
-        app.tick()
+    while not app._panes.models.step(STEP_ROWS):
+        pass
     searches = [worker for worker in app.workers if worker.group == SEARCH]
     if searches:
         await app.workers.wait_for_complete(searches)

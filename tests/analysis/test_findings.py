@@ -88,6 +88,12 @@ def test_findings_of_the_last_minutes_are_those_of_their_rows() -> None:
     before, after = (START_NS + int(t * SECOND) for t in (what.start_s - 60, what.end_s + 30))
     assert [(one.cause, one.motor) for one in model.recent(before)] == [(Cause.ERROR_FLAG, 3)]
     assert model.recent(after) == []
+    last_ns = int(rows.t_ns[-1])
+    found, recent = model.found_and_recent(last_ns - before)
+    assert [(one.cause, one.motor) for one in found] == [(Cause.ERROR_FLAG, 3)]
+    assert [(one.cause, one.motor) for one in recent] == [(Cause.ERROR_FLAG, 3)]
+    assert model.found_and_recent(last_ns - after)[1] == []
+    assert model.found_and_recent(0) == (model.found(), [])
 
 
 def test_a_lost_port_explains_what_happens_while_it_is_lost() -> None:
