@@ -163,7 +163,7 @@ def test_every_pane_of_the_screen_shows_the_other_names(other: Path) -> None:
             "i": ["reserve"],
             "M": ["RPM"],
             "S": ["use over time"],
-            "T": ["turn_feedback"],
+            "T": ["halt", "spin="],
         }.items():
             screen.type(key)
             screen.until(*texts)
