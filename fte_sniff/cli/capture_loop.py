@@ -58,8 +58,15 @@ def capture(
     from fte_sniff.session.live_session import LiveSession
 
     active = list(observers)
+    reported: set[str] = set()
+    has_terminal = drive is None
 
     def observe(update: FeedUpdate) -> None:
+        # Before the rows: to print many of them takes seconds, in which the user can decide.
+        backlog = session.state.backlog if has_terminal and update.state.running else None
+        if backlog is not None and backlog not in reported:
+            reported.add(backlog)
+            print_err(f"{backlog}; Ctrl-C drops them")
         for one in tuple(active):
             try:
                 one.update(update, session)
@@ -88,6 +95,7 @@ def capture(
             except BrokenPipeError:
                 abandon_stdout()
             finally:
+                has_terminal = True
                 if drive is not None:
                     # A stopped terminal may not block the exit either.
                     request_end = handlers.enter_context(ending())
@@ -101,14 +109,8 @@ def capture(
 
 
 def _drain(session: LiveSession) -> None:
-    """Wait until the end, and report what is still to be written; observers receive the rows."""
+    """Wait until the end; observers receive the rows."""
     from fte_sniff.session.live_session import WAIT_S
 
-    running = True
-    reported: set[str] = set()
-    while running:
-        running = session.wait(WAIT_S).state.running
-        backlog = session.state.backlog
-        if running and backlog is not None and backlog not in reported:
-            reported.add(backlog)
-            print_err(f"{backlog}; Ctrl-C drops them")
+    while session.wait(WAIT_S).state.running:
+        pass
