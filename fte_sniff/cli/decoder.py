@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.errors import FileError, UsageError, reason_of
 from fte_sniff.formats.decoders.tools import TOOLS
 
 
@@ -35,5 +35,8 @@ def command(tool: str, install: bool) -> None:
     try:
         replace_text(path, found.text(), mode=0o644)
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise FileError(
+            f"{path} cannot be written: {reason_of(error)};"
+            f" print it with: fte-sniff decoder {tool} > FILE"
+        ) from error
     print_err(f"{path} is written; {found.use}")

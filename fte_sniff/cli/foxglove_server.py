@@ -47,7 +47,8 @@ class ServedChannels:
                 f"--serve needs the package foxglove-sdk: {install_command('foxglove')}"
             ) from None
         host, port = address
-        foxglove.set_log_level("ERROR")
+        # The library writes to stderr, which is the screen; no level above it writes anything.
+        foxglove.set_log_level("CRITICAL")
         self._sdk = foxglove
         self._context = foxglove.Context()
         try:

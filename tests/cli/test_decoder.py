@@ -104,6 +104,7 @@ def test_folder_that_cannot_be_made_is_one_line(run, home: Path, tool: str) -> N
     done = run("decoder", tool, "--install")
     assert (done.returncode, done.stdout) == (4, "")
     assert INSTALLED[tool] in done.stderr
+    assert f"print it with: fte-sniff decoder {tool} > FILE" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -117,6 +118,7 @@ def test_folder_without_permission_is_one_line(run, home: Path, tool: str) -> No
     done = run("decoder", tool, "--install")
     assert (done.returncode, done.stdout) == (4, "")
     assert INSTALLED[tool] in done.stderr
+    assert f"print it with: fte-sniff decoder {tool} > FILE" in done.stderr
     assert done.stderr.count("\n") == 1
 
 

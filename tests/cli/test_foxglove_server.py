@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from mcap.reader import make_reader
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from fte_sniff.recording.messages.schema import TOPICS, message_class
@@ -157,6 +158,22 @@ def test_clients_that_never_read_and_fifty_clients_cost_no_row(environment, tmp_
     assert code == 0
     assert "too fast" not in errors
     assert "overrun" not in errors
+
+
+def test_a_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, *WORDS) as capture:
+        address = address_in(stderr_until(capture, "viewers can connect"))
+        for _ in range(3):
+            with pytest.raises(InvalidStatus):
+                connect(address, subprotocols=["another.v1"], open_timeout=BOUND_S)  # type: ignore[list-item]
+        with viewer_at(address) as connection:
+            viewer = Viewer(connection)
+            wait_until(lambda: viewer.message()[0].startswith("/fte/feedback"))
+        capture.send_signal(signal.SIGINT)
+        code, _, errors = ended(capture)
+    assert code == 0
+    assert "ERROR" not in errors
+    assert "handshake" not in errors
 
 
 def test_port_that_is_in_use_is_one_line(run, tmp_path: Path) -> None:
