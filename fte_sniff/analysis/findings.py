@@ -856,7 +856,7 @@ def _merged_motors(found: list[Finding]) -> list[Finding]:
                 rows=sum(one.rows for one in group),
                 text=TranslatableText(
                     "motors {motors} alike: {text}",
-                    motors=", ".join(map(str, motors)),
+                    motors=listed(motors),
                     text=first.text,
                 ),
                 filter=" OR ".join(f"({one.filter})" for one in group),

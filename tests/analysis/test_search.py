@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.row_store import RowNote, RowStore
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import (
     HitCounter,
     HitPosition,
@@ -243,10 +243,6 @@ def test_the_nearest_unanswered_command_is_found_among_those_known(
     wanted = [at for at, one in enumerate(missed[:known]) if one and (at - start) * by > 0]
     nearest = min(wanted, key=lambda at: abs(at - start), default=None)
     assert find_unanswered(store, start, by) == nearest
-    notes = [note for block in store.blocks for note in block.notes().tolist()]
-    assert [at for at, one in enumerate(notes) if one == RowNote.UNANSWERED] == [
-        at for at, one in enumerate(missed[:known]) if one
-    ]
 
 
 def rows_between(start: int, stop: int) -> Sequence[Row]:

@@ -48,6 +48,7 @@ ABOUT_ROWS: Final = (
     *("e", "E", "a", "A", "slash", "n", "N", "x", "X", "m", "number_sign", "u", "U", "o", "O"),
     *("colon", "v", "y", "Y", "c", "t", "d", "C", "i", "b", "R"),
     *("right_square_bracket", "left_square_bracket"),
+    *("right_curly_bracket", "left_curly_bracket"),
 )
 """Keys that bring the table back in place of the top view."""
 

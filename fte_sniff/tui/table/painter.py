@@ -368,7 +368,6 @@ BAR_RAISED: Final = "▲"
 BAR_MARKED: Final = "◄"
 BAR_EVENT: Final = "═"
 
-_BAR_SIGNS: Final = {RowNote.RAISED: BAR_RAISED, RowNote.UNANSWERED: Sign.UNANSWERED.value}
 _STATUSES: Final = {RowNote.SUSPECT: Status.SUSPECT, RowNote.MALFORMED: Status.MALFORMED}
 
 
@@ -398,9 +397,8 @@ class OverviewBar:
         found, cells = {}, self._overview.cells(height)
         fullest = max((cell.share for cell in cells), default=0.0)
         for at, cell in enumerate(cells):
-            if cell.worst in _BAR_SIGNS:
-                text = _BAR_SIGNS[cell.worst]
-                found[at] = BarSign(text, Style(color=palette.raised.color))
+            if cell.worst is RowNote.RAISED:
+                found[at] = BarSign(BAR_RAISED, Style(color=palette.raised.color))
             elif cell.worst:
                 color = palette.statuses[_STATUSES[cell.worst]].color
                 found[at] = BarSign(shade(cell.share, fullest), Style(color=color))
