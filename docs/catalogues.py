@@ -38,7 +38,7 @@ PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
 SCREEN = PACKAGE / "tui"
 
-KEYWORDS = ("_", "later", "TranslatableText", "RecordError")
+KEYWORDS = ("_", "later", "TranslatableText", "RecordError", "_sentence")
 """Functions that are called with a text to translate."""
 
 

@@ -30,16 +30,7 @@ from fte_sniff.analysis.motors import (
 )
 from fte_sniff.analysis.previous_frames import PreviousFrames
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, Status, status_of
-from fte_sniff.protocol.rows import (
-    FACTS,
-    NO_FACT,
-    NO_KIND,
-    NO_ROWS,
-    NO_TIME,
-    Bools,
-    Ints,
-    Rows,
-)
+from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FTE_FORMAT,

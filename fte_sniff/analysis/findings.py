@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import inf, log
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
@@ -231,6 +231,10 @@ _WHOLE_DAMAGE: Final = 0.05
 _LEAST_EVENTS: Final = 20
 
 
+_Describe: TypeAlias = Callable[[slice, int, int, float], tuple[TranslatableText, str]]
+"""Sentence and filter of a span, for its windows, its events and rows, and the usual share."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Series:
     """The counts of one cause by window, and how to describe a span of it."""
@@ -238,8 +242,7 @@ class _Series:
     cause: Cause
     events: Ints
     rows: Ints
-    describe: Callable[[slice, int, int, float], tuple[TranslatableText, str]]
-    """Sentence and filter for windows, events, rows and the usual share."""
+    describe: _Describe
     port: str = ""
     motor: int | None = None
     kind: str | None = None
@@ -463,18 +466,7 @@ def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
     for kind, meaning in _PORT_EVENTS.items():
         counts = windows.count(kind)
 
-        def of_port(
-            own: slice,
-            events: int,
-            rows: int,
-            usual: float,
-            meaning: TranslatableText = meaning,
-        ) -> tuple[TranslatableText, str]:
-            text = TranslatableText(
-                "{meaning}, {events} times", meaning=meaning, events=f"{events:,}"
-            )
-            return text, "line_error"
-
+        of_port = _sentence("{meaning}, {events} times", "line_error", meaning=meaning)
         exposed = np.maximum((rows > 0).astype(np.int64), counts)
         yield _Series(Cause.PORT, counts, exposed, of_port, port, whole_share=None, least_share=0.0)
 
@@ -497,6 +489,15 @@ def _usually(usual: float) -> TranslatableText:
 def _numbers(events: int, rows: int, usual: float) -> dict[str, object]:
     """The values that most sentences have."""
     return {"events": f"{events:,}", "rows": f"{rows:,}", "usual": _usually(usual)}
+
+
+def _sentence(form: str, shown: str, **values: object) -> _Describe:
+    """A sentence of `_numbers` and these values, and the filter of its rows."""
+
+    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
+        return TranslatableText(form, **_numbers(events, rows, usual), **values), shown
+
+    return describe
 
 
 def _motor_series(events: Events) -> Iterator[_Series]:
@@ -550,27 +551,15 @@ def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
                 continue
             limit = least_of(grade) * DELAY_UNIT_NS / 1e6
             usual_ms = least_of(median) * DELAY_UNIT_NS / 1e6
-
-            def describe(
-                own: slice,
-                events: int,
-                rows: int,
-                usual: float,
-                limit: float = limit,
-                usual_ms: float = usual_ms,
-                name: str = kind.name,
-            ) -> tuple[TranslatableText, str]:
-                text = TranslatableText(
-                    "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or"
-                    " longer; usually about {usual_ms} ms",
-                    **_numbers(events, rows, usual),
-                    motor=motor,
-                    kind=name,
-                    limit=f"{limit:.3g}",
-                    usual_ms=f"{usual_ms:.2g}",
-                )
-                return text, f"answer_ms >= {limit:.3f} AND {_MOTOR} = {motor}"
-
+            describe = _sentence(
+                "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
+                " usually about {usual_ms} ms",
+                f"answer_ms >= {limit:.3f} AND {_MOTOR} = {motor}",
+                motor=motor,
+                kind=kind.name,
+                limit=f"{limit:.3g}",
+                usual_ms=f"{usual_ms:.2g}",
+            )
             late, rows = grades[grade:].sum(axis=0), grades.sum(axis=0)
             yield _Series(
                 Cause.LATE,
@@ -590,24 +579,17 @@ def _flags(events: Events, motor: int, port: str) -> Iterator[_Series]:
     feedback, any_feedback = windows.count(f"feedback {motor}"), windows.count("feedback")
     errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
 
-    def of_error(own: slice, count: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
-        bits = events.bytes.get((f"error {motor}", motor), 0)
-        text = TranslatableText(
-            "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
-            **_numbers(count, rows, usual),
-            motor=motor,
-            bits=f"{bits:02X}",
-        )
-        return text, f"{_MOTOR} = {motor} AND {errors} != 0"
-
-    def of_online(own: slice, count: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
-        text = TranslatableText(
-            "motor {motor} was not ONLINE in {events} of {rows} frames; {usual}",
-            **_numbers(count, rows, usual),
-            motor=motor,
-        )
-        return text, f"{online} & {1 << motor_bit(motor)} = 0"
-
+    of_error = _sentence(
+        "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
+        f"{_MOTOR} = {motor} AND {errors} != 0",
+        motor=motor,
+        bits=f"{events.bytes.get((f'error {motor}', motor), 0):02X}",
+    )
+    of_online = _sentence(
+        "motor {motor} was not ONLINE in {events} of {rows} frames; {usual}",
+        f"{online} & {1 << motor_bit(motor)} = 0",
+        motor=motor,
+    )
     yield _Series(
         Cause.ERROR_FLAG, windows.count(f"error {motor}"), feedback, of_error, port, motor
     )
@@ -689,19 +671,12 @@ def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         off = exposed & ((least > top + near) | (greatest < bottom - near))
         if role is Role.POSITION:
             off &= greatest - least <= _TOLERANCE[role]
-
-        def describe(
-            own: slice, events: int, rows: int, usual: float, role: Role = role
-        ) -> tuple[TranslatableText, str]:
-            text = TranslatableText(
-                "the {value} of motor {motor} was not near its target in {events} of {rows} s;"
-                " {usual}",
-                **_numbers(events, rows, usual),
-                motor=motor,
-                value=TranslatableText(role),
-            )
-            return text, f"{_MOTOR} = {motor}"
-
+        describe = _sentence(
+            "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}",
+            f"{_MOTOR} = {motor}",
+            motor=motor,
+            value=TranslatableText(role),
+        )
         kinds = by_role(role, target=True)
         yield _Series(
             Cause.OFF_TARGET,
@@ -726,19 +701,13 @@ def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         grades = np.array([windows.count(f"jump {stream} {one}") for one in range(GRADES)])
         if not grades.any():
             continue
-
-        def describe(
-            own: slice, events: int, rows: int, usual: float, role: Role = role
-        ) -> tuple[TranslatableText, str]:
-            text = TranslatableText(
-                "the {value} of motor {motor} jumped and came back {events} times in {rows}"
-                " frames: bytes changed on the line",
-                **_numbers(events, rows, usual),
-                motor=motor,
-                value=TranslatableText(role),
-            )
-            return text, f"{_MOTOR} = {motor}"
-
+        describe = _sentence(
+            "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
+            " bytes changed on the line",
+            f"{_MOTOR} = {motor}",
+            motor=motor,
+            value=TranslatableText(role),
+        )
         kinds = by_role(role, target=False)
         yield _Series(
             Cause.JUMP,
@@ -765,27 +734,22 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
         number, name = stream.split(" ", 1)
         kind = next(one for one in KINDS if one.name == name)
         motor = int(number) if kind.names_motor else None
+        shown = f"kind = '{name}'"
+        if motor is None:
+            describe = _sentence(
+                "{events} of {rows} periods of {kind} commands differ from the one before; {usual}",
+                shown,
+                kind=name,
+            )
+        else:
+            describe = _sentence(
+                "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one"
+                " before; {usual}",
+                f"{shown} AND {_MOTOR} = {motor}",
+                kind=name,
+                motor=motor,
+            )
         for octaves in (0.5, 1.0):
-
-            def describe(
-                own: slice,
-                events: int,
-                rows: int,
-                usual: float,
-                name: str = name,
-                motor: int | None = motor,
-            ) -> tuple[TranslatableText, str]:
-                text = TranslatableText(
-                    "{events} of {rows} periods of {kind} commands differ from the one before;"
-                    " {usual}",
-                    **_numbers(events, rows, usual),
-                    kind=name,
-                )
-                if motor:
-                    text = TranslatableText("motor {motor}: {text}", motor=motor, text=text)
-                shown = f"kind = '{name}'" + (f" AND {_MOTOR} = {motor}" if motor else "")
-                return text, shown
-
             events = grades[int(octaves * RATIO_UNIT) :].sum(axis=0)
             yield _Series(
                 Cause.IRREGULAR_COMMANDS,

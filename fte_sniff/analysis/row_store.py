@@ -6,7 +6,7 @@ position  of a row among those that the view shows
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator
 from enum import IntEnum
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import Row, Status, status_of
-from fte_sniff.protocol.rows import FACTS, NO_FACT, Array, Codebook, Codes, Rows
+from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_TIME, Array, Codebook, Codes, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -283,6 +283,19 @@ class RowStore:
         if not self.first <= index < self.next:
             raise IndexError(f"row {index} is not in {self.first}..{self.next - 1}")
         return self.rows(index, index + 1)[0]
+
+    def index_from(self, t_ns: int) -> int:
+        """Index of the first row at or after a time, as if times never fell; at most the last one.
+
+        The store must have a row.
+        """
+
+        def time(index: int) -> int:
+            found = self.row(index).t_ns
+            return NO_TIME if found is None else found
+
+        found = bisect_left(range(self.first, self.next), t_ns, key=time)
+        return min(self.first + found, self.next - 1)
 
     def rows(self, start: int, end: int) -> list[Row]:
         """The rows with indices from `start` up to `end` that are in the store."""

@@ -343,10 +343,10 @@ class InputQuery:
             progress,
             facts=facts,
             readings=readings,
+            zone=self.zone_given() or UTC,
         )
         if following is not None:
             progress.step = f"following {inputs[0].name}"
-        found.source = replace(found.source, zone=self.zone_given() or UTC)
         return found
 
     def _each(
@@ -399,9 +399,10 @@ class InputQuery:
         if span is not None:
             jobs = [replace(job, span=span) for job in jobs]
         progress.expect([job.size for job in jobs])
-        reading = InputReading([], span, wanted, None, self.baud, unreadable, progress)
-        reading.source = replace(reading.source, zone=self.zone_given() or UTC)
-        return jobs, reading
+        zone = self.zone_given() or UTC
+        return jobs, InputReading(
+            [], span, wanted, None, self.baud, unreadable, progress, zone=zone
+        )
 
 
 def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:

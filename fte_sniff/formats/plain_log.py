@@ -218,7 +218,7 @@ class OwnLog(LogForm):
 
 
 def _begin_ns(text: str | None) -> int | None:
-    """The time of a row; None if there is no such date or zone."""
+    """The time of a row; None if its date or its zone is not valid."""
     if text is None:
         return NO_TIME
     try:

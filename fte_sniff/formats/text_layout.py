@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
+from functools import cache
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import (
@@ -38,6 +39,7 @@ _WIDTHS = (PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
 _NARROW_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
 
 
+@cache
 def time_width(zone: tzinfo) -> int:
     """The characters of every time in a zone."""
     return len(iso_time(0, zone))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, tzinfo
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final
@@ -64,6 +65,7 @@ class InputReading:
         *,
         facts: bool = False,
         readings: bool = False,
+        zone: tzinfo = UTC,
     ) -> None:
         """Read no rows yet; of several inputs, read their first times.
 
@@ -78,6 +80,7 @@ class InputReading:
             facts: whether rows wait for the facts that depend on later rows; they always do if the
                 filter names one.
             readings: whether damaged and ambiguous rows get their readings; rows wait for them.
+            zone: that of times in text.
         """
         self.inputs = inputs = _by_first_time(inputs)
         for number, one in enumerate(inputs):
@@ -110,6 +113,7 @@ class InputReading:
             self._gaps,
             self._selections,
             {name: fact for one in inputs for name, fact in one.facts.items()},
+            zone=zone,
         )
         """What is known about the rows; complete once `__iter__` has ended."""
         self._clip_gaps()

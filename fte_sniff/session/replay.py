@@ -17,7 +17,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Codebook, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.notes import RowOrigins
@@ -208,17 +208,6 @@ class Viewers(Protocol):
 
     def report(self, play: Playback | None, *, jumped: bool) -> None:
         """Report the state; None where nothing is played."""
-
-
-def index_from(store: RowStore, t_ns: int) -> int:
-    """Index of the first row at or after a time, as if times never fell; at most the last one."""
-
-    def time(index: int) -> int:
-        found = store.row(index).t_ns
-        return NO_TIME if found is None else found
-
-    found = bisect_left(range(store.first, store.next), t_ns, key=time)
-    return min(store.first + found, store.next - 1)
 
 
 class Playback:

@@ -365,8 +365,8 @@ class SniffApp(App[None]):
         return monotonic_ns()
 
     def _on_clock(self) -> None:
-        at_rest = self._model.at_rest and not self._panes.models_pending
-        at_rest = at_rest and self._options.viewers is None
+        waits = self._panes.models_pending or self._options.viewers is not None
+        at_rest = self._model.at_rest and not waits
         if self._poll_interval.on_clock(at_rest=at_rest):
             self.tick()
 

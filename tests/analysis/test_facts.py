@@ -54,9 +54,9 @@ def damage(raw: str, t_ms: float | None, fault: Fault = Fault.TRUNCATED) -> Dama
     return Damage("p", 0, bytes.fromhex(raw), None if t_ms is None else int(t_ms * MS), (fault,))
 
 
-def fed(steps: Sequence[Step], cuts: Sequence[int] = ()) -> list[Row]:
-    """The rows with their facts; the steps come in batches that end at the cuts."""
-    facts, found = Facts(), list[Row]()
+def batches(steps: Sequence[Step], cuts: Sequence[int]) -> list[tuple[Rows, list[StreamChange]]]:
+    """The steps in batches that end at the cuts, each with a codebook of its own."""
+    found = []
     edges = [0, *sorted({min(cut, len(steps)) for cut in cuts}), len(steps)]
     for start, end in pairwise(edges):
         rows, changes = list[Row](), list[StreamChange]()
@@ -65,7 +65,14 @@ def fed(steps: Sequence[Step], cuts: Sequence[int] = ()) -> list[Row]:
                 rows.append(step)
             else:
                 changes.append(StreamChange(len(rows), step))
-        found += facts.feed(Rows.from_rows(rows), changes)
+        found.append((Rows.from_rows(rows), changes))
+    return found
+
+
+def fed(steps: Sequence[Step], cuts: Sequence[int] = ()) -> list[Row]:
+    """The rows with their facts; the steps come in batches that end at the cuts."""
+    facts = Facts()
+    found = [row for rows, changes in batches(steps, cuts) for row in facts.feed(rows, changes)]
     return [*found, *facts.interrupt()]
 
 
@@ -130,21 +137,6 @@ STEPS = st.lists(
     max_size=40,
 )
 CUTS = st.lists(st.integers(0, 40), max_size=6)
-
-
-def batches(steps: Sequence[Step], cuts: Sequence[int]) -> list[tuple[Rows, list[StreamChange]]]:
-    """The steps in batches that end at the cuts, each with a codebook of its own."""
-    found = []
-    edges = [0, *sorted({min(cut, len(steps)) for cut in cuts}), len(steps)]
-    for start, end in pairwise(edges):
-        rows, changes = list[Row](), list[StreamChange]()
-        for step in steps[start:end]:
-            if isinstance(step, Frame | Damage):
-                rows.append(step)
-            else:
-                changes.append(StreamChange(len(rows), step))
-        found.append((Rows.from_rows(rows), changes))
-    return found
 
 
 @pytest.mark.parametrize("field", ["rpm", "motor", "online"])

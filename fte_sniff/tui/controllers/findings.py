@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from bisect import bisect_left
 from collections.abc import Sequence
 
 from textual.worker import WorkType
@@ -25,8 +24,6 @@ RECENT_NS = 600_000_000_000
 
 SEARCH = "findings"
 """Group of the worker that searches."""
-
-_NO_TIME = -(2**63)
 
 
 class FindingsController:
@@ -105,14 +102,6 @@ class FindingsController:
     def go(self) -> None:
         """Show the rows of the chosen finding, the first one under the cursor."""
         finding = self._panes.models.found[self._panes.chosen_finding]
-        store = self._model.store
-
-        def time(index: int) -> int:
-            t_ns = store.row(index).t_ns
-            return _NO_TIME if t_ns is None else t_ns
-
-        rows = range(store.first, store.next)
-        index = store.first + bisect_left(rows, finding.first_ns, key=time)
         self._panes.close()
-        self._filters.go(finding.filter, min(index, max(store.first, store.next - 1)))
+        self._filters.go(finding.filter, self._model.store.index_from(finding.first_ns))
         self._notice.inform(_("{text}; backspace returns", text=finding.text))

@@ -7,7 +7,7 @@ from time import monotonic_ns
 
 from fte_sniff.protocol import PortEvent
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.replay import PlayRequest, Viewers, index_from
+from fte_sniff.session.replay import PlayRequest, Viewers
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.status_bar import NoticeLine
@@ -79,7 +79,7 @@ class PlaybackController:
         if request.seek_ns is not None or (request.plays and model.playback is None):
             model.stop_playback()
             first_ns = model.start_ns if request.seek_ns is None else request.seek_ns
-            self._play_from(index_from(model.store, first_ns or 0), self._speed)
+            self._play_from(model.store.index_from(first_ns or 0), self._speed)
         if model.playback is not None:
             model.playback.obey(request)
 

@@ -63,6 +63,11 @@ class FindingsPane(Pane):
         """Number of the finding to which enter leads."""
         self.add_class("-row")
 
+    def scroll_lines(self, by: int) -> bool:
+        """Choose the next finding (`by` 1) or the one before (-1)."""
+        self.chosen = max(0, self.chosen + by)
+        return True
+
     def draw(self, context: PaneContext) -> None:
         """Draw the list."""
         found = context.models.found

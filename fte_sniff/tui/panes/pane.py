@@ -179,6 +179,24 @@ class Pane(VerticalScroll, can_focus=False):
     def draw(self, context: PaneContext) -> None:
         """Draw the context with `set_title` and `set_page`."""
 
+    def scroll_lines(self, by: int) -> bool:
+        """Scroll by lines, or choose another one in a list; whether it must be drawn again."""
+        self.scroll_relative(y=by, animate=False)
+        return False
+
+    def aside(self, by: int) -> bool:
+        """Choose another column, to the right (`by` 1) or left (-1), in panes with such columns;
+        False in others."""
+        return False
+
+    @property
+    def chosen_span(self) -> tuple[int, int] | None:
+        """Start and end of the chosen column, nanoseconds since 1970 UTC; None without one."""
+        return None
+
+    def forget_choice(self) -> None:
+        """Choose no column, as the pane closes."""
+
     def zoom(self, by: int) -> None:
         """Show more time (`by` 1) or less (-1), in panes over time."""
 

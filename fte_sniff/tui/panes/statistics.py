@@ -272,11 +272,12 @@ class StatisticsPane(Pane):
         self._chosen: int | None = None
         self._cells: list[tuple[int, int]] = []
 
-    def choose(self, by: int) -> None:
+    def aside(self, by: int) -> bool:
         """Choose the next cell of the faults over time (`by` 1) or the one before (-1)."""
         last = len(self._cells) - 1
         start = (last + 1 if by < 0 else -1) if self._chosen is None else self._chosen
         self._chosen = max(0, min(start + by, last)) if self._cells else None
+        return True
 
     def forget_choice(self) -> None:
         """Choose no cell."""

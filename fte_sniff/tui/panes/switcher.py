@@ -113,9 +113,8 @@ class PaneSwitcher:
         return True
 
     def _hide(self) -> None:
-        if isinstance(self._open, StatisticsPane):
-            self._open.forget_choice()
         if self._open is not None:
+            self._open.forget_choice()
             self._open.fill(fills=False)
             self._open.display = False
             self._open = None
@@ -154,17 +153,16 @@ class PaneSwitcher:
         return self._open is not None and self._open.EXPLAINS_ROW
 
     def aside(self, by: int) -> bool:
-        """Choose another time in the statistics; False where they are not open."""
-        if not isinstance(self._open, StatisticsPane):
-            return False
-        self._open.choose(by)
-        self.redraw()
-        return True
+        """Choose another column of the open pane; False where it has none."""
+        has_columns = self._open is not None and self._open.aside(by)
+        if has_columns:
+            self.redraw()
+        return has_columns
 
     @property
     def chosen_span(self) -> tuple[int, int] | None:
-        """Start and end of the time that is chosen in the statistics; None without one."""
-        return self._open.chosen_span if isinstance(self._open, StatisticsPane) else None
+        """The chosen span of the open pane; None without one."""
+        return None if self._open is None else self._open.chosen_span
 
     def on_cursor_moved(self) -> None:
         """Draw a pane about the cursor's row."""
@@ -179,11 +177,8 @@ class PaneSwitcher:
 
     def scroll(self, by: int) -> None:
         """Scroll the open pane by lines; choose another line of the findings."""
-        if isinstance(self._open, FindingsPane):
-            self._open.chosen = max(0, self._open.chosen + by)
+        if self._open is not None and self._open.scroll_lines(by):
             self.redraw()
-        elif self._open is not None:
-            self._open.scroll_relative(y=by, animate=False)
 
     def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
         """Add port events, and gaps and baud changes between rows, to the models."""
