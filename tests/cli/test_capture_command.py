@@ -128,6 +128,10 @@ def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
         fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
         # The pipe holds one page: a write that does not fit behind the first waits for ever.
         wait_until(lambda: bytes_waiting(process.stdout) > 0)
+        # The capture goes on meanwhile. More rows than one page of output can hold must exist
+        # before the end, or all of them fit in the pipe and nobody has to wait.
+        recording = tmp_path / "x.mcap"
+        wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
         process.terminate()
         assert process.wait(BOUND_S) == 0
         _, _, errors = ended(process)
