@@ -114,7 +114,7 @@ def _columns(text: str) -> tuple[str, ...]:
     for name in names:
         if name not in COLUMN_BY_NAME:
             known = ", ".join(COLUMN_BY_NAME)
-            raise UsageError(f"--columns: there is no column {printable(name)!r}; use {known}")
+            raise UsageError(f"--columns: unknown column {printable(name)!r}; use {known}")
         if names.count(name) > 1:
             raise UsageError(f"--columns names {name} twice")
     return names

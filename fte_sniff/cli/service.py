@@ -133,7 +133,7 @@ class FileCommand:
         self._words = words if POSIX else [word.strip('"') for word in words]
         if command is not None and not (self._words and shutil.which(self._words[0])):
             name = quoted(self._words[0] if self._words else "")
-            raise UsageError(f"--on-file: there is no command {name}; name a program, no shell")
+            raise UsageError(f"--on-file: {name} is not a command; name a program, no shell line")
         self._finished: set[Path] = set()
         self._running: dict[Path, subprocess.Popen[bytes]] = {}
 

@@ -209,7 +209,7 @@ def _picked(language: str) -> Path:
     """The recording of this folder that the user picks; ends the command where none is picked."""
     dated = sorted(((path.stat().st_mtime, path) for path in Path().glob("*.mcap")), reverse=True)
     if not dated:
-        raise UsageError("there is no recording in this folder; name a FILE")
+        raise UsageError("this folder has no recording; name a FILE")
     from fte_sniff.tui.modals import Entry, pick
 
     entries = [

@@ -54,7 +54,7 @@ def in_use(path: object) -> FileError:
 def lock_replaced(path: Path) -> int | None:
     """A descriptor that keeps the lock of a file that is to be replaced.
 
-    None if there is no file, and on Windows, which does not replace an open file. Raises FileError
+    None without a file, and on Windows, which does not replace an open file. Raises FileError
     if another program records to it.
     """
     if not POSIX:

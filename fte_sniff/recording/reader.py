@@ -756,7 +756,7 @@ def files_of(path: Path) -> Iterator[Path]:
     if path.is_dir():
         found = sorted(entry for entry in path.glob(f"*{SUFFIX}") if entry.is_file())
         if not found:
-            raise FileError(f"{path} is a directory, and there is no recording (*{SUFFIX}) in it")
+            raise FileError(f"{path} is a directory without a recording (*{SUFFIX}) in it")
         yield from found
     elif _PATTERN.intersection(str(path)) and not path.exists():
         start = Path(path.anchor)

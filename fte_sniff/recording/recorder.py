@@ -334,7 +334,7 @@ class Recorder:
         return False
 
     def _begin_next(self, unflushed: Rows) -> RecordingWriter:
-        """The next file, with the gap before it and these rows; if it fails there is no file."""
+        """The next file, with the gap before it and these rows; if it fails, no file is left."""
         writer = self._open_next()
         try:
             if self._failure is not None and self._gaps[-1].start_ns is not None:

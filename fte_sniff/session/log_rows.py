@@ -48,7 +48,7 @@ def rows_of_chunks(
 
     The chunks are of one port, and their times may fall. `note` is called if the input ends within
     a frame. If the next chunk has to be waited for (`drained`), rows are not held back. Raises
-    FileError if there is no chunk, and what the chunks raise, after the rows before it.
+    FileError without a chunk, and what the chunks raise, after the rows before it.
     """
     framer = Framer(name, baud)
     size, empty = 0, True

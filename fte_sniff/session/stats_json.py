@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time, status_of
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 VERSION = 1
 
-MOTOR = "motor"
+MOTOR = NAME_OF_ROLE[Role.MOTOR]
 """The key of a motor's number."""
 
 COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)

@@ -298,7 +298,7 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
         ([SAMPLES / "clean.raw"], 4, "is not a recording; --follow reads only recordings"),
         (["/dev/null"], 4, "is not a recording; --follow reads only recordings"),
         (["pipe"], 4, "is not a recording; --follow reads only recordings"),
-        (["."], 4, "is a directory, and there is no recording"),
+        (["."], 4, "is a directory without a recording"),
         (["missing.mcap"], 4, "no such file"),
         ([SAMPLES / "clean.mcap", SAMPLES / "damaged.mcap"], 2, "--follow needs one recording"),
         (["-"], 2, "--follow needs one recording"),

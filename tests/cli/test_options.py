@@ -311,7 +311,7 @@ def test_an_unreadable_recording_of_a_folder_hides_no_other(
 def test_an_empty_folder_is_reported(run, tmp_path: Path) -> None:
     done = run("decode", tmp_path)
     assert done.returncode == 4
-    assert "there is no recording (*.mcap) in it" in done.stderr
+    assert "is a directory without a recording (*.mcap) in it" in done.stderr
 
 
 @pytest.mark.parametrize(

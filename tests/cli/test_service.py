@@ -222,9 +222,9 @@ def test_a_command_that_hangs_is_reported_and_left_by_the_next_signal(
         (["--headless", "--filter", "motor = 1"], "leave out --filter"),
         (["--headless", "--no-record"], "--headless records to files"),
         (["--headless", "-o", "-"], "--headless records to files"),
-        (["--headless", "--on-file", "none-such"], "there is no command 'none-such'"),
+        (["--headless", "--on-file", "none-such"], "'none-such' is not a command"),
         (["--headless", "--on-file", "'open"], "No closing quotation"),
-        (["--headless", "--on-file", ""], "there is no command ''"),
+        (["--headless", "--on-file", ""], "'' is not a command"),
     ],
 )
 def test_contradictions_are_usage_errors(run, tmp_path: Path, words, message) -> None:

@@ -421,7 +421,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
 ) -> None:
     with terminal(environment, tmp_path, "view") as screen:
         assert screen.ended() == 2
-    assert b"there is no recording in this folder" in screen.drawn
+    assert b"this folder has no recording" in screen.drawn
     arguments = ("--count", "400", "--no-reconnect")
     assert run("live", "sim://?seed=1", "--plain", *arguments, "-o", "x.mcap").returncode == 0
     with terminal(environment, tmp_path, "view") as screen:

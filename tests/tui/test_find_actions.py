@@ -129,7 +129,7 @@ def test_goes_to_rows_times_and_distances(feed: Any, goal: str, cursor: int) -> 
         await enter_line(app, pilot, "colon", goal)
         assert table(app).viewport.cursor == cursor
         await pilot.pause()
-        assert ("there is no row 999,999; this is the last" in page(app)) == (goal == "999999")
+        assert ("row 999,999 does not exist; this is the last" in page(app)) == (goal == "999999")
 
     play(feed, scenario, rows=1000)
 

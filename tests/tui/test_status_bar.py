@@ -360,7 +360,7 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
     [
         (("u",), "no row is marked"),
         (("n",), "no search yet"),
-        (("colon", "9", "9", "9", "enter"), "there is no row 999"),
+        (("colon", "9", "9", "9", "enter"), "row 999 does not exist"),
         (("colon", "at", "9", "9", "9", "9", "enter"), "has byte 9,999"),
         (("slash", "z", "z", "enter"), "no row has zz"),
         (("w", "escape"), ""),

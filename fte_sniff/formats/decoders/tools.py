@@ -21,7 +21,7 @@ class Tool:
     text: Callable[[], str]
     """Makes the decoder's source."""
     path: Callable[[], Path] | None
-    """The file that the tool loads; None if there is no such place."""
+    """The file that the tool loads; None for a tool without a fixed path."""
     use: str
     """How to use the decoder, in one line."""
 

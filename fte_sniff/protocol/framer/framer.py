@@ -174,7 +174,7 @@ def lead_start(tables: FrameTables, data: bytes, start: i64, anchor: i64) -> i64
 
 
 GIVING_UP_NS: Final = 500_000_000
-"""Silence after which the start of a frame is no longer pending."""
+"""Silence that ends the wait for the rest of a frame."""
 
 _CERTAIN: Final = after_certain_frame()
 _NOWHERE: Final[i64] = -1

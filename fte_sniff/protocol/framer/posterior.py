@@ -56,7 +56,7 @@ class BoundaryState:
         """The score of a start within a frame; only at the start of a stream."""
 
     def with_suffixes(self, candidates: CandidateSet) -> BoundaryState:
-        """The same for a span that may start with the rest of a frame."""
+        """This state for a span that may start with the rest of a frame."""
         longest = candidates.tables.length - 1
         suffixes = candidates.first_suffixes(longest)
         scores = _resized(self.after_frame, max(i64(len(suffixes)), i64(len(self.after_frame))))

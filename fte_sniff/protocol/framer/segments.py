@@ -36,7 +36,7 @@ class Segment:
         return self.framed and self.faults == 0
 
     def with_faults(self, faults: i64) -> Segment:
-        """The same segment with other faults."""
+        """This segment with other faults."""
         return Segment(self.start, self.stop, self.framed, faults, self.probability)
 
 
@@ -121,7 +121,7 @@ class LineHealth:
         """The segments since the last `drain`."""
         self._frame_length = frame_length
         self._first_frame_to = frame_length
-        """Largest end of the first frame: a start within a frame is no damage of the line."""
+        """Largest end of the first frame: a start within a frame does not count as damage."""
         self._stubs: i64 = 0
         """Stubs since the last better segment."""
         self._streak = CALM_STREAK

@@ -122,7 +122,7 @@ def _first_from(store: RowStore, t_ns: int) -> int:
 
 
 def time_at(store: RowStore, position: int) -> int | None:
-    """Time of a shown row; None where there is no such row, or it has no time."""
+    """Time of a shown row; None without such a row or its time."""
     return store.view.row(position).t_ns if position < store.view.count else None
 
 
@@ -154,7 +154,7 @@ class RowController:
         t_ns = time_of(goal, store, cursor, zone)
         self._table.jump(row)
         if row > last >= 0:
-            text = _("there is no row {number:,}; this is the last")
+            text = _("row {number:,} does not exist; this is the last")
             self._notice.inform(text.format(number=row + 1))
         elif t_ns is not None:
             self._warn_outside(line, t_ns)

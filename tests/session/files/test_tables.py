@@ -176,7 +176,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
     ("name", "reported"),
     [
         ("absent.mcap", "no such file"),
-        ("", "there is no recording (*.mcap) in it"),
+        ("", "is a directory without a recording (*.mcap) in it"),
         ("*.mcap", "no file matches this pattern"),
         ("text.mcap", "is not an MCAP recording"),
     ],
