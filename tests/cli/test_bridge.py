@@ -24,6 +24,7 @@ from tests.cli.processes import (
     wait_until,
     wire,
 )
+from tests.slow import first
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 ANSWER = bytes.fromhex("5501010000000000 0FEE")
@@ -95,7 +96,7 @@ def test_a_change_of_baud_is_reported_and_dates_the_rows_after_it(environment, t
     assert {row.read_delay_ns for row in rows} == {10 * byte_time_ns(1200)}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first(1, [signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
 def test_a_signal_ends_it_well(run, environment, tmp_path: Path, number: int):
     with (
         bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, _),

@@ -47,6 +47,7 @@ from tests.cli.processes import (
     wire,
 )
 from tests.recording.conftest import file_size_limit
+from tests.slow import first
 from tests.waiting import while_waiting
 
 SIM = "sim://?seed=1&rate=1000"
@@ -159,7 +160,7 @@ def test_outputs_that_nobody_reads_do_not_hold_up_the_end(environment, tmp_path:
         assert process.wait(BOUND_S) == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM, signal.SIGKILL]))
 def test_ended_while_it_starts_it_leaves_no_noise_and_no_broken_file(
     run, environment, tmp_path: Path, number: int
 ) -> None:

@@ -100,25 +100,27 @@ MEASURED = (
 )
 
 
-@pytest.mark.parametrize("expect", MEASURED)
 @pytest.mark.parametrize("name", ["damaged.mcap", "motor3.mcap", "damaged.raw"])
-def test_view_command_shows_the_row(run, samples: Path, expect: str, name: str) -> None:
+def test_view_command_shows_the_row(run, samples: Path, name: str) -> None:
     """Another program would run it in a terminal: `decode` has the same options."""
-    arguments = ["check", samples / name, "--expect", expect, "--format"]
-    (rule,) = json.loads(run(*arguments, "json").stdout)["rules"]
-    if (row := rule["row"]) is None:
-        assert rule["verdict"] != "fail" or rule["measured"] is None
-        return
-    program, command, *words = shlex.split(row["view"])
-    assert (program, command) == ("fte-sniff", "view")
-    done = run("decode", *words, "--format", "jsonl")
-    assert done.returncode == 0, done.stderr
-    rows = [json.loads(line) for line in done.stdout.splitlines()]
-    shown = {key: row[key] for key in ("time", "port", "offset", "motor", "raw")}
-    assert shown in [{key: one[key] for key in shown} for one in rows]
-    ((case,),) = JUnitXml.fromstring(run(*arguments, "junit").stdout.encode())
-    assert case.result[0].text == row["view"]
-    assert row["view"] in run(*arguments, "text").stdout
+    expected = [word for rule in MEASURED for word in ("--expect", rule)]
+    arguments = ["check", samples / name, *expected, "--format"]
+    rules = json.loads(run(*arguments, "json").stdout)["rules"]
+    (cases,) = JUnitXml.fromstring(run(*arguments, "junit").stdout.encode())
+    text = run(*arguments, "text").stdout
+    for rule, case in zip(rules, cases, strict=True):
+        if (row := rule["row"]) is None:
+            assert rule["verdict"] != "fail" or rule["measured"] is None
+            continue
+        program, command, *words = shlex.split(row["view"])
+        assert (program, command) == ("fte-sniff", "view")
+        done = run("decode", *words, "--format", "jsonl")
+        assert done.returncode == 0, done.stderr
+        rows = [json.loads(line) for line in done.stdout.splitlines()]
+        shown = {key: row[key] for key in ("time", "port", "offset", "motor", "raw")}
+        assert shown in [{key: one[key] for key in shown} for one in rows]
+        assert case.result[0].text == row["view"]
+        assert row["view"] in text
 
 
 def test_view_command_reads_a_log_as_check_did(run, tmp_path: Path) -> None:

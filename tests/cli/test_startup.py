@@ -15,6 +15,7 @@ from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 from tests.cli.terminals import terminal
+from tests.slow import first
 
 CLEAN = str(SAMPLES / "clean.mcap")
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
@@ -118,19 +119,22 @@ def test_version_names_the_framer_and_every_library(run) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ["hex", "AA 02 02 03 E8 00 00 27 10 EE", "--format", "table"],
-        ["encode", "speed", "--motor", "1", "--rpm", "5"],
-        ["decode", CLEAN, "--format", "jsonl", "--filter", "motor = 1"],
-        ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
-        ["decode", CLEAN, "-o", "rows.parquet", "--force"],
-        ["decode", CLEAN, "-o", "rows.mcap", "--force", "--from", "+1s"],
-        ["stats", CLEAN],
-        ["repair", CLEAN],
-        ["ports"],
-        ["live", "sim://?seed=1", "--count", "3", "-o", "x.mcap", "--force", "--plain"],
-        ["live", "/dev/ttyNOPE"],
-    ],
+    first(
+        4,
+        [
+            ["hex", "AA 02 02 03 E8 00 00 27 10 EE", "--format", "table"],
+            ["decode", CLEAN, "--format", "jsonl", "--filter", "motor = 1"],
+            ["live", "sim://?seed=1", "--count", "3", "-o", "x.mcap", "--force", "--plain"],
+            ["live", "/dev/ttyNOPE"],
+            ["encode", "speed", "--motor", "1", "--rpm", "5"],
+            ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
+            ["decode", CLEAN, "-o", "rows.parquet", "--force"],
+            ["decode", CLEAN, "-o", "rows.mcap", "--force", "--from", "+1s"],
+            ["stats", CLEAN],
+            ["repair", CLEAN],
+            ["ports"],
+        ],
+    ),
     ids=" ".join,
 )
 def test_what_is_started_anew_does_what_a_loaded_program_does(
@@ -216,7 +220,7 @@ POISON = "with open({marker!r}, 'a') as file:\n    file.write(__name__ + '\\n')\
     ],
     ids=" ".join,
 )
-@pytest.mark.parametrize("start", ["script", "module"])
+@pytest.mark.parametrize("start", first(1, ["script", "module"]))
 def test_no_code_of_the_working_folder_runs(
     environment, tmp_path: Path, tmp_path_factory, start: str, arguments: list[str]
 ) -> None:

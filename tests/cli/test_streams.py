@@ -17,6 +17,7 @@ from fte_sniff.errors import TOO_MANY_FILES
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.terminals import terminal
+from tests.slow import first
 
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 ENCODE = "encode speed --motor 1 --rpm 1"
@@ -208,7 +209,7 @@ LEAVING = ("open", os.devnull)
 
 Moments = list[tuple[str, str, str]]
 """Events of the interpreter, what they are about, and how Ctrl-C is pressed then."""
-HOW = pytest.mark.parametrize("how", ["once", "twice", "unseen"])
+HOW = pytest.mark.parametrize("how", first(1, ["once", "twice", "unseen"]))
 Hooked = Callable[[Moments], dict[str, str]]
 
 

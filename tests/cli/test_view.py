@@ -20,11 +20,12 @@ from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
+from tests.slow import first
 from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S
 
 
-@pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])
+@pytest.mark.parametrize("size", first(1, [((40, 10),), ((80, 24),), ((200, 60),)]))
 def test_live_shows_rows_and_names_the_recording_at_the_end(
     run, environment, tmp_path: Path, size: tuple[int, int]
 ) -> None:
@@ -203,7 +204,7 @@ FLUSHED_OFTEN = ("--flush-every", "0.1")
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"
-SESSIONS = pytest.mark.parametrize("session", [controlling_terminal, plain_terminal])
+SESSIONS = pytest.mark.parametrize("session", first(1, [controlling_terminal, plain_terminal]))
 TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1"))))
 """What depends on the moment shows at times only: REPEATS=20 looks longer for it."""
 
@@ -273,7 +274,7 @@ def test_a_terminal_that_stands_still_and_is_closed_ends_it(
         assert_all_is_well(run, screen, recording)
 
 
-@pytest.mark.parametrize("way", ["Q", signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("way", first(2, ["Q", signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
 def test_a_terminal_that_stands_still_does_not_hold_up_the_end(
     run, environment, tmp_path: Path, way: str | signal.Signals
 ) -> None:
@@ -361,7 +362,7 @@ def asked(screen: Terminal, keys: str) -> bytes:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
-@pytest.mark.parametrize("ends", ["Q", "kill", "late kill", "close"])
+@pytest.mark.parametrize("ends", first(1, ["kill", "Q", "late kill", "close"]))
 def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     run, environment, tmp_path: Path, ends: str
 ) -> None:

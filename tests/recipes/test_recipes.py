@@ -1,12 +1,15 @@
 """Each row of CONTRIBUTING's "Where do I put ..." is enough: what it adds appears everywhere.
 
-A recipe may edit only the files that its row names (`recipe.py`).
+A recipe may edit only the files that its row names (`recipe.py`). The gate tests the recipes of what
+is added most; the others are slow.
 """
 
 from __future__ import annotations
 
 import json
 import re
+
+import pytest
 
 from tests.recipes.recipe import Copy, Recipe
 
@@ -128,6 +131,7 @@ def test_column(recipe: Recipe) -> None:
         assert "bits of the row" in copy.unfinished_texts()
 
 
+@pytest.mark.slow
 def test_output_format(recipe: Recipe) -> None:
     writers = "fte_sniff/formats/writers.py"
     recipe.after(writers, '    TABLE = "table"', '    TABS = "tabs"\n')
@@ -170,6 +174,7 @@ class TabsWriter(_LineWriter):
         assert "b.tabs" in copy.screen(raw, *keys)
 
 
+@pytest.mark.slow
 def test_way_to_get_bytes(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/capture/repeated.py",
@@ -251,6 +256,7 @@ class RepeatedSource:
         assert "--repeated" in copy.page_part("commands")
 
 
+@pytest.mark.slow
 def test_reader_of_live_rows(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/cli/row_count.py",
@@ -301,6 +307,7 @@ class RowCountFile(Observer):
         assert "--row-count" in copy.page_part("commands")
 
 
+@pytest.mark.slow
 def test_url_scheme_of_ports(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/capture/url_handlers/protocol_echo.py",
@@ -330,6 +337,7 @@ class Serial(protocol_loop.Serial):
         assert [row["port"] for row in rows_of(copy, "a.mcap")] == [port]
 
 
+@pytest.mark.slow
 def test_decoder_for_another_tool(recipe: Recipe) -> None:
     recipe.after(
         "fte_sniff/formats/decoders/tools.py",
@@ -347,6 +355,7 @@ def test_decoder_for_another_tool(recipe: Recipe) -> None:
         assert "names" in copy.run("decoder", "--help") + copy.page_part("commands")
 
 
+@pytest.mark.slow
 def test_command(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/cli/greet.py",
@@ -403,6 +412,7 @@ def test_key_of_the_screen(recipe: Recipe) -> None:
         assert "greet the user" in copy.unfinished_texts()
 
 
+@pytest.mark.slow
 def test_pane_of_the_screen(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/tui/panes/greeting.py",
@@ -444,6 +454,7 @@ class GreetingPane(Pane):
         assert "a greeting" in screen
 
 
+@pytest.mark.slow
 def test_model_or_number_that_the_screen_shows(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/analysis/longest.py",
@@ -537,6 +548,7 @@ def test_measure_of_check(recipe: Recipe) -> None:
         copy.run("check", raw, "--rules", rules)
 
 
+@pytest.mark.slow
 def test_number_of_stats(recipe: Recipe) -> None:
     recipe.append(
         "fte_sniff/analysis/longest.py",
@@ -600,6 +612,7 @@ class LongestRow:
             assert json.loads(copy.run(*words))["longest_row_bytes"] == 30
 
 
+@pytest.mark.slow
 def test_page_of_documentation(recipe: Recipe) -> None:
     recipe.append("docs/greeting.md", "# A greeting\n\nWelcome.\n")
     check = (
@@ -611,6 +624,7 @@ def test_page_of_documentation(recipe: Recipe) -> None:
         assert not copy.python(check)
 
 
+@pytest.mark.slow
 def test_check_of_doctor(recipe: Recipe) -> None:
     doctor = "fte_sniff/session/doctor.py"
     recipe.after(
@@ -636,6 +650,7 @@ def greeting_finding() -> Diagnosis:
         assert "nobody was greeted" in [one["what"] for one in found]
 
 
+@pytest.mark.slow
 def test_filter_function(recipe: Recipe) -> None:
     recipe.after(
         "fte_sniff/analysis/filter/terms.py",
@@ -654,6 +669,7 @@ def test_filter_function(recipe: Recipe) -> None:
         assert "twice(rpm) > 500" in copy.screen(raw, "question_mark", "end")
 
 
+@pytest.mark.slow
 def test_look_of_a_status(recipe: Recipe) -> None:
     look = "fte_sniff/protocol/look.py"
     for old, new in (('"!"', '"§"'), ('"#d03b3b"', '"#123456"')):
@@ -673,6 +689,7 @@ def test_look_of_a_status(recipe: Recipe) -> None:
         assert "#d03b3b" not in page
 
 
+@pytest.mark.slow
 def test_default_of_a_recording(recipe: Recipe) -> None:
     recipe.replace(
         "fte_sniff/recording/retention.py", "DEFAULT_FLUSH_S = 1.0", "DEFAULT_FLUSH_S = 7.5"
@@ -682,6 +699,7 @@ def test_default_of_a_recording(recipe: Recipe) -> None:
         assert "7.5" in copy.page_part("commands")
 
 
+@pytest.mark.slow
 def test_compression_of_chunks(recipe: Recipe) -> None:
     writer = "fte_sniff/recording/mcap/writer.py"
     recipe.replace(writer, 'compression="zstd"', 'compression=""')
@@ -695,6 +713,7 @@ def test_compression_of_chunks(recipe: Recipe) -> None:
         assert len(rows_of(copy, "b.mcap")) >= 20
 
 
+@pytest.mark.slow
 def test_translation(recipe: Recipe) -> None:
     original = 'msgid "one row up; leaves the end"\nmsgstr "'
     catalogue = "fte_sniff/tui/locale/zh/LC_MESSAGES/fte-sniff"

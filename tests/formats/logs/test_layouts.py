@@ -22,6 +22,7 @@ from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row,
 from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent, clock, line
+from tests.slow import first
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -83,7 +84,7 @@ def found_in(rows: Sequence[Row]) -> dict[str, list[bytes]]:
     }
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", first(1, [1, 0, 2, 3]))
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_layout_comes_back_exactly(name: str, seed: int) -> None:
     log = a_log(seed)
