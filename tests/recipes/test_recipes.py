@@ -1,7 +1,7 @@
 """Each row of CONTRIBUTING's "Where do I put ..." is enough: what it adds appears everywhere.
 
-A recipe may edit only the files that its row names (`recipe.py`). The gate tests the recipes of what
-is added most; the others are slow.
+A recipe may edit only the files that its row names (`recipe.py`). The gate tests the recipes of
+what is added most; the others are slow.
 """
 
 from __future__ import annotations
