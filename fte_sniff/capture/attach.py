@@ -5,8 +5,9 @@
       strace --lines--> reader thread -> chunks: what it read (the port's wire), wrote (`host`)
 
 strace only observes. If it ends, or this program ends in any way, the kernel lets the target go on.
-Not seen are bytes of before the start, and those that a program moves by mmap or io_uring. A
-time is that of a system call: a read returns later than its bytes were on the wire.
+Bytes of before the start are not seen, nor those that a program moves by mmap or io_uring. The time
+of a byte is that of its system call: the start of a write, the return of a read. So rows have the
+order of the calls at every baud, and a read returns later than its bytes were on the wire.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Final
 
-from fte_sniff.capture.bridge import HOST, WireEvents
+from fte_sniff.capture.bridge import HOST
+from fte_sniff.capture.chunk_queue import ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.port_errors import one_line
@@ -32,7 +34,7 @@ from fte_sniff.capture.reconnect import OpenedPort
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, ControlLine, PortSettings
 from fte_sniff.capture.source import SourceEnd, ThreadedSource
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 _READS: Final = ("read", "readv")
 _WRITES: Final = ("write", "writev")
@@ -49,6 +51,8 @@ _MOST_SAID: Final = 1 << 16
 """Characters of strace's own messages that are kept."""
 _LOOK_AGAIN_S: Final = 0.5
 _PTRACE_SCOPE = Path("/proc/sys/kernel/yama/ptrace_scope")
+
+_AS_ASKED: Final = TranslatableText("as asked")
 
 LIMITS = TranslatableText(
     "times are those of system calls, not of the wire; mmap and io_uring are not seen"
@@ -130,7 +134,7 @@ class Attachment:
 
     port: str
     settings: PortSettings = DEFAULT_SETTINGS
-    """Of the target; only the baud is used, for the times of bytes."""
+    """Of the target; only the baud is used, for the load of the line."""
     pid: int | None = None
     """The process to watch; None for all that have the port open."""
     reconnect: bool = True
@@ -146,26 +150,25 @@ class Attachment:
 
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
-        wires = WireEvents(self.port, self.settings.baud, clock)
-        return AttachSource(self, Strace.on(self), wires)
+        return AttachSource(self, Strace.on(self), clock)
 
 
 class AttachSource(ThreadedSource):
     """The chunks and events of both directions, ordered by time; iterate once."""
 
-    def __init__(self, wanted: Attachment, strace: Strace, wires: WireEvents) -> None:
+    def __init__(self, wanted: Attachment, strace: Strace, clock: Clock) -> None:
         """Read a strace that watches the programs; it is ended at the end."""
-        super().__init__(strace, wanted.port, wires.queue, wires.clock, None)
+        super().__init__(strace, wanted.port, ChunkQueue(*wanted.names), clock, None)
         self._wanted = wanted
         self._strace = strace
-        self._wires = wires
         self._lines = StraceLines()
         self._rest = b""
         self._last_ns = dict.fromkeys(wanted.names, 0)
         """By wire: no later item may have an earlier time."""
         self._watched = str(holders_text(strace.holders))
+        self._put(HOST, PortEventKind.OPENED, self._attached())
         self._start(f"watches {wanted.port}", self._attached())
-        self._put_on(self.name, PortEventKind.WIRING, LIMITS)
+        self._put_event(PortEventKind.WIRING, LIMITS)
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
@@ -184,6 +187,7 @@ class AttachSource(ThreadedSource):
     def _read_until_end(self) -> None:
         while (error := self._read_until_lost()) is not None:
             lost = one_line(error)
+            self._put(HOST, PortEventKind.CLOSED, lost)
             if not self._follows:
                 # A target that ends is no fault of the port.
                 ended = isinstance(error, ProcessLookupError)
@@ -194,7 +198,9 @@ class AttachSource(ThreadedSource):
             self._put_event(PortEventKind.LOST, again)
             if not self._attach_again():
                 break
-        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
+        else:
+            self._put(HOST, PortEventKind.CLOSED, _AS_ASKED)
+        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, _AS_ASKED)
 
     @property
     def _follows(self) -> bool:
@@ -210,6 +216,7 @@ class AttachSource(ThreadedSource):
                 with suppress(PortError):
                     self._strace = self._port = Strace.on(self._wanted)
                     self._lines, self._rest = StraceLines(), b""
+                    self._put(HOST, PortEventKind.OPENED, self._attached())
                     self._put_event(PortEventKind.FOUND_AGAIN, self._attached())
                     return True
             sleep(_STEP_S)
@@ -226,7 +233,7 @@ class AttachSource(ThreadedSource):
                 detached = True
                 self._strace.detach()
         if self._rest:
-            self._put_unreadable(TranslatableText("strace ended within a line"))
+            self._put_unreadable(self._rest, TranslatableText("strace ended within a line"))
         code = self._strace.close()
         if detached:
             return None
@@ -243,47 +250,47 @@ class AttachSource(ThreadedSource):
             try:
                 call = self._lines.call(line.decode("ascii"))
             except ValueError:
-                self._put_unreadable(TranslatableText("a line of strace cannot be read"))
+                self._put_unreadable(line, TranslatableText("a line of strace cannot be read"))
             else:
                 if call is not None:
                     self._put_call(call, ahead_ns)
 
     def _put_call(self, call: Call, ahead_ns: int) -> None:
         wire = HOST if call.written else self.name
-        t_ns = max((call.start_ns if call.written else call.end_ns) - ahead_ns, self._last_ns[wire])
-        self._last_ns[wire] = t_ns
-        if call.written:
-            self._wires.put_control(call.data, t_ns)
-        else:
-            self._wires.put_feedback(t_ns, call.data)
+        t_ns = (call.start_ns if call.written else call.end_ns) - ahead_ns
+        self._put_chunk(wire, t_ns, call.data)
         if call.missing:
             reason = TranslatableText("one system call moved more than strace prints")
             self._put_lost(wire, call.missing, reason)
 
-    def _put_unreadable(self, reason: TranslatableText) -> None:
-        for wire in self._wanted.names:
+    def _put_chunk(self, wire: str, t_ns: int, data: bytes) -> None:
+        self._last_ns[wire] = t_ns = max(t_ns, self._last_ns[wire])
+        self._items.put(Chunk(wire, t_ns, data, at_once=True))
+
+    def _put_unreadable(self, line: bytes, reason: TranslatableText) -> None:
+        """Report a line that is cut, on the wires whose bytes it may have had."""
+        names = [self.name] * (b"read" in line) + [HOST] * (b"write" in line)
+        for wire in names or self._wanted.names:
             self._put_lost(wire, 0, reason)
 
     def _put_lost(self, wire: str, count: int, reason: TranslatableText) -> None:
         detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
         if not count:
             detail = TranslatableText("bytes may be lost: {why}", why=reason)
-        self._put_on(wire, PortEventKind.OVERRUN, detail, count)
+        self._put(wire, PortEventKind.OVERRUN, detail, count)
 
     def _put_event(self, kind: PortEventKind, detail: str) -> None:
-        for wire in self._wanted.names:
-            self._put_on(wire, kind, detail)
+        self._put(self.name, kind, detail)
 
-    def _put_on(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
-        self._wires.put_event(wire, kind, detail, count)
-        self._last_ns[wire] = self._clock.now_ns()
+    def _put(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
+        self._last_ns[wire] = t_ns = self._clock.now_ns()
+        self._items.put_event(PortEvent(t_ns, wire, kind, detail, count))
 
     def _put_silence(self) -> None:
         t_ns = self._clock.now_ns() - _SETTLED_NS
         if t_ns > max(self._last_ns.values()):
-            self._last_ns = dict.fromkeys(self._last_ns, t_ns)
-            self._wires.put_feedback(t_ns, b"")
-            self._wires.put_control(b"", t_ns)
+            for wire in self._wanted.names:
+                self._put_chunk(wire, t_ns, b"")
 
     def _resume(self, opened: OpenedPort, away_s: float) -> None:
         """Not used: `_attach_again` begins to read again."""

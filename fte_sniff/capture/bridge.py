@@ -228,9 +228,9 @@ class WireEvents:
         """Append bytes that were read from the port at `t_ns`; empty for silence."""
         self.queue.put(Chunk(self.port, t_ns, data))
 
-    def put_control(self, data: bytes, now_ns: int | None = None) -> None:
-        """Append bytes that the host program wrote at `now_ns`, or just now; empty for silence."""
-        t_ns = self._times.write(len(data), self.clock.now_ns() if now_ns is None else now_ns)
+    def put_control(self, data: bytes) -> None:
+        """Append bytes that the host program has just written to the port; empty for silence."""
+        t_ns = self._times.write(len(data), self.clock.now_ns())
         self.queue.put(Chunk(HOST, t_ns, data))
 
     def put_event(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:

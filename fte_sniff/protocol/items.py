@@ -30,6 +30,8 @@ class Chunk:
     one past the data: errors are counted before their bytes are read."""
     is_late: bool = False
     """Whether the reader was held up before it read, so that no silence before it is known."""
+    at_once: bool = False
+    """Whether `t_ns` is the time of every byte: that of a call of a program, not of a line."""
 
 
 class PortEventKind(StrEnum):

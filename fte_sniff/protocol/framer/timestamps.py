@@ -3,7 +3,7 @@
 A chunk of n bytes was read at t. Its byte i began at `max(P, t - (n - i) * byte time)`, where P is
 the latest time at which earlier bytes of this port were read, or 1970 for the first chunk. So times
 never fall, and they do not depend on how the bytes were cut into chunks, if an earlier chunk has
-the correspondingly earlier time.
+the correspondingly earlier time. Bytes of a chunk `at_once` have no byte time: all began at t.
 
 Silence is the time between P and the first byte of a chunk. An empty chunk reports that nothing
 arrived until its time: it is silence too, but moves no byte.
@@ -90,7 +90,8 @@ class ArrivalTimeline:
     def append(self, chunk: Chunk) -> int:
         """Append a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
         stop = self._size + len(chunk.data)
-        self.times.append(ArrivalTime(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
+        byte_ns = 0 if chunk.at_once else self._byte_ns
+        self.times.append(ArrivalTime(self._size, stop, chunk.t_ns, self._floor, byte_ns))
         self._size = stop
         before, self._silent_since = self._silent_since, chunk.t_ns
         if chunk.t_ns is None:

@@ -29,6 +29,22 @@ SPEED = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 HOSTILE = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 
 
+def test_bytes_of_a_chunk_at_once_all_have_its_time() -> None:
+    framer = Framer("p")
+    for chunk in (
+        Chunk("p", START, SPEED * 2, at_once=True),
+        Chunk("p", START + MS, SPEED * 2),
+        Chunk("p", START + 2 * MS, SPEED, at_once=True),
+    ):
+        framer.push(chunk)
+    framer.finish()
+    rows = framer.drain()
+    first, last = START, START + 2 * MS
+    between = [max(START, START + MS - count * FRAME_LENGTH * BYTE_NS) for count in (2, 1)]
+    assert [row.t_ns for row in rows] == [first, first, *between, last]
+    assert [row.read_delay_ns for row in rows] == [0, 0, *(START + MS - t for t in between), 0]
+
+
 def _byte_by_byte(framer: Framer, data: bytes) -> list[list[Row]]:
     return [framer.feed(Chunk("p", None, bytes([byte]))) for byte in data]
 
