@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
+from heapq import merge
 from signal import Signals
 from typing import TYPE_CHECKING
 
-from fte_sniff.cli.streams import abandon_stdout, ending_signals, print_err
+from fte_sniff.cli.streams import STDOUT, abandon_stdout, ending_signals, print_err
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.protocol import PortEvent, Row
+    from fte_sniff.protocol.rows import Rows
     from fte_sniff.session.capture_state import CapturePlan
     from fte_sniff.session.live_session import LiveSession
 
@@ -30,6 +33,11 @@ class Observer:
 
     def ended(self, session: LiveSession) -> None:
         """Handle the end; also called if the capture or another observer failed."""
+
+
+def in_order(rows: Rows, events: Sequence[PortEvent]) -> Iterator[Row | PortEvent]:
+    """Rows and port events merged by their times; each keeps its own order."""
+    return merge(rows, events, key=lambda entry: entry.t_ns or 0)
 
 
 def capture(
@@ -54,6 +62,9 @@ def capture(
 
     Raises:
         FteSniffError: the capture failed; everything is closed and reported before.
+
+    A standard output that has lost its reader ends the capture, as a closed screen does, unless it
+    outlives its view.
     """
     from fte_sniff.session.live_session import LiveSession
 
@@ -70,6 +81,13 @@ def capture(
         for one in tuple(active):
             try:
                 one.update(update, session)
+            except BrokenPipeError:
+                active.remove(one)
+                abandon_stdout()
+                if reason := _without_reader(plan):
+                    print_err(f"{STDOUT} has no reader any more: {reason}")
+                if not plan.outlives_view:
+                    session.stop()
             except BaseException:
                 active.remove(one)  # or it raises again for the rest
                 raise
@@ -92,8 +110,6 @@ def capture(
                 else:
                     handlers.close()
                     code = drive(session)
-            except BrokenPipeError:
-                abandon_stdout()
             finally:
                 has_terminal = True
                 if drive is not None:
@@ -106,6 +122,15 @@ def capture(
         if session.state.error is not None:
             raise session.state.error
     return code
+
+
+def _without_reader(plan: CapturePlan) -> str | None:
+    """What a recording does after the reader of its rows has gone; None if nothing is recorded."""
+    if plan.recording is None:
+        return None
+    if plan.outlives_view:
+        return "the recording goes on; Ctrl-C ends it"
+    return "the capture ends; with --keep-recording it goes on"
 
 
 def _drain(session: LiveSession) -> None:

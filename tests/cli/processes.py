@@ -101,17 +101,17 @@ def holding(file: Path) -> list[int]:
 
 
 def stderr_until(process: Process, wanted: str) -> str:
-    """Standard error up to the line that contains `wanted`; standard output is drained.
+    """Standard error up to the line that contains `wanted`; an open standard output is drained.
 
     The next call, or `ended`, reads the lines after it.
     """
-    assert process.stdout is not None
     assert process.stderr is not None
+    streams = [one for one in (process.stdout, process.stderr) if one is not None]
     found = b""
     awaited = while_waiting(lambda: f"{wanted!r} after {found!r}")
     while not (wanted.encode() in found and found.endswith(b"\n")):
         next(awaited)
-        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
+        for stream in select.select(streams, [], [], 1.0)[0]:
             if stream is process.stderr:
                 more = os.read(stream.fileno(), 1)
                 assert more, f"it ended before {wanted!r}: {found!r}"

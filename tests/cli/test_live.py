@@ -175,17 +175,51 @@ def test_unplugged_keeps_all_that_came_before(run, environment, tmp_path: Path) 
     assert rows[-1]["raw"] == FRAME[:4].hex().upper()
 
 
-def test_a_closed_pipe_ends_it_quietly(run, environment, tmp_path: Path) -> None:
-    with started(environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap") as process:
+@pytest.mark.parametrize("form", [(), ("--format", "jsonl"), ("--format", "csv")])
+def test_rows_that_nobody_reads_any_more_end_a_recording_with_the_reason(
+    run, environment, tmp_path: Path, form: tuple[str, ...]
+) -> None:
+    words = ("live", "sim://?rate=1000", "-o", "x.mcap", *form)
+    with started(environment, tmp_path, *words) as process:
         until(process, b"speed_feedback")
-        assert process.stdout is not None
         process.stdout.close()
         process.stdout = None
         code, _, errors = ended(process)
     assert code == 0
-    assert "Traceback" not in errors
+    reason = "standard output has no reader any more: the capture ends; with --keep-recording"
+    assert errors.count(reason) == 1
+    assert errors.index(reason) < errors.index("recorded to x.mcap")
     assert "BrokenPipe" not in errors
     assert run("decode", "x.mcap").returncode == 0
+
+
+def test_rows_that_nobody_reads_end_a_capture_without_a_recording_quietly(
+    environment, tmp_path: Path
+) -> None:
+    with started(environment, tmp_path, "live", "sim://?rate=1000", "--no-record") as process:
+        until(process, b"speed_feedback")
+        process.stdout.close()
+        process.stdout = None
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "no reader" not in errors
+    assert "Traceback" not in errors
+
+
+def test_recording_that_is_kept_goes_on_without_a_reader(environment, tmp_path: Path) -> None:
+    file = tmp_path / "x.mcap"
+    words = ("live", "sim://?rate=1000", "-o", str(file), "--keep-recording", "--format", "jsonl")
+    with started(environment, tmp_path, *words) as process:
+        until(process, b"speed_feedback")
+        process.stdout.close()
+        process.stdout = None
+        stderr_until(process, "no reader any more: the recording goes on; Ctrl-C ends it")
+        before = rows_in(file)
+        wait_until(lambda: rows_in(file) > before + 500)
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert f"recorded to {file}" in errors
 
 
 def test_a_killed_view_leaves_a_closed_file(run, environment, tmp_path: Path) -> None:

@@ -8,19 +8,26 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pprint import pformat
+from typing import Final
 
+from fte_sniff.protocol.framer.timestamps import SETTLING_NS
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
+    DEFAULT_BAUD,
     DIRECTION_OF_HEADER,
     FRAME_LENGTH,
     KIND_BY_HEADER_AND_CMD,
     TAIL,
     Fault,
     FrameKind,
+    byte_time_ns,
 )
 
 NO_KIND = "unknown"
 """The name of a frame whose CMD names no kind."""
+
+SETTLING_BYTES: Final = SETTLING_NS // byte_time_ns(DEFAULT_BAUD)
+"""Byte times of silence after which the begin of a frame is truncated, as in the framer."""
 
 
 def decoder() -> str:
@@ -29,6 +36,7 @@ def decoder() -> str:
         "LENGTH": FRAME_LENGTH,
         "TAIL": TAIL,
         "CMD": CMD_OFFSET,
+        "SETTLING": SETTLING_BYTES,
         "DIRECTIONS": {header: str(way) for header, way in DIRECTION_OF_HEADER.items()},
         "UNKNOWN_CMD": str(Fault.UNKNOWN_CMD),
         "RESERVED_NONZERO": str(Fault.RESERVED_NONZERO),

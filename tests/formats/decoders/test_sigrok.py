@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from random import Random
 
 import pytest
 
-from fte_sniff.formats.decoders.sigrok import decoder
+from fte_sniff.formats.decoders.sigrok import SETTLING_BYTES, decoder
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Frame, Row, encode, spaced_hex
 from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind
 from tests.recording.conftest import some_rows
@@ -56,14 +57,14 @@ def levels(placed: Placed, samples: int, broken: Iterable[int] = ()) -> bytearra
 
 
 def decoded(
-    folder: Path, wires: Sequence[Placed], broken: Iterable[int] = ()
+    folder: Path, wires: Sequence[Placed], broken: Iterable[int] = (), silence: int = 3
 ) -> dict[str, list[Shown]]:
-    """What sigrok-cli shows, by class of annotation."""
+    """What sigrok-cli shows, by class of annotation; `silence` byte times follow the last byte."""
     module = folder / "decoders/fte"
     module.mkdir(parents=True, exist_ok=True)
     (module / "__init__.py").write_text(decoder())
     end = max(start + len(data) * BYTE for placed in wires for start, data in placed)
-    columns = [levels(placed, end + 3 * BYTE, broken) for placed in wires]
+    columns = [levels(placed, end + silence * BYTE, broken) for placed in wires]
     capture = folder / "capture.bin"
     wired = zip(*columns, strict=True)
     capture.write_bytes(bytes(sum(bit << n for n, bit in enumerate(at)) for at in wired))
@@ -219,3 +220,45 @@ def test_capture_that_begins_within_a_frame_shows_its_rest_as_damage(tmp_path: P
     assert [one.text for one in found["rx-damage"]] == [f"Damage: {spaced_hex(frames[0][3:])}"]
     shown = [frame_text(Frame("", 0, raw, None)) for raw in frames[1:]]
     assert [one.text for one in found["rx-frame"]] == shown
+
+
+def test_begin_of_a_frame_before_a_long_silence_is_truncated(tmp_path: Path) -> None:
+    whole = encode(KINDS[1], {"motor": 1, "rpm": 255})
+    long = (SETTLING_BYTES + 2) * BYTE
+    cut_at, after = 20 * BYTE, 24 * BYTE + long
+    paused = [(after + 12 * BYTE, whole[:4]), (after + 16 * BYTE + long // 2, whole[4:])]
+    placed = [(2 * BYTE, whole), (cut_at, whole[:4]), (after, whole), *paused]
+    last = after + 40 * BYTE + long // 2
+    found = decoded(tmp_path, [[*placed, (last, whole[:6])]], silence=SETTLING_BYTES + 2)
+    assert found["rx-damage"] == [
+        Shown(cut_at, cut_at + 4 * BYTE, f"Truncated: {spaced_hex(whole[:4])}"),
+        Shown(last, last + 6 * BYTE, f"Truncated: {spaced_hex(whole[:6])}"),
+    ]
+    assert len(found["rx-frame"]) == 3
+
+
+STAND_IN = """
+OUTPUT_ANN = 0
+class Decoder:
+    def register(self, output):
+        return output
+    def put(self, ss, es, output, data):
+        print(ss, es, data[1][0], sep=",")
+"""
+"""sigrok's module, as far as the decoder uses it."""
+
+
+def test_frame_that_is_cut_at_the_end_of_the_capture_is_truncated(tmp_path: Path) -> None:
+    """Debian's libsigrokdecode 0.5 does not call `end`, so newer versions are imitated."""
+    (tmp_path / "sigrokdecode.py").write_text(STAND_IN)
+    (tmp_path / "fte.py").write_text(decoder())
+    whole = encode(KINDS[1], {"motor": 1, "rpm": 255})
+    code = (
+        "import fte; one = fte.Decoder(); one.start()\n"
+        f"for at, byte in enumerate({[*whole, *whole[:3]]}):\n"
+        "    one.decode(10 * at, 10 * at + 10, ['FRAME', 1, (byte, True)])\n"
+        "one.end()"
+    )
+    shown = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
+    assert shown.splitlines()[-1] == f"100,130,Truncated: {spaced_hex(whole[:3])}"
+    assert f"0,100,{frame_text(Frame('', 0, whole, None))}" in shown.splitlines()
