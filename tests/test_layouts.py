@@ -1,8 +1,9 @@
-"""The layouts of other programs in samples/: every topic and field is in a recording."""
+"""The layouts of other programs in samples/: each source has every topic and field."""
 
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,18 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
-from fte_sniff.protocol import MOTORS
+from fte_sniff.cli.datagrams import datagram
+from fte_sniff.protocol import (
+    KINDS,
+    MOTORS,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 LAYOUTS = Path(__file__).parents[1] / "samples" / "layouts"
@@ -32,6 +44,27 @@ def plotjuggler_fields() -> set[tuple[str, str]]:
     curves = ET.parse(LAYOUTS / "plotjuggler.xml").iter("curve")
     names = [curve.get("name", "").rpartition("/") for curve in curves]
     return {(topic, field) for topic, _, field in names}
+
+
+def sent() -> dict[str, set[str]]:
+    """By topic, the fields of the datagrams that a capture sends."""
+    found: dict[str, set[str]] = defaultdict(set)
+    entries: list[Row | PortEvent] = [PortEvent(1, "p", PortEventKind.LOST, "why")]
+    entries += [Damage("p", 0, b"1", 1, (Fault.NOISE,))]
+    for kind in KINDS:
+        for motor in MOTORS if kind.names_motor else (0,):
+            values = {field.name: field.low for field in kind.fields}
+            named = NAME_OF_ROLE[Role.MOTOR]
+            values |= {named: motor} if named in values else {}
+            entries.append(Frame("p", 0, encode(kind, values), 1))
+    for entry in entries:
+        inner, topic = json.loads(datagram(entry)), ""
+        while "time" not in inner or not topic:
+            inner.pop("timestamp", None)
+            ((part, inner),) = inner.items()
+            topic += f"/{part}"
+        found[topic] |= {*inner}
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +94,12 @@ def test_every_topic_and_field_is_in_a_recording(
     assert {topic for topic, _ in fields} <= set(recorded)
     for topic, field in fields - {("", "")}:
         assert not field or field in recorded[topic]
+
+
+def test_every_topic_and_field_is_in_the_datagrams() -> None:
+    by_topic = sent()
+    for topic, field in plotjuggler_fields() - {("", "")}:
+        assert field in by_topic[topic]
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from difflib import get_close_matches
 from typing import Final
 
 from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.protocol import iso_time
 
 SECOND_NS: Final = 1_000_000_000
 DAY_NS: Final = 86_400 * SECOND_NS
@@ -102,6 +103,29 @@ def clock_time(text: str) -> ClockTime | None:
     except ValueError:
         return None
     return ClockTime(found, _fraction_ns(fraction))
+
+
+def with_offset(text: str, zone: tzinfo) -> str:
+    """A time, or a time of day, with the offset of a zone if it has none; other texts unchanged.
+
+    Raises ValueError for a time of day, if the offset depends on the season.
+    """
+    typed = text.strip()
+    dated, of_day = _ISO.fullmatch(typed), _CLOCK.fullmatch(typed)
+    if dated and not dated[4]:
+        t_ns = time_ns(typed, zone)
+        return text if t_ns is None else iso_time(t_ns, zone)
+    if of_day and not of_day[4]:
+        year = datetime.now(zone).year
+        months = (datetime(year, month, 1, tzinfo=UTC) for month in range(1, 13))
+        offset, *others = {iso_time(_ns_of(month), zone)[_OFFSET_AT:] for month in months}
+        if others:
+            raise ValueError(text)
+        return typed + offset
+    return text
+
+
+_OFFSET_AT: Final = len("2026-01-31T12:00:00.000000000")
 
 
 def duration_ns(text: str) -> int | None:

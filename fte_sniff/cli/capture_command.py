@@ -78,7 +78,7 @@ capture_options = all_of(
     click.option(
         "--keep-recording",
         is_flag=True,
-        help="Continue when the view is killed or its terminal closed.",
+        help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
     ),
     click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
     click.option(
@@ -89,7 +89,7 @@ capture_options = all_of(
     ),
     click.option(
         "--udp",
-        metavar="HOST:PORT",
+        metavar="[HOST:]PORT",
         help="Send each row as a JSON object to this UDP port of this machine.",
     ),
     serve_option,
@@ -117,7 +117,8 @@ capture_options = all_of(
         "--zone",
         metavar="ZONE",
         help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of the"
-        " times in lines, CSV and on the screen.  [default: UTC]",
+        " times in lines, CSV, on the screen, and of those in filters that name none."
+        "  [default: UTC]",
     ),
     filter_option,
     alert_option,
@@ -177,7 +178,7 @@ def run_capture(
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
-    plan = capture_plan(wiring, **planned)
+    plan = capture_plan(wiring, zone=shown_zone, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     judge = None if rules is None else Judge(rules)
     drive = None
@@ -198,8 +199,8 @@ def run_capture(
         if resolution is not None:
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
         lines = PlainLines(
-            row_filter(filter_text),
-            alert_of(alert_text),
+            row_filter(filter_text, shown_zone),
+            alert_of(alert_text, shown_zone),
             OutputFormat(form or OutputFormat.TABLE),
             ports=len(plan.wiring.names) > 1,
             zone=shown_zone or UTC,
@@ -209,8 +210,8 @@ def run_capture(
         from fte_sniff.tui.options import StartOptions
 
         start = StartOptions(
-            row_filter=row_filter(filter_text),
-            alert=alert_of(alert_text),
+            row_filter=row_filter(filter_text, shown_zone),
+            alert=alert_of(alert_text, shown_zone),
             keep_rows=keep_rows,
             leave_at_end=plan.duration_s is not None or plan.count is not None,
             signals=_ending_signals(plan),
@@ -227,7 +228,7 @@ def run_capture(
         observers, drive = [screen, Announcer(plan, intro=None), rest], screen.show
     if udp is not None:
         address = address_of(udp, "--udp", network=network)
-        observers = [*observers, Datagrams(address, row_filter(filter_text))]
+        observers = [*observers, Datagrams(address, row_filter(filter_text, shown_zone))]
     if serve is not None:
         server = FoxgloveServer(address_of(serve, "--serve", network=network), plan)
         observers = [*observers, server]

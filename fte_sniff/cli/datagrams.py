@@ -1,15 +1,16 @@
-"""`--udp`: the rows of a capture as datagrams for other programs, such as PlotJuggler."""
+"""`--udp`: rows and port events as datagrams for other programs, such as PlotJuggler."""
 
 from __future__ import annotations
 
 import json
 import socket
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from fte_sniff.cli.capture_loop import Observer
+from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import printable_json
-from fte_sniff.protocol import Row, iso_time, record
+from fte_sniff.protocol import PortEvent, Row, iso_time, record
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
@@ -17,21 +18,28 @@ if TYPE_CHECKING:
     from fte_sniff.session.live_session import LiveSession
 
 
-def datagram(row: Row) -> bytes:
-    """The row as a JSON object, nested by its topic, so that a plotter names it as a recording's.
+def datagram(entry: Row | PortEvent) -> bytes:
+    """A JSON object, nested by its topic, so that a plotter names it as a recording's.
 
-    `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that the row does
+    `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that a row does
     not have are left out.
     """
     from fte_sniff.recording.messages.encode import topic_of
+    from fte_sniff.recording.messages.schema import EVENTS
 
-    values = {name: value for name, value in record(row).items() if value is not None}
+    values: dict[str, object]
+    if isinstance(entry, PortEvent):
+        topic, values = EVENTS, asdict(entry)
+        del values["t_ns"]
+    else:
+        topic = topic_of(entry)
+        values = {name: value for name, value in record(entry).items() if value is not None}
     whole: dict[str, object] = {}
-    if row.t_ns is not None:
-        values["time"] = iso_time(row.t_ns)
-        whole["timestamp"] = row.t_ns / 1e9
+    if entry.t_ns is not None:
+        values["time"] = iso_time(entry.t_ns)
+        whole["timestamp"] = entry.t_ns / 1e9
     nested: object = values
-    for part in reversed(topic_of(row).name.strip("/").split("/")):
+    for part in reversed(topic.name.strip("/").split("/")):
         nested = {part: nested}
     assert isinstance(nested, dict)
     text = json.dumps(whole | nested, ensure_ascii=False, separators=(",", ":"))
@@ -39,7 +47,7 @@ def datagram(row: Row) -> bytes:
 
 
 class Datagrams(Observer):
-    """Sends each row as a datagram; what cannot be sent at once is lost, and counted."""
+    """Sends each row and port event as a datagram; what cannot be sent at once is counted."""
 
     def __init__(self, address: tuple[str, int], wanted: RowFilter | None) -> None:
         self._wanted = None if wanted is None else wanted.stream()
@@ -50,15 +58,17 @@ class Datagrams(Observer):
         self._sent = self._lost = 0
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Send the rows that pass the filter."""
+        """Send the rows that pass the filter, and the port events, in order of time."""
         rows = update.rows
-        for row in rows if self._wanted is None else self._wanted.select(rows, update.changes):
+        if self._wanted is not None:
+            rows = self._wanted.select(rows, update.changes)
+        for entry in in_order(rows, update.events):
             try:
-                self._socket.sendto(datagram(row), self._address)
+                self._socket.sendto(datagram(entry), self._address)
             except OSError:  # full, too large, no network, or nobody listens
                 self._lost += 1
             else:
-                self._sent += 1
+                self._sent += not isinstance(entry, PortEvent)
 
     def ended(self, session: LiveSession) -> None:
         """Print how many rows were sent."""

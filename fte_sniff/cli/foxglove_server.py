@@ -5,17 +5,21 @@ The protocol is that of Foxglove's WebSocket.
 
 from __future__ import annotations
 
+import logging
+import re
+import socket
 from collections.abc import Iterator, Sequence
 from math import inf
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
-from fte_sniff.cli.capture_loop import Observer
+from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, printable
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.platform import POSIX
+from fte_sniff.protocol import PortEvent
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
@@ -27,6 +31,48 @@ if TYPE_CHECKING:
 
 MOST_WAITING: Final = 4096
 """Messages that wait for a slow viewer; then it loses the oldest."""
+
+
+_MOST_NAMED: Final = 3
+
+_FULL: Final = re.compile(r"outbox for client (\S+) full")
+
+
+class _Log(logging.Handler):
+    """Receives the library's log, which then writes nothing on the screen.
+
+    Only the log shows that a viewer loses messages; it has one line for many of them.
+    """
+
+    def __init__(self, library: Any) -> None:
+        super().__init__()
+        self.slow: dict[str, None] = {}
+        """The addresses of viewers that lost messages."""
+        logger = logging.getLogger(library.__name__)
+        logger.propagate = False
+        logger.setLevel(logging.INFO)
+        logger.handlers = [self]
+        library.set_log_level("INFO")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Remember the viewer of a message that was dropped."""
+        if found := _FULL.search(record.getMessage()):
+            self.slow[found[1]] = None
+
+
+def _check_free(host: str, port: int) -> None:
+    """Raise UsageError if the address cannot be used: the library's reasons are its internals."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family) as found:
+            if POSIX:  # on Windows it would allow an address that is in use
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            found.bind((host, port))
+    except OSError as error:
+        raise UsageError(
+            f"--serve {host}:{port}: {reason_of(error)}; name another port, as in"
+            f" --serve {(port + 1) % (1 << 16)}"
+        ) from None
 
 
 class ServedChannels:
@@ -47,8 +93,8 @@ class ServedChannels:
                 f"--serve needs the package foxglove-sdk: {install_command('foxglove')}"
             ) from None
         host, port = address
-        # The library writes to stderr, which is the screen; no level above it writes anything.
-        foxglove.set_log_level("CRITICAL")
+        _check_free(host, port)
+        self._log = _Log(foxglove)
         self._sdk = foxglove
         self._context = foxglove.Context()
         try:
@@ -62,9 +108,7 @@ class ServedChannels:
             )
         except (OSError, RuntimeError, ValueError) as error:
             reason = printable(" ".join(str(error).split()))
-            raise UsageError(
-                f"--serve {host}:{port} cannot be used: {reason}; name another port"
-            ) from error
+            raise UsageError(f"--serve {host}:{port}: {reason}; name another port") from error
         self.text = f"viewers can connect to ws://{host}:{self.server.port} (Foxglove WebSocket)"
         """The address, for the user."""
         self._channels: dict[tuple[str, str], Any] = {}
@@ -83,8 +127,7 @@ class ServedChannels:
         from fte_sniff.recording.messages.encode import encode_event, encode_row, topic_of
         from fte_sniff.recording.messages.schema import EVENTS
 
-        entries: list[Row | PortEvent] = [*rows, *events]
-        for entry in sorted(entries, key=lambda entry: entry.t_ns or 0):
+        for entry in in_order(rows, events):
             t_ns = entry.t_ns or 0
             if isinstance(entry, PortEvent):
                 message = encode_event(entry, t_ns)
@@ -94,9 +137,20 @@ class ServedChannels:
                 message = encode_row(topic, entry, t_ns)
                 self._channel(entry.port, topic).log(message, log_time=t_ns)
 
+    @property
+    def slow(self) -> list[str]:
+        """The addresses of viewers that lost messages."""
+        return list(self._log.slow)
+
     def close(self) -> None:
-        """Hang up."""
+        """Hang up, and report the viewers that were too slow."""
         self.server.stop()
+        if slow := self.slow:
+            names = ", ".join(slow[:_MOST_NAMED]) + (", ..." if len(slow) > _MOST_NAMED else "")
+            print_err(
+                f"{len(slow):,} viewer{'s' * (len(slow) > 1)} read too slowly and lost messages"
+                f" ({names}); how many, the library does not count"
+            )
 
     def _channel(self, port: str, topic: Topic) -> Any:
         found = self._channels.get((port, topic.name))

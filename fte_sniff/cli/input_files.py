@@ -105,7 +105,7 @@ _OPTIONS = all_of(
         "--zone",
         metavar="ZONE",
         help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of times in"
-        " tables, CSV and reports, and of those in logs, --from and --to that name none."
+        " tables, CSV and reports, and of those in logs, --from, --to and filters that name none."
         "  [default: UTC]",
     ),
     click.option(
@@ -234,7 +234,7 @@ class InputQuery:
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None
-    """A filter that the rows match; None for all."""
+    """A filter that the rows match, as typed: its times may be in the zone; None for all."""
     since: str | None = None
     """The first time, as `--from` takes it."""
     until: str | None = None
@@ -294,7 +294,7 @@ class InputQuery:
 
     def row_filter(self) -> RowFilter | None:
         """The compiled filter; raises FilterError."""
-        return row_filter(self.filter_text)
+        return row_filter(self.filter_text, self.zone_given())
 
     def paths(self) -> list[Path]:
         """The files, the recordings of folders, and the matches of patterns; `-` is stdin.
@@ -383,14 +383,13 @@ class InputQuery:
 
         self._check_log_options()
         wanted = self.row_filter()
+        filter_text = None if wanted is None else wanted.text
         opened = partial(_opened, query=replace(self, files=()))
         found: list[tuple[int | None, FileJob[Model]]] = []
         unreadable, several = list[FileError](), len(self.paths()) > 1
         for path, one in self._each(opened, progress, unreadable):
             source = path if path.is_file() else one
-            job = FileJob(
-                source, opened, make_model, None, self.filter_text, self.baud, size=one.size
-            )
+            job = FileJob(source, opened, make_model, None, filter_text, self.baud, size=one.size)
             found.append((one.first_ns if several else None, job))
         found.sort(key=lambda one: (one[0] is None, one[0] or 0))
         jobs = [job for _, job in found]

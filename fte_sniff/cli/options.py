@@ -220,7 +220,7 @@ serve_option = click.option(
     "--serve",
     is_flag=False,
     flag_value=DEFAULT_ADDRESS,
-    metavar="[HOST:PORT]",
+    metavar="[[HOST:]PORT]",
     help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
 )
 """The `--serve` option."""
@@ -236,7 +236,7 @@ def network_option(allowed: str) -> Decorator:
 
 
 def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
-    """The address of `HOST:PORT`; an empty host is this machine, and an IPv6 host has brackets.
+    """The address of `HOST:PORT` or `PORT`; without a host this machine, IPv6 in brackets.
 
     Raises UsageError if it is not valid, or is another machine and `network` is false.
     """
@@ -245,8 +245,13 @@ def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
 
     name, colon, number = text.rpartition(":")
     shown = f"{option} {printable(text)}"
-    if not colon or not (number.isdecimal() and number.isascii() and int(number) < 1 << 16):
-        raise UsageError(f"{shown} is not HOST:PORT, such as 127.0.0.1:9870")
+    if not (colon or text.isdecimal()) or not (
+        number.isdecimal() and number.isascii() and int(number) < 1 << 16
+    ):
+        example = "--udp 127.0.0.1:9870"
+        if option == "--serve":
+            example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
+        raise UsageError(f"{shown} is not HOST:PORT or PORT; write {example}")
     try:
         found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
     except (OSError, UnicodeError) as error:
@@ -261,18 +266,21 @@ def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
     return host, int(number)
 
 
-def row_filter(text: str | None) -> RowFilter | None:
-    """The filter of `--filter`, if it was given; raises FilterError if it is invalid."""
+def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None:
+    """The filter of `--filter`, if it was given; raises FilterError if it is invalid.
+
+    `zone` is that of times that name none; None for UTC.
+    """
     if text is None:
         return None
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
-    return RowFilter.parse(text)
+    return RowFilter.parse(text, zone)
 
 
-def alert_of(text: str | None) -> Alert | None:
-    """The alert of `--alert`, if it was given; raises FilterError if its filter is invalid."""
-    wanted = row_filter(text)
+def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | None:
+    """The alert of `--alert`, if it was given; raises FilterError as `row_filter`."""
+    wanted = row_filter(text, zone)
     if wanted is None:
         return None
     from fte_sniff.analysis.filter.row_filter import Alert

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -247,11 +247,13 @@ def capture_plan(
     duration: float | None,
     count: int | None,
     trigger: str | None,
+    zone: tzinfo | None = None,
     **recording: Any,
 ) -> CapturePlan:
     """The plan of a capture.
 
-    All arguments but the wiring are options, `recording` those of `recording_options`.
+    All arguments but the wiring are options, `recording` those of `recording_options`; `zone` is
+    that of times in the trigger that name none.
 
     Raises:
         UsageError: options contradict each other, or `output` has the suffix of another format.
@@ -267,7 +269,7 @@ def capture_plan(
             )
     if output is not None and not is_stream(output):
         _check_suffix(output)
-    row_filter(trigger)
+    fires = row_filter(trigger, zone)
     existing = Existing.REPLACE if force else Existing.REFUSE
     default = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
     return CapturePlan(
@@ -275,7 +277,7 @@ def capture_plan(
         recording=None if no_record else output or default,
         existing=existing if output else Existing.NUMBER,
         recording_options=options_from(output, trigger=trigger, **recording),
-        trigger=trigger,
+        trigger=None if fires is None else fires.text,
         outlives_view=keep_recording,
         duration_s=duration,
         count=count,

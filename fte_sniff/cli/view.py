@@ -93,7 +93,10 @@ def command(
             " 'fte-sniff decode -' reads it"
         )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
-        raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
+        instead = "'fte-sniff decode' writes rows to pipes and files"
+        if serve is not None:
+            instead = "its keys play what --serve sends; run it in tmux, or with ssh -t"
+        raise UsageError(f"view needs a terminal; {instead}")
     if serve is not None and following is not None:
         raise UsageError("--serve plays a file; leave --follow out, or use live --serve")
     settings = load_settings(config)
@@ -133,7 +136,7 @@ def command(
     )
     opening = StartOptions(
         row_filter=wanted or _filter_of(place),
-        alert=alert_of(alert_text),
+        alert=alert_of(alert_text, query.zone_given()),
         keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,

@@ -17,6 +17,7 @@ from fte_sniff.analysis.time_text import (
     clock_time,
     duration_ns,
     time_ns,
+    with_offset,
     zone_of,
 )
 from fte_sniff.errors import InputTextError
@@ -174,3 +175,29 @@ def test_local_zone_is_that_of_the_machine(t_ns: int) -> None:
 _RULES_NS = time_ns("2000-01-01") or 0
 _AUTUMN_NS = [time_ns(f"2026-10-25T0{hour}:30Z") or 0 for hour in range(3)]
 """Around the end of summer time in Berlin."""
+
+
+@pytest.mark.parametrize(
+    ("text", "zone", "expected"),
+    [
+        ("2026-01-31 20:00", CHINA, "2026-01-31T20:00:00.000000000+08:00"),
+        ("2026-01-31", CHINA, "2026-01-31T00:00:00.000000000+08:00"),
+        ("2026-07-31 20:00", ZoneInfo("Europe/Berlin"), "2026-07-31T20:00:00.000000000+02:00"),
+        ("2026-01-31 20:00", UTC, "2026-01-31T20:00:00.000000000Z"),
+        ("2026-01-31 20:00Z", CHINA, "2026-01-31 20:00Z"),
+        ("2026-99-31 20:00", CHINA, "2026-99-31 20:00"),
+        ("20:00", CHINA, "20:00+08:00"),
+        ("20:00:05.5", ZoneInfo("Asia/Shanghai"), "20:00:05.5+08:00"),
+        ("20:00+01:00", ZoneInfo("Europe/Berlin"), "20:00+01:00"),
+        ("speed", CHINA, "speed"),
+    ],
+)
+def test_time_without_an_offset_gets_that_of_the_zone(
+    text: str, zone: tzinfo, expected: str
+) -> None:
+    assert with_offset(text, zone) == expected
+
+
+def test_time_of_day_has_no_offset_where_it_depends_on_the_season() -> None:
+    with pytest.raises(ValueError, match="20:00"):
+        with_offset("20:00", ZoneInfo("Europe/Berlin"))

@@ -66,8 +66,12 @@ def test_every_row_is_a_datagram_with_the_names_of_the_topics(run, receiver, tmp
     assert f"200 rows sent to UDP 127.0.0.1 port {receiver.getsockname()[1]}\n" in done.stderr
     rows = list(RecordingReader(tmp_path / "x.mcap"))
     rows = [row for row in rows if hasattr(row, "raw")]
+    opened = None
     for row in rows:
         found = json.loads(receiver.recv(1 << 16))
+        if "port" in found["fte"]:
+            opened = found
+            found = json.loads(receiver.recv(1 << 16))
         assert found.pop("timestamp") == row.t_ns / 1e9
         for part in topic_of(row).name.strip("/").split("/"):
             (inner,) = found.values()
@@ -76,13 +80,21 @@ def test_every_row_is_a_datagram_with_the_names_of_the_topics(run, receiver, tmp
         assert found["raw"] == row.raw.hex().upper()
         assert found["time"] == iso_time(row.t_ns)
         assert None not in found.values()
+    for event, kind in ((opened, "opened"), (json.loads(receiver.recv(1 << 16)), "closed")):
+        assert event is not None
+        inner = event["fte"]["port"]
+        assert {*inner} == {"port", "kind", "detail", "count", "time"}
+        assert (inner["port"], inner["kind"], inner["count"]) == (SIM, kind, 0)
+        assert inner["time"][:19] == iso_time(round(event["timestamp"] * 1e9))[:19]
 
 
 def test_filter_selects_the_datagrams(run, receiver) -> None:
     words = ("live", SIM, "--count", "100", "--no-record", "--filter", "motor = 2")
     done = run(*words, "--format", "jsonl", "--udp", address(receiver))
     for line in done.stdout.splitlines():
-        assert json.loads(line)["raw"] in receiver.recv(1 << 16).decode()
+        while "/port" in (found := receiver.recv(1 << 16).decode()) or '"port":{' in found:
+            pass
+        assert json.loads(line)["raw"] in found
 
 
 def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> None:
@@ -109,7 +121,7 @@ def test_datagram_that_is_too_large_is_counted(receiver, capsys) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("9870", "is not HOST:PORT"),
+        ("98700", "is not HOST:PORT or PORT; write --udp 127.0.0.1:9870"),
         ("localhost", "is not HOST:PORT"),
         ("localhost:", "is not HOST:PORT"),
         ("localhost:port", "is not HOST:PORT"),
@@ -133,6 +145,7 @@ def test_addresses_that_are_wrong_or_not_here_are_refused(text: str, told: str) 
     [
         ("127.0.0.1:1", ("127.0.0.1", 1)),
         (":9870", ("127.0.0.1", 9870)),
+        ("9870", ("127.0.0.1", 9870)),
         ("[::1]:9870", ("::1", 9870)),
     ],
 )

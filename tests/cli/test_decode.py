@@ -625,6 +625,34 @@ def test_commands_print_times_in_the_zone(
     assert shown in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("condition", "in_utc"),
+    [
+        ("time >= '2026-01-31 20:00:05'", "time >= '2026-01-31 12:00:05'"),
+        ("time BETWEEN '20:00:03' AND '20:00:04'", "time BETWEEN '12:00:03' AND '12:00:04'"),
+        ('kind = "speed" AND time < "20:00:03"', "kind = 'speed' AND time < '12:00:03'"),
+        ("time > '12:00:05Z' AND port != '20:00'", "time > '12:00:05'"),
+    ],
+)
+def test_times_in_a_filter_are_in_the_zone(run, samples: Path, condition: str, in_utc: str) -> None:
+    zone = ("--zone", "Asia/Shanghai")
+    words = (samples / "clean.mcap", "--filter")
+    rows = run("decode", *words, condition, *zone, "--format", "jsonl").stdout
+    assert rows.count("\n") > 5
+    assert rows == run("decode", *words, in_utc, "--format", "jsonl").stdout
+    counted = run("stats", *words, condition, *zone, "--format", "json").stdout
+    assert json.loads(counted)["rows"] == rows.count("\n")
+
+
+def test_time_of_any_day_needs_its_offset_where_there_is_summer_time(run, samples: Path) -> None:
+    words = ("decode", samples / "clean.mcap", "--zone", "Europe/Berlin", "--filter")
+    done = run(*words, "time > '12:00'")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "the offset of '12:00' depends on the season" in done.stderr
+    assert "write it, as in '12:00:05+01:00'" in done.stderr
+    assert run(*words, "time > '12:00+01:00'").returncode == 0
+
+
 def test_jumps_are_the_same_rows_live_in_files_and_in_check(run, tmp_path: Path) -> None:
     jump = "abs(rpm - previous(rpm)) > 100"
     port = "sim://?seed=2&rate=400&drop=0.05&flip=0.05&noise=0.05"

@@ -9,6 +9,7 @@ import signal
 import struct
 from contextlib import ExitStack
 from pathlib import Path
+from socket import SO_RCVBUF, SOL_SOCKET, socket
 from typing import Any, NamedTuple
 
 import pytest
@@ -16,6 +17,8 @@ from mcap.reader import make_reader
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from fte_sniff.cli.foxglove_server import ServedChannels
+from fte_sniff.protocol import Damage, Fault, Rows
 from fte_sniff.recording.messages.schema import TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT
@@ -162,6 +165,24 @@ def test_clients_that_never_read_cost_no_row(environment, tmp_path, clients: int
     assert "overrun" not in errors
 
 
+def test_viewer_that_reads_too_slowly_loses_messages_and_is_named(capsys) -> None:
+    channels = ServedChannels(("127.0.0.1", 0), ["p"])
+    channels.advertise()
+    damage = [Damage("p", 1000 * n, bytes(1000), n, (Fault.NOISE,)) for n in range(1, 501)]
+    rows = Rows.from_rows(damage)
+    with socket() as narrow:
+        narrow.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
+        narrow.connect(("127.0.0.1", channels.server.port))
+        name = "{}:{}".format(*narrow.getsockname())
+        with viewer_at(address_in(channels.text), sock=narrow, max_queue=1) as slow:
+            Viewer(slow)
+            wait_until(lambda: channels.send(rows, []) or channels.slow)
+            channels.close()
+    said = capsys.readouterr().err
+    assert said.startswith(f"1 viewer read too slowly and lost messages ({name}); how many,")
+    assert said.count("\n") == 1
+
+
 def test_a_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, *WORDS) as capture:
         address = address_in(stderr_until(capture, "viewers can connect"))
@@ -180,17 +201,18 @@ def test_a_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Pa
 
 def test_port_that_is_in_use_is_one_line(run, tmp_path: Path) -> None:
     with server_socket() as taken:
-        where = f"127.0.0.1:{taken.getsockname()[1]}"
+        taken_port = taken.getsockname()[1]
+        where = f"127.0.0.1:{taken_port}"
         done = run("live", SIM, "--count", "5", "--serve", where)
     assert (done.returncode, done.stdout) == (2, "")
-    assert f"--serve {where} cannot be used" in done.stderr
-    assert done.stderr.count("\n") == 1
+    another = f"name another port, as in --serve {taken_port + 1}"
+    assert done.stderr == f"fte-sniff: --serve {where}: Address already in use; {another}\n"
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
     ("where", "told"),
-    [("0.0.0.0:8765", "anyone in that network could read"), ("sim://", "is not HOST:PORT")],
+    [("0.0.0.0:8765", "anyone in that network could read"), ("sim://", "or --serve alone")],
 )
 def test_address_that_is_not_of_this_machine_is_refused(run, where: str, told: str) -> None:
     done = run("live", SIM, "--count", "5", "--no-record", "--serve", where)
@@ -266,6 +288,13 @@ def test_keys_of_the_screen_control_what_is_served(environment, tmp_path, sample
             assert viewer.state(PAUSED, speed=10)
         screen.type("Q")
         assert screen.ended() == 0
+
+
+def test_playback_without_a_terminal_is_one_line(run, samples: Path) -> None:
+    done = run("view", samples / "clean.mcap", "--serve")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "view needs a terminal; its keys play what --serve sends; run it in tmux" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(

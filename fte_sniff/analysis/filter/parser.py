@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import tzinfo
 from enum import Enum, auto
 from typing import Final
 
@@ -29,6 +30,7 @@ from fte_sniff.analysis.filter.terms import (
     TermType,
     mistakes_in,
 )
+from fte_sniff.analysis.time_text import with_offset
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME
 
@@ -229,6 +231,29 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
         what = TranslatableText("this text is not valid Unicode")
         fix = TranslatableText("type it again")
         raise MistakeError(match.start() + error.start, what, fix) from None
+
+
+def in_zone(text: str, zone: tzinfo) -> str:
+    """A filter whose times have the offset of a zone where they had none.
+
+    Raises FilterError for a time of any day, if the offset depends on the season.
+    """
+    parts, at = list[str](), 0
+    with mistakes_in(text):
+        for token in tokens(text):
+            if token.type in (TokenType.TEXT, TokenType.QUOTED):
+                parts += [text[at : token.start + 1], _in_zone(token, zone)]
+                at = token.end - 1
+    return "".join([*parts, text[at:]])
+
+
+def _in_zone(token: Token, zone: tzinfo) -> str:
+    try:
+        return with_offset(token.text, zone)
+    except ValueError:
+        what = TranslatableText("the offset of '{time}' depends on the season", time=token.text)
+        fix = TranslatableText("write it, as in '12:00:05+01:00'")
+        raise MistakeError(token.start, what, fix) from None
 
 
 def parse(text: str, start: int = 0, end: int | None = None) -> Term:

@@ -9,8 +9,9 @@
     error = 0x0F, online & 0x01 = 0     hex and bits
     raw LIKE '%aa 0_%'                  whole bytes: % is any of them, _ any one hex digit; spaces
                                         and case of the hex do not matter
-    time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
-    time > '12:00:05'                   that time of any day, UTC: rows later on their own day
+    time >= '2026-01-31 12:00'          in the zone of `--zone` (UTC), or with one; numbers are
+                                        nanoseconds since 1970
+    time > '12:00:05'                   that time of any day: rows later on their own day
 
 As in SQL, a comparison with a null is null, and the filter drops the row: `kind != 'speed'` drops
 damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
@@ -21,6 +22,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import tzinfo
 from math import inf
 from typing import Final
 
@@ -28,13 +30,26 @@ import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.filter.parser import parse
+from fte_sniff.analysis.filter.parser import in_zone, parse
 from fte_sniff.analysis.previous_frames import PreviousFrames
 from fte_sniff.errors import FilterError, TranslatableText, printable
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, Status, encode, status_of
+from fte_sniff.protocol import (
+    COLUMNS,
+    KINDS,
+    ColumnType,
+    Damage,
+    Fault,
+    Frame,
+    Row,
+    Status,
+    encode,
+    status_of,
+)
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Bools, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+
+_TIMES: Final = frozenset(one.name for one in COLUMNS if one.type is ColumnType.TIME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +63,14 @@ class RowFilter:
     """True, false or null for every row of a `row_frame`."""
 
     @classmethod
-    def parse(cls, text: str) -> RowFilter:
-        """Compile a filter; raises FilterError with the mistake, its position, and the fix."""
+    def parse(cls, text: str, zone: tzinfo | None = None) -> RowFilter:
+        """Compile a filter; raises FilterError with the mistake, its position, and the fix.
+
+        With a `zone`, the times in its `text` have the offset of it where they had none.
+        """
         found = parse(text)
+        if zone is not None and not _TIMES.isdisjoint(found.names):
+            return cls.parse(in_zone(text, zone))
         try:
             made = cls(text, found.names, found.expr)
             made.matches(_TEST_ROWS)
