@@ -118,6 +118,11 @@ class Finding:
     """Shows its rows."""
     score: float
 
+    def continues(self, other: Finding) -> bool:
+        """Whether it is the other one, after a search among more rows."""
+        topics = [(one.cause, one.port, one.motor, one.kind) for one in (self, other)]
+        return topics[0] == topics[1] and self.overlap(other) > 0
+
     def overlap(self, other: Finding) -> float:
         """The common time, as a share of the shorter of both."""
         common = min(self.last_ns, other.last_ns) - max(self.first_ns, other.first_ns)
@@ -367,38 +372,55 @@ class Findings(RowModel):
             return []
         return _ranked(list(_all_of(events, *self.total.times, alpha)))
 
-    def not_covered(self) -> dict[str, str]:
+    def not_covered(self) -> dict[str, TranslatableText]:
         """By cause, why it could not be examined."""
         self._settle()
         if not self.total.rows:
-            return dict.fromkeys(self.CAUSES, "there is no row")
-        if self.total.first_ns is None:
-            return dict.fromkeys(self.CAUSES, "no row has a time; try --start")
+            return dict.fromkeys(self.CAUSES, TranslatableText("there is no row"))
         if not self.frames:
-            return dict.fromkeys(self.CAUSES, "no row is a frame; is the baud rate right?")
+            text = TranslatableText("no row is a frame; is the baud rate right?")
+            return dict.fromkeys(self.CAUSES, text)
+        if self.total.first_ns is None:
+            return dict.fromkeys(self.CAUSES, TranslatableText("no row has a time; try --start"))
         return dict(_uncovered(self.events))
 
+    def coverage(self, found: Sequence[Finding]) -> list[TranslatableText]:
+        """What was examined, if there are no findings; what could not be, with the reasons."""
+        missing = self.not_covered()
+        covered = [cause for cause in self.CAUSES if cause not in missing]
+        texts: list[TranslatableText] = []
+        if not found:
+            text = TranslatableText("no findings in {rows:,} rows", rows=self.total.rows)
+            examined = TranslatableText("nothing could be examined")
+            if covered:
+                examined = TranslatableText("examined: {causes}", causes=listed(covered))
+            texts.append(TranslatableText("{text}; {more}", text=text, more=examined))
+        for why in dict.fromkeys(missing.values()):
+            causes = listed(cause for cause, reason in missing.items() if reason == why)
+            texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))
+        return texts
 
-def _uncovered(events: Events) -> Iterator[tuple[str, str]]:
+
+def _uncovered(events: Events) -> Iterator[tuple[str, TranslatableText]]:
     windows, senders = events.windows, _ports_with(events, "commands")
     commands = sum(int(windows.count(f"commands {motor}").sum()) for motor in MOTORS)
     feedback = int(windows.count("feedback").sum())
     answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET)
     if not commands:
-        yield from ((str(one), "there is no command that awaits an answer") for one in answers)
-        yield str(Cause.IRREGULAR_COMMANDS), "there is no command"
+        text = TranslatableText("there is no command that awaits an answer")
+        yield from ((str(one), text) for one in answers)
+        yield str(Cause.IRREGULAR_COMMANDS), TranslatableText("there is no command")
     elif not feedback:
-        yield from (
-            (str(one), "there is no feedback: only one wire was recorded") for one in answers
-        )
+        text = TranslatableText("there is no feedback: only one wire was recorded")
+        yield from ((str(one), text) for one in answers)
     elif _at_the_same_time(events, senders):
-        text = (
+        text = TranslatableText(
             "several ports had commands at the same time: which one feedback answers is not known"
         )
         yield from ((str(one), text) for one in answers)
     if not feedback:
         flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
-        yield from ((str(one), "there is no feedback") for one in flags)
+        yield from ((str(one), TranslatableText("there is no feedback")) for one in flags)
 
 
 def _at_the_same_time(events: Events, ports: Sequence[str]) -> bool:

@@ -22,6 +22,7 @@ from fte_sniff.analysis.motors import Motors, motor_rows
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics, Streams, StreamStats
 from fte_sniff.analysis.traces import Traces
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.protocol.rows import Rows
 
@@ -49,6 +50,9 @@ class LiveModels:
         self.findings = Findings.of_facts()
         self.found: tuple[Finding, ...] = ()
         """The findings of the last search."""
+        self.coverage: tuple[TranslatableText, ...] | None = None
+        """What that search could not examine, or if it found nothing, what it examined; None
+        before the first one."""
         self._fact_changes: list[StreamChange] = []
         """Changes that `findings` has not observed yet."""
         self.motors = Motors()

@@ -121,8 +121,11 @@ class PortStats(Model):
 
     @property
     def share(self) -> float | None:
-        """Utilization: share of the time that bytes took, from the first row to the last."""
-        if self.first_ns is None:
+        """Utilization: share of the time that bytes took, from the first row to the last.
+
+        None where `per_s` is: a single row takes all of its own time.
+        """
+        if self.first_ns is None or self.per_s is None:
             return None
         span_ns = self._end_ns - self.first_ns - self._gap_idle_ns
         return self._busy_ns / span_ns if span_ns > 0 else None

@@ -19,7 +19,7 @@ import click
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.analysis.time_text import LOCAL, zone_of
+from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check_report import read_rules, verdict_lines
 from fte_sniff.cli.datagrams import Datagrams
@@ -221,7 +221,7 @@ def run_capture(
             choices=settings.choices,
             save_choices=settings.keep,
             warnings=settings.trouble,
-            zone=shown_zone or LOCAL,
+            zone=shown_zone,
         )
         rest = RestOfScreen(plan)
         screen = Screen(start, rest)

@@ -105,13 +105,4 @@ def _lines(
         yield f"   {one.text}"
         if STDIN not in query.files:
             yield f"   {query.view_command((one.first_ns, one.last_ns), one.filter)}"
-    missing = findings.not_covered()
-    if not found:
-        covered = [cause for cause in findings.CAUSES if cause not in missing]
-        if covered:
-            yield f"no findings in {findings.total.rows:,} rows; examined: {', '.join(covered)}"
-        else:
-            yield f"no findings in {findings.total.rows:,} rows: nothing could be examined"
-    for why in dict.fromkeys(missing.values()):
-        causes = ", ".join(cause for cause, reason in missing.items() if reason == why)
-        yield f"not examined: {causes}: {why}"
+    yield from findings.coverage(found)

@@ -2,7 +2,7 @@
 
 [screen]
 theme = "textual-light"
-pane_height = 40                # percent; pane_beside = true and pane_width = 40 for wide terminals
+pane_height = 40                # percent; wide terminals: pane_beside = false, pane_width = 40
 columns = ["time", "kind", "values", "faults"]
 widths = { time = 15 }
 widths_at = 119                 # cells of the table for which the widths were chosen
@@ -107,12 +107,12 @@ class Settings:
         if (names := setting("columns")) is not None:
             widths = tuple(setting("widths", {}).items())
             columns = ColumnChoice(names, widths, setting("widths_at"))
-        beside, height, width = map(setting, ("pane_beside", "pane_height", "pane_width"))
+        height, width = setting("pane_height"), setting("pane_width")
         return Choices(
             setting("theme"),
             columns,
             filters=tuple(self.filters.items()),
-            panes=PaneLayout(bool(beside), height, width),
+            panes=PaneLayout(setting("pane_beside") is not False, height, width),
             delta=Delta[setting("delta", "row").upper()],
             changes=bool(setting("changes")),
             events=setting("events") is not False,
@@ -220,7 +220,7 @@ SCREEN_SETTINGS: Final[Mapping[str, ScreenSetting]] = {
     "changes": ScreenSetting(_yes_or_no, lambda one: one.changes or None),
     "events": ScreenSetting(_yes_or_no, lambda one: None if one.events else False),
     "language": ScreenSetting(_word((*LANGUAGES, AUTO)), lambda one: one.language),
-    "pane_beside": ScreenSetting(_yes_or_no, lambda one: one.panes.beside or None),
+    "pane_beside": ScreenSetting(_yes_or_no, lambda one: None if one.panes.beside else False),
     "pane_height": ScreenSetting(_share, lambda one: one.panes.height),
     "pane_width": ScreenSetting(_share, lambda one: one.panes.width),
 }

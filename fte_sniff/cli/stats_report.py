@@ -25,7 +25,7 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.session.stats_json import COUNTED, MOTOR, line_use
+from fte_sniff.session.stats_json import COUNTED, MOTOR
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerStats
@@ -193,7 +193,7 @@ def _port(port: PortStats, when: TimeText) -> Iterator[Text]:
     yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
     frames = ", ".join(f"{count:,} {direction}" for direction, count in port.frames.items())
     yield _line("  frames", frames)
-    if (share := line_use(port)) is not None:
+    if (share := port.share) is not None:
         use = f"{share_text(share)} of the time used, at {port.baud:,} baud"
         yield _line("  line", use)
         yield _line("  silence", _silence(port, when))

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
-from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.cli.foxglove_server import PlaybackServer
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
 from fte_sniff.cli.options import (
@@ -140,7 +139,7 @@ def command(
         keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,
-        zone=query.zone_given() or LOCAL,
+        zone=query.zone_given(),
         language=language,
         colors=settings.colors,
         choices=settings.choices_at(place),

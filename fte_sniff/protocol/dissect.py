@@ -39,6 +39,10 @@ _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
+_LIKE_HEADERS = {
+    Direction.CONTROL: TranslatableText("like the header of commands, host to controller"),
+    Direction.FEEDBACK: TranslatableText("like the header of feedback, controller to host"),
+}
 _HEADERS_TEXT = listed((f"{header:02X}" for header in HEADER_BYTES), Joint.OR)
 _TAIL_TEXT = f"{TAIL:02X}"
 _LAYOUTS = [
@@ -76,7 +80,7 @@ class ExplainedField:
     """The field's row name, or `header`, `cmd`, `num`, `reserve`, `payload`, `tail`, and in damage
     also `missing`, `extra`, `noise`."""
     value: str = ""
-    """The decoded value with its unit; in damage, only the header has one."""
+    """The decoded value with its unit; empty in damage."""
     meaning: str = ""
     """Description, with the range of a number."""
     fault: Fault | None = None
@@ -117,8 +121,11 @@ def explain(row: Row) -> list[str]:
 
 
 def explain_readings(row: Row) -> list[str]:
-    """One line for each reading of the row; empty if they were not computed."""
-    return [_reading_text(one) for one in row.readings or ()]
+    """One line for each reading of the row, and for their brackets; empty if not computed."""
+    texts: list[str] = [_reading_text(one) for one in row.readings or ()]
+    if any("(" in one.reading for one in row.readings or ()):
+        texts.append(TranslatableText("in brackets: bytes of the rows before and after this one"))
+    return texts
 
 
 class _Slot(NamedTuple):
@@ -293,9 +300,12 @@ def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
         return _explained(row, offsets, "tail", slot.meaning, fault=fault, note=note)
     if slot.name == "header":
         direction = DIRECTION_OF_HEADER.get(byte)
-        if direction is not None:
+        if direction is not None and isinstance(row, Frame):
             meaning = _HEADER_MEANINGS[direction]
             return _explained(row, offsets, "header", meaning, value=direction.value)
+        if direction is not None:
+            # In damage the byte may be any byte; the row has no direction.
+            return _explained(row, offsets, "header", _LIKE_HEADERS[direction])
         note = _expected(_HEADERS_TEXT, f"{byte:02X}")
         return _explained(row, offsets, "header", slot.meaning, fault=Fault.BAD_HEADER, note=note)
     return _explained(row, offsets, slot.name, slot.meaning)

@@ -87,7 +87,7 @@ def _port(port: PortStats, summary: StatisticsSummary) -> Json:
         "bytes": port.bytes,
         **_times(port),
         "rows_per_s": port.per_s,
-        "line_use": line_use(port),
+        "line_use": port.share,
         "status": _statuses(summary.statistics.tally.by_status(port.port)),
         "frames": {str(direction): port.frames[direction] for direction in Direction},
         "faults": [_fault(fault, count, port) for fault, count in faults.items()],
@@ -97,11 +97,6 @@ def _port(port: PortStats, summary: StatisticsSummary) -> Json:
             _stream(one) for one in summary.statistics.streams(None) if one.port == port.port
         ],
     }
-
-
-def line_use(port: PortStats) -> float | None:
-    """How full the line was; None without a time between two rows, in which it could be empty."""
-    return None if port.per_s is None else port.share
 
 
 def _fault(fault: Fault, count: RowCount, port: PortStats) -> Json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC
 from inspect import isawaitable
 from pathlib import Path
 from time import monotonic_ns
@@ -26,6 +27,7 @@ from textual.widgets import Input
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.tally import Tally
+from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
@@ -58,8 +60,10 @@ from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
+from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
@@ -242,6 +246,13 @@ class SniffApp(App[None]):
         else:
             self.view.action_pane("detail")
 
+    def action_choose(self) -> None:
+        """Show the rows of the chosen finding, else of the line of the top view."""
+        if self.findings.is_listed:
+            self.findings.go()
+        else:
+            self.filters.choose()
+
     def action_theme(self) -> None:
         """Switch to the next theme."""
         self.theme = theme_after(self.theme)
@@ -349,7 +360,7 @@ class SniffApp(App[None]):
         row, choice = self._table.cursor_row, self._table.view.choice
         capture = self.notes.capture_at(self._table.last_index)
         return Place(
-            self.filters.field.current,
+            self.filters.own,
             None if choice is None else choice.names,
             () if choice is None else choice.widths,
             None if row is None else RowKey(row.port, row.offset, capture),
@@ -418,9 +429,18 @@ class SniffApp(App[None]):
         start_ns = self._model.start_ns
         self._table.set_view(ports=self._model.ports)
         if start_ns is not None and self._table.start_ns is None:
-            self._table.set_view(zone=zone_at(start_ns, self._options.zone))
+            self._set_zone(start_ns)
         self._table.start_ns = start_ns
         self._table.sync()
+
+    def _set_zone(self, start_ns: int) -> None:
+        """Set the offset of local times; show these where the user has named a zone."""
+        wanted = self._options.zone
+        zone = zone_at(start_ns, wanted or LOCAL)
+        is_first = wanted is not None and zone != UTC
+        self._table.set_view(
+            zone=zone, times=TimeStyle.LOCAL if is_first else self._table.view.times
+        )
 
     def _report(self, update: ViewUpdate) -> None:
         """Show notices of port events, the recording and the feed; quit at the end if wanted."""
@@ -506,6 +526,10 @@ class SniffApp(App[None]):
     @on(RowTable.Opened)
     def _on_double_click(self) -> None:
         self.view.explain_row()
+
+    @on(TopView.Chosen)
+    def _on_line_chosen(self) -> None:
+        self.filters.choose()
 
     @on(Pane.Pointed)
     def _on_pointed(self, event: Pane.Pointed) -> None:

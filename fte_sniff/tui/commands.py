@@ -387,7 +387,7 @@ UNDERSTANDING: tuple[Command, ...] = (
 )
 
 TOP: tuple[Command, ...] = (
-    _key("enter", "filters.choose", "the rows of this kind and motor, as a filter", short="Rows"),
+    _key("enter", "app.choose", "the rows of this kind and motor, as a filter", short="Rows"),
     _key("full_stop", "top.sort(1)", "sort by the next column", short="Sort"),
     _key("comma", "top.sort(-1)", "sort by the previous column"),
     _key("I", "top.reverse", "sort the other way round", short="Reverse"),

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
-from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.replay import Viewers
@@ -90,8 +89,9 @@ class StartOptions:
     """Problems from before the screen opened, a sentence each."""
     export_source: ExportSource = UNKNOWN
     """Facts about the rows that are saved with them."""
-    zone: tzinfo = LOCAL
-    """Zone of local times."""
+    zone: tzinfo | None = None
+    """Zone of local times, in which the times are shown first; None for that of the machine, and
+    UTC first."""
     viewers: Viewers | None = None
     """Other programs that see and control the playback of a file."""
 

@@ -24,7 +24,7 @@ from fte_sniff.cli.settings import (
 )
 from fte_sniff.errors import FileError
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.options import SHARES
+from fte_sniff.tui.options import SHARES, Choices
 from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
@@ -86,7 +86,9 @@ def written(file: Path, text: str) -> Path:
 
 
 def test_without_a_file_nothing_is_printed(file: Path) -> None:
-    assert read_settings(file) == Settings()
+    settings = read_settings(file)
+    assert settings == Settings()
+    assert settings.choices == Choices()
 
 
 def test_all_settings_are_read(file: Path) -> None:

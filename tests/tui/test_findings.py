@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -14,21 +16,21 @@ from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import findings
 from fte_sniff.tui.options import StartOptions
-from tests.tui.conftest import NOON_NS, page, play, press, settle, table, until
+from tests.tui.conftest import NOON_NS, page, play, press, settle, table, type_line, until
 
 SECOND_NS = 1_000_000_000
 LOST = range(120, 180)
 """The seconds in which motor 3 answers only every second command."""
 
 
-def session() -> list[Row]:
-    """Five minutes of commands to four motors, and their answers."""
+def session(lost: Mapping[int, range] = MappingProxyType({3: LOST})) -> list[Row]:
+    """Five minutes of commands to four motors; half of the answers in the spans are lost."""
     rows: list[Row] = []
     for number in range(300 * 20):
         at_ns, motor = NOON_NS + number * SECOND_NS // 20, 1 + number % 4
         values = {"motor": motor, "rpm": 100}
         rows.append(Frame("p", 0, encode(KIND_BY_NAME["speed"], values), at_ns))
-        if motor != 3 or number // 20 not in LOST or number // 4 % 2:
+        if number // 20 not in lost.get(motor, ()) or number // 4 % 2:
             raw = encode(KIND_BY_NAME["speed_feedback"], values)
             rows.append(Frame("p", 0, raw, at_ns + 3_000_000))
     return [replace(row, offset=10 * at) for at, row in enumerate(rows)]
@@ -54,16 +56,63 @@ def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
         assert row.unanswered
         assert (row.t_ns or 0) >= NOON_NS + LOST.start * SECOND_NS
         assert "findings: 1" not in page(app)
+        assert app.place.filter == "", "opening the file again would hide rows without a word"
         await press(app, pilot, "backspace")
         await settle(app, pilot)
         assert app.filters.field.current == ""
         assert table(app).viewport.cursor == 0
-        await press(app, pilot, "exclamation_mark")
-        await until(app, pilot, lambda: "motor 3 answered" in page(app))
+        assert "findings: 1" in page(app)
         await press(app, pilot, "exclamation_mark")
         assert "findings: 1" not in page(app)
 
     play(feed, scenario, size)
+
+
+def test_backspace_returns_to_the_chosen_finding(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session({2: range(30, 80), 3: range(200, 260)}))
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "findings: 2" in page(app))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor >= 2")
+        await press(app, pilot, "enter", "exclamation_mark", "exclamation_mark")
+        first = re.findall(r"> .*motor (\d) answered", page(app))
+        await press(app, pilot, "J")
+        await settle(app, pilot)
+        second = re.findall(r"> .*motor (\d) answered", page(app))
+        assert sorted(first + second) == ["2", "3"]
+        await press(app, pilot, "enter")
+        assert app.filters.field.current == f"unanswered AND motor = {second[0]}"
+        await press(app, pilot, "exclamation_mark", "enter", "backspace", "backspace")
+        await settle(app, pilot)
+        assert re.findall(r"> .*motor (\d) answered", page(app)) == second
+        assert app.filters.field.current == app.place.filter == "motor >= 2"
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("language", "texts"),
+    [
+        ("en", ("no findings in", "not examined: unanswered, late", "only one wire was recorded")),
+        ("zh", ("行中没有诊断结果", "未检查：unanswered、late", "只录制了一条线路")),
+    ],
+)
+def test_the_list_names_what_could_not_be_examined(
+    feed: Any, language: str, texts: tuple[str, ...]
+) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give([row for row in session() if row.raw[0] == 0xAA])
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "exclamation_mark")
+        await until(app, pilot, lambda: texts[0] in page(app))
+        shown = " ".join(page(app).split())
+        assert all(text in shown for text in texts), shown
+        assert "enter" not in shown
+
+    play(feed, scenario, (120, 24), options=StartOptions(language=language, zone=UTC))
 
 
 def test_keys_go_to_unanswered_commands(feed: Any) -> None:
@@ -77,6 +126,8 @@ def test_keys_go_to_unanswered_commands(feed: Any) -> None:
         assert row is not None
         assert row.unanswered
         assert row.t_ns == NOON_NS + LOST.start * SECOND_NS + SECOND_NS // 10
+        await press(app, pilot, "R")
+        assert "unanswered: the motor's next command, or the deadline, came first" in page(app)
         first = table(app).viewport.cursor
         await press(app, pilot, "right_curly_bracket")
         assert table(app).viewport.cursor > first
@@ -88,10 +139,13 @@ def test_keys_go_to_unanswered_commands(feed: Any) -> None:
     play(feed, scenario)
 
 
-def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(feed: Any) -> None:
+@pytest.mark.parametrize("key", ["h", "l"])
+def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
+    feed: Any, key: str
+) -> None:
     feed.state = replace(feed.state, live=False, running=False, recording=None)
     rows = session()
-    damaged = {len(rows) // 3, 2 * len(rows) // 3}
+    damaged = {len(rows) // 3, 2 * len(rows) // 3, 2 * len(rows) // 3 + 1}
     feed.give(
         [
             Damage("p", row.offset, row.raw[:9], row.t_ns, (Fault.TRUNCATED,))
@@ -105,19 +159,63 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(feed: A
         await until(app, pilot, lambda: app._panes.models.observed == len(rows))
         await press(app, pilot, "escape", "S")
         await until(app, pilot, lambda: "over time, from" in page(app))
-        await press(app, pilot, "l")
+        await press(app, pilot, key)
         await settle(app, pilot)
         assert "enter: its rows" in page(app)
         start, end = app._panes.chosen_span or (0, 0)
-        for _ in range(500):
-            if any(start <= (rows[at].t_ns or 0) < end for at in damaged):
-                break
-            await press(app, pilot, "l")
-            start, end = app._panes.chosen_span or (0, 0)
-        await press(app, pilot, "enter")
+        assert start <= (rows[max(damaged)].t_ns or 0) < end, "the fullest is first"
+        await press(app, pilot, "h", "l", "enter")
         await settle(app, pilot)
         assert not app._panes.is_open()
-        assert table(app).viewport.cursor == min(damaged)
+        assert table(app).viewport.cursor == sorted(damaged)[1]
+
+    play(feed, scenario)
+
+
+def test_enter_in_the_top_view_leads_to_the_finding_of_the_open_list(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session())
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "findings: 1" in page(app))
+        await press(app, pilot, "T", "enter")
+        await settle(app, pilot)
+        assert app.filters.field.current == "unanswered AND motor = 3"
+        assert table(app).display
+        await press(app, pilot, "T", "enter")
+        await settle(app, pilot)
+        assert app.filters.field.current.endswith("kind = 'speed' AND motor = 3")
+
+    play(feed, scenario)
+
+
+def test_without_faults_the_statistics_offer_no_times(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    rows = session({})
+    feed.give(rows)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: app._panes.models.observed == len(rows))
+        await press(app, pilot, "S")
+        await until(app, pilot, lambda: "no faults" in page(app))
+        assert "J K: scroll" in page(app)
+        assert "h l" not in page(app)
+        head = table(app)._header.render_line(0).text
+        await press(app, pilot, "l")
+        await settle(app, pilot)
+        assert table(app)._header.render_line(0).text != head, "the key scrolls the table"
+
+    play(feed, scenario)
+
+
+def test_a_single_row_has_no_share_of_the_time(feed: Any) -> None:
+    feed.state = replace(feed.state, live=False, running=False, recording=None)
+    feed.give(session()[:1])
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "S")
+        await until(app, pilot, lambda: "too few rows for rates" in page(app))
+        assert "of the time used" not in page(app)
 
     play(feed, scenario)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.errors import printable
@@ -21,6 +22,18 @@ from fte_sniff.tui.prompt import (
 from fte_sniff.tui.status_bar import NoticeLine
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.view_model import ViewModel
+
+
+@dataclass(frozen=True, slots=True)
+class _Earlier:
+    """What was shown before a filter."""
+
+    filter: str
+    own: str
+    index: int | None = None
+    """Index of the cursor's row, if the filter moved the cursor."""
+    pane: str | None = None
+    """The open pane, if the filter closed it."""
 
 
 class FilterController:
@@ -50,8 +63,10 @@ class FilterController:
             self._ask_name,
         )
         self.name_field = PromptField(focus, FILTER_NAME, str, self._name_filter)
-        self._earlier: list[tuple[str, int | None]] = []
-        """Filters before the current one, the latest last, and the cursor's row if it moved."""
+        self.own = self.field.current
+        """The filter that the user has set last, and not a finding: the one to be remembered."""
+        self._earlier: list[_Earlier] = []
+        """What was shown before the current filter, the latest last."""
 
     def _cursor_ns(self) -> int | None:
         row = self._table.cursor_row
@@ -66,25 +81,36 @@ class FilterController:
         self.set_filter("")
 
     def action_filter_before(self) -> None:
-        """Go back to the previous filter."""
-        if self._earlier:
-            line, index = self._earlier.pop()
-            self._apply_filter(line)
-            if index is not None:
-                self._table.stay_at(index)
-        else:
+        """Go back to the previous filter, and to the list whose finding set the current one."""
+        if not self._earlier:
             self._notice.inform(_("there was no other filter before"))
+            return
+        before = self._earlier.pop()
+        self.own = before.own
+        self._apply_filter(before.filter)
+        if before.index is not None:
+            self._table.stay_at(before.index)
+        if before.pane is not None and not self._panes.is_open(before.pane):
+            self._panes.toggle(before.pane)
 
     def set_filter(self, line: str) -> None:
         """Apply a valid filter, and remember the current one; an empty one shows all rows."""
         current = self.field.current
         if line != current:
-            self._earlier.append((current, None))
+            self._earlier.append(_Earlier(current, self.own))
+        self.own = line
         self._apply_filter(line)
 
     def go(self, line: str, index: int) -> None:
-        """Apply a valid filter, with the cursor at a row or the next one that it shows."""
-        self._earlier.append((self.field.current, self._table.last_index))
+        """Apply the filter of a finding, with the cursor at a row or the next one that it shows.
+
+        It closes the open pane. The filter is not remembered with the file.
+        """
+        index_before = self._table.last_index
+        earlier = _Earlier(self.field.current, self.own, index_before, self._panes.open_name)
+        self._earlier.append(earlier)
+        self._panes.close()
+        self._focus.show_top(False)
         self._table.stay_at(index)
         self._apply_filter(line)
 
@@ -93,7 +119,7 @@ class FilterController:
         self._model.set_filter(parse_filter(line) if line else None, self._table.near)
         self._table.sync()
 
-    def action_choose(self) -> None:
+    def choose(self) -> None:
         """Show the rows of the line under the cursor of the top view, by a filter."""
         condition = self._panes.top_condition()
         if condition is not None:

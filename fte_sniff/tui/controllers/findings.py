@@ -62,11 +62,12 @@ class FindingsController:
         models, live = self._panes.models, self._model.state.live
         try:
             # Of a copy: more rows are observed meanwhile.
-            search = models.findings.copy().found_and_recent
+            findings = models.findings.copy()
+            search = findings.found_and_recent
             found, recent = await asyncio.to_thread(search, RECENT_NS if live else 0)
         finally:
             self._running = False
-        models.found = tuple(found)
+        models.found, models.coverage = tuple(found), tuple(findings.coverage(found))
         self._panes.redraw()
         if live:
             self._report(recent)
@@ -93,7 +94,7 @@ class FindingsController:
     @property
     def is_listed(self) -> bool:
         """Whether the list is open and has findings."""
-        return self._panes.is_open(FindingsPane.NAME) and bool(self._panes.models.found)
+        return self._panes.is_open(FindingsPane.NAME) and self._panes.chosen_finding is not None
 
     def action_list(self) -> None:
         """Open the list, or close it."""
@@ -101,7 +102,7 @@ class FindingsController:
 
     def go(self) -> None:
         """Show the rows of the chosen finding, the first one under the cursor."""
-        finding = self._panes.models.found[self._panes.chosen_finding]
-        self._panes.close()
-        self._filters.go(finding.filter, self._model.store.index_from(finding.first_ns))
-        self._notice.inform(_("{text}; backspace returns", text=finding.text))
+        finding = self._panes.chosen_finding
+        if finding is not None:
+            self._filters.go(finding.filter, self._model.store.index_from(finding.first_ns))
+            self._notice.inform(_("{text}; backspace returns", text=finding.text))

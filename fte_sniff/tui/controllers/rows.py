@@ -14,6 +14,7 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _
+from fte_sniff.tui.panes.row import STATES
 from fte_sniff.tui.prompt import GOTO, PromptField
 from fte_sniff.tui.status_bar import NoticeLine
 from fte_sniff.tui.table.widget import RowTable
@@ -235,7 +236,9 @@ class RowController:
             return
         index = self._table.last_index
         related = self._table.relations.related(index)
-        text = _("this row is neither a command with an answer nor an answer")
+        text = _("this row is neither a command that awaits an answer nor an answer")
+        states = {one.state for one in self._table.relations.answers(index)}
+        text = next((_(STATES[one]) for one in STATES if one in states), text)
         if related:
             text = _("the filter hides row {number:,}, to which this one belongs; F shows all")
             text = text.format(number=related[0] + 1)

@@ -109,7 +109,7 @@ class Pane(VerticalScroll, can_focus=False):
     is_behind: ClassVar[bool] = False
     """Whether it must be drawn again although nothing changed."""
     HINT: ClassVar[str] = HINT
-    """Its keys; shown after the title where they fit."""
+    """Its keys."""
 
     class Pointed(Message):
         """The mouse is on a field of the cursor's row."""
@@ -185,8 +185,7 @@ class Pane(VerticalScroll, can_focus=False):
         return False
 
     def aside(self, by: int) -> bool:
-        """Choose another column, to the right (`by` 1) or left (-1), in panes with such columns;
-        False in others."""
+        """Choose another column, to the right (`by` 1) or left (-1); False where there are none."""
         return False
 
     @property
@@ -214,11 +213,16 @@ class Pane(VerticalScroll, can_focus=False):
         bar = 0 if self.show_vertical_scrollbar else 1
         return Size(max(1, region.width - bar), max(1, region.height))
 
+    @property
+    def hint(self) -> str:
+        """The keys that have an effect now; shown after the title where they fit."""
+        return self.HINT
+
     def set_title(self, *titles: str) -> None:
         """Set the first title that fits, or else the last."""
         width = self.size.width - _CORNERS
         title = first_fitting(titles, width)
-        text = first_fitting((f"{title}   {_(self.HINT)}", title), width)
+        text = first_fitting((f"{title}   {_(self.hint)}", title), width)
         if text != self._title:
             self._title = text
             self.border_title = Text(text)

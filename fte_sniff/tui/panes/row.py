@@ -61,10 +61,13 @@ _INDENT = " " * (2 + _HEX_WIDTH)
 
 
 STATES = {
-    AnswerState.UNANSWERED: later("unanswered: the next command to the motor came first"),
+    AnswerState.UNANSWERED: later(
+        "unanswered: the motor's next command, or the deadline, came first"
+    ),
     AnswerState.WAITING: later("unanswered so far"),
     AnswerState.UNKNOWN: later("whether it was answered is unknown"),
 }
+"""What is known of a command that has no answer."""
 
 
 def relation_lines(context: PaneContext) -> list[str]:
@@ -110,10 +113,8 @@ def detail_text(
     """The explanation of a row; positions in turns too, where the set-up gives pulses per turn."""
     lines = _heading(row, palette, layout, zone)
     style = palette.statuses[row.status]
-    mark, read = LOOKS[row.status].mark, explain_readings(row)
-    # The readings explain a frame that is ambiguous; of damage, the bytes come first.
-    first = [*explain(row), *(read if isinstance(row, Frame) else ())]
-    marked = [(mark, explanation, style) for explanation in first]
+    mark = LOOKS[row.status].mark
+    marked = [(mark, text, style) for text in (*explain(row), *explain_readings(row))]
     if row.order_uncertain:
         marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
     marked += [(Sign.PAIRED.value, text, palette.signs) for text in layout.relations]
@@ -126,8 +127,6 @@ def detail_text(
         for line in _field_lines(field, palette, layout, value_width, number == layout.field):
             line.stylize(meta)
             lines.append(line)
-    for text in () if isinstance(row, Frame) else read:
-        lines += _marked_lines(mark, text, style, layout)
     for line in lines:
         line.truncate(layout.width, overflow="ellipsis")
     return Text("\n").join(lines)

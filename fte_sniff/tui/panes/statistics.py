@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from itertools import accumulate, pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 from rich.cells import cell_len
 from rich.style import Style
@@ -32,13 +32,16 @@ from fte_sniff.formats.cell_text import (
 from fte_sniff.protocol import KINDS, Direction, status_of
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.findings import findings_text
+from fte_sniff.tui.panes.findings import finding_lines
+from fte_sniff.tui.panes.pane import HINT as PANE_HINT
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.theme import REVERSED, Palette
+from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import event_words, span_text
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
+
+POINTER: Final = "▼"
 
 _NAME_WIDTH: Final = 19
 _MILLISECONDS: Final = 3
@@ -117,15 +120,15 @@ class StatisticsPage:
             return
         flags = models.flags.stats()
         raised = [_(text) for text in flag_texts(flags, self._when, in_order=True)]
+        if models.found:
+            yield Text(_("findings"), style=_BOLD)
+            for finding in models.found:
+                yield from finding_lines(finding, self.width, self.palette, self.zone)
         if raised:
-            # One line on top, so that nobody has to scroll to an error, or past errors.
+            # One line near the top, so that nobody has to scroll to an error, or past errors.
             motors = listed(one.motor for one in flags if one.error_bits or one.offline.rows)
             text = _("ERROR was set or ONLINE missing: motor {motors}; details at the end")
             yield self._raised(text.format(motors=_(motors)))
-        if models.found:
-            yield Text(_("findings"), style=_BOLD)
-            found = findings_text(models.found, -1, self.width, self.palette, self.zone)
-            yield from found.split("\n")
         yield from self._faults()
         yield Text()
         for port in ports:
@@ -148,8 +151,10 @@ class StatisticsPage:
         rows = _("{rows:,} rows, {bytes:,} bytes", rows=port.rows, bytes=port.bytes)
         name = fit_path(printable(port.port), max(8, self.width - cell_len(rows) - 2))
         yield Text.assemble((name, _BOLD), "  ", rows)
-        if port.share is None:
+        if port.first_ns is None:
             yield self._muted(_("  these rows have no times: no rates, no silences"))
+        elif port.share is None:
+            yield self._muted(_("  too few rows for rates and silences"))
         else:
             text = _("  {share} of the time used, at {baud:,} baud")
             yield Text(text.format(share=share_text(port.share), baud=port.baud))
@@ -224,26 +229,38 @@ class StatisticsPage:
         cells = fault_cells(faults, self.width)
         chosen = None if self.chosen is None or not cells else min(self.chosen, len(cells) - 1)
         if cells:
-            shown, form = (cells[0][0], cells[-1][1]), _("over time, from {start} to {end}")
-            if chosen is not None:
-                shown, form = cells[chosen], _("{start} to {end}; enter: its rows")
-            start, end = (clock_text(t_ns, 0, self.zone)[:8] for t_ns in shown)
-            line.append(f"  {form.format(start=start, end=end)}", self.palette.muted)
+            start, end = self._span(cells[0].start_ns, cells[-1].end_ns)
+            text = _("over time, from {start} to {end}", start=start, end=end)
+            line.append(f"  {text}", self.palette.muted)
         yield line
+        if chosen is not None:
+            yield self._pointer(cells[chosen], chosen)
         for fault in faults:
             status = status_of((fault.fault,))
             style = self.palette.statuses[status]
             count = fit_right(f"{fault.count:,}", COLUMNS[0].width)
-            spark = Text(sparkline(fault.over_time.values, _over_time_width(self.width)), style)
-            if chosen is not None:
-                spark.stylize(REVERSED, chosen, chosen + 1)
             yield Text.assemble(
                 (LOOKS[status].mark, self.palette.marks[status]),
                 " ",
                 (fit(fault.fault.value, _NAME_WIDTH), style),
                 f" {count}  ",
-                spark,
+                (sparkline(fault.over_time.values, _over_time_width(self.width)), style),
             )
+
+    def _span(self, *ends_ns: int) -> tuple[str, str]:
+        start, end = (clock_text(t_ns, 0, self.zone)[:8] for t_ns in ends_ns)
+        return start, end
+
+    def _pointer(self, cell: FaultCell, at: int) -> Text:
+        """A line that points at the chosen cell, whose values stay as they are."""
+        start, end = self._span(cell.start_ns, cell.end_ns)
+        text = _("{start} to {end}; enter: its rows", start=start, end=end)
+        before = self.width - _over_time_width(self.width) + at
+        after = f"{POINTER} {text}"
+        if before + cell_len(after) <= self.width:
+            return Text(" " * before + after)
+        left = f"{text} {POINTER}"
+        return Text(" " * max(0, before + 1 - cell_len(left)) + left)
 
 
 def _over_time_width(width: int) -> int:
@@ -251,13 +268,31 @@ def _over_time_width(width: int) -> int:
     return width - (_NAME_WIDTH + 2 + 1 + COLUMNS[0].width) - 2
 
 
-def fault_cells(faults: Sequence[FaultStats], width: int) -> list[tuple[int, int]]:
-    """Start and end of each cell of the faults over time, nanoseconds since 1970 UTC."""
-    counts = faults[0].over_time if faults else Counts(0, 1, ())
-    if not counts.values or _over_time_width(width) < 1:
+class FaultCell(NamedTuple):
+    """A cell of the faults over time."""
+
+    start_ns: int
+    """Nanoseconds since 1970 UTC."""
+    end_ns: int
+    rows: float
+    """Rows with a fault; one with several faults counts several times."""
+
+
+def fault_cells(faults: Sequence[FaultStats], width: int) -> list[FaultCell]:
+    """The cells of the faults over time; none if the rows have no times."""
+    every = [fault.over_time for fault in faults]
+    if not every or not every[0].values or _over_time_width(width) < 1:
         return []
-    edges = cell_edges(len(counts.values), _over_time_width(width))
-    return list(pairwise(counts.start_ns + counts.window_ns * edge for edge in edges))
+    start_ns, window_ns, values = every[0]
+    edges = cell_edges(len(values), _over_time_width(width))
+    return [
+        FaultCell(
+            start_ns + window_ns * first,
+            start_ns + window_ns * end,
+            sum(sum(counts.values[first:end]) for counts in every),
+        )
+        for first, end in pairwise(edges)
+    ]
 
 
 class StatisticsPane(Pane):
@@ -270,13 +305,21 @@ class StatisticsPane(Pane):
     def __init__(self) -> None:
         super().__init__()
         self._chosen: int | None = None
-        self._cells: list[tuple[int, int]] = []
+        self._cells: list[FaultCell] = []
+
+    @property
+    def hint(self) -> str:
+        """Without faults over time, no time can be chosen."""
+        return self.HINT if self._cells else PANE_HINT
 
     def aside(self, by: int) -> bool:
-        """Choose the next cell of the faults over time (`by` 1) or the one before (-1)."""
-        last = len(self._cells) - 1
-        start = (last + 1 if by < 0 else -1) if self._chosen is None else self._chosen
-        self._chosen = max(0, min(start + by, last)) if self._cells else None
+        """Choose a cell of the faults over time: first the fullest, then those beside it."""
+        if not self._cells:
+            return False
+        if self._chosen is None:
+            self._chosen = max(range(len(self._cells)), key=lambda at: self._cells[at].rows)
+        else:
+            self._chosen = max(0, min(self._chosen + by, len(self._cells) - 1))
         return True
 
     def forget_choice(self) -> None:
@@ -288,13 +331,14 @@ class StatisticsPane(Pane):
         """Start and end of the chosen cell, nanoseconds since 1970 UTC; None without one."""
         if self._chosen is None or self._chosen >= len(self._cells):
             return None
-        return self._cells[self._chosen]
+        cell = self._cells[self._chosen]
+        return cell.start_ns, cell.end_ns
 
     def draw(self, context: PaneContext) -> None:
         """Draw the current numbers."""
-        self.set_title("   ".join(filter(None, (_("statistics of all rows"), context.merged_text))))
         width, palette = self.page_size.width, context.palette
         self._cells = fault_cells(context.models.statistics.faults(), width)
+        self.set_title("   ".join(filter(None, (_("statistics of all rows"), context.merged_text))))
         page = StatisticsPage(
             context.models, context.rates_ns, width, palette, context.zone, self._chosen
         )

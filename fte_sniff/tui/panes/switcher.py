@@ -7,6 +7,7 @@ from time import perf_counter
 from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.findings import Finding
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.row_store import RowStore
@@ -142,10 +143,16 @@ class PaneSwitcher:
         return self._open is not None and name in (None, self._open.NAME)
 
     @property
-    def chosen_finding(self) -> int:
-        """Number of the finding that is chosen in the list."""
+    def chosen_finding(self) -> Finding | None:
+        """The finding that is chosen in the list; None without findings."""
         pane = self._panes[FindingsPane.NAME]
-        return pane.chosen if isinstance(pane, FindingsPane) else 0
+        assert isinstance(pane, FindingsPane)
+        return pane.chosen
+
+    @property
+    def open_name(self) -> str | None:
+        """Name of the open pane; None while all are closed."""
+        return None if self._open is None else self._open.NAME
 
     @property
     def explains_row(self) -> bool:
