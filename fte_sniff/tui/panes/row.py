@@ -195,12 +195,16 @@ def _field_lines(
     first, *more = _wrapped_after(_(field.meaning), line.cell_len, layout)
     line.append(first, palette.muted)
     line.rstrip()
+    note = _(field.note)
+    if note and inline and not more and line.cell_len + 2 + cell_len(note) <= layout.width:
+        line.append(f"  {note}", style)
+        note = ""
     yield line
     for text in more:
         yield Text(text, style=palette.muted)
     for digits in [] if inline else _hex_lines(field.raw):
         yield Text.assemble((mark, style), " ", (digits, own))
-    yield from _indented(_(field.note), style, layout)
+    yield from _indented(note, style, layout)
     if not layout.bit_lines:
         yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout)
         return
