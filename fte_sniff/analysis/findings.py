@@ -389,12 +389,16 @@ class Findings(RowModel):
         missing = self.not_covered()
         covered = [cause for cause in self.CAUSES if cause not in missing]
         texts: list[TranslatableText] = []
+        if not covered:
+            why = next(iter(missing.values()))
+            return [TranslatableText("nothing could be examined: {why}", why=why)]
         if not found:
-            text = TranslatableText("no findings in {rows:,} rows", rows=self.total.rows)
-            examined = TranslatableText("nothing could be examined")
-            if covered:
-                examined = TranslatableText("examined: {causes}", causes=listed(covered))
-            texts.append(TranslatableText("{text}; {more}", text=text, more=examined))
+            rows, causes = self.total.rows, listed(covered)
+            texts.append(
+                TranslatableText(
+                    "no findings in {rows:,} rows; examined: {causes}", rows=rows, causes=causes
+                )
+            )
         for why in dict.fromkeys(missing.values()):
             causes = listed(cause for cause, reason in missing.items() if reason == why)
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))

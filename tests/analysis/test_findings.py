@@ -22,6 +22,8 @@ from fte_sniff.analysis.findings import Cause, Findings, spans_of
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_TIME, Rows
 
+COMMAND = bytes.fromhex("AA0101000000000000EE")
+
 
 def rows_with(kind: str, seed: int = 1, **changed: object) -> tuple[Rows, Episode]:
     what = Episode(kind, 300, 312 if kind == "silent" else 400, 3, 0.4, feedback=True)
@@ -142,19 +144,27 @@ def test_captures_of_other_ports_at_other_times_are_examined() -> None:
 
 
 @pytest.mark.parametrize(
-    "rows",
+    ("rows", "text"),
     [
-        [],
-        [Frame("p", 0, bytes.fromhex("AA0101000000000000EE"), START_NS)],
-        [Frame("p", 0, bytes.fromhex("AA0101000000000000EE"), None)] * 50,
-        [Damage("p", n, b"\x01\x02", START_NS + n * SECOND, (Fault.NOISE,)) for n in range(500)],
+        ([], "nothing could be examined: there is no row"),
+        ([Frame("p", 0, COMMAND, START_NS)], "there is no feedback: only one wire was recorded"),
+        ([Frame("p", 0, COMMAND, None)] * 50, "no row has a time"),
+        (
+            [Damage("p", n, b"\x01\x02", START_NS + n, (Fault.NOISE,)) for n in range(500)],
+            "no row is a frame",
+        ),
+        (
+            [Damage("p", n, b"\x01\x02", None, (Fault.NOISE,)) for n in range(500)],
+            "no row is a frame",
+        ),
     ],
-    ids=["no row", "one row", "no times", "noise"],
+    ids=["no row", "one row", "no times", "noise", "noise without times"],
 )
-def test_rows_that_show_nothing_have_no_findings(rows: list[Frame | Damage]) -> None:
+def test_rows_that_show_nothing_have_no_findings(rows: list[Frame | Damage], text: str) -> None:
     model = findings_in(Rows.from_rows(rows))
     assert model.found() == []
     assert model.not_covered()
+    assert any(text in line for line in model.coverage([]))
 
 
 def test_times_that_fall_invent_nothing() -> None:
