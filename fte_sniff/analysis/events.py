@@ -5,14 +5,17 @@ of two parts of a recording merge by addition. With more than `MOST_WINDOWS` win
 merged: a column of counts then needs no more memory, whatever the length of the recording.
 
     windows    1 column a count      commands of a motor, those without answer, answers by octave
-               1 column a range      targets and present values of a motor
+               1 column a range      targets and present values of a motor; times of its events
+    streams    first and last values of a flag, a period, a value
+
+Some events depend on the values beside them, such as a flag that is raised in three frames in a
+row. Two parts of a stream join by the values on both sides of the cut.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -30,8 +33,8 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
-from fte_sniff.protocol.rows import NO_FACT, NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import HEADERS, FrameKind, Role, motor_bit
+from fte_sniff.protocol.rows import NO_FACT, Bools, Ints, Rows
+from fte_sniff.protocol.spec import FrameKind, Role, motor_bit
 
 SHIFT: Final = 30
 """A window has 2 to this power of nanoseconds at first, about a second."""
@@ -43,6 +46,9 @@ RUNNING: Final = 3
 
 GRADES: Final = 24
 """Grades of a value: half octaves."""
+
+_MOST_WAITING: Final = 8192
+"""Rows that wait to be counted together: a few rows at a time would cost more."""
 
 
 class Windows(Model):
@@ -96,15 +102,21 @@ class Windows(Model):
     def _merge(self, keys: Ints, columns: dict[tuple[Keep, str], Ints]) -> None:
         if not len(keys):
             return
-        merged, at = np.unique(np.concatenate((self._keys, keys)), return_inverse=True)
-        old, new = at[: len(self._keys)], at[len(self._keys) :]
+        # Windows before all new ones stay as they are: most rows come in the order of time.
+        same = int(np.searchsorted(self._keys, keys.min()))
+        merged, at = np.unique(np.concatenate((self._keys[same:], keys)), return_inverse=True)
+        old, new = at[: len(self._keys) - same], at[len(self._keys) - same :]
         own, self._columns = self._columns, {}
         for keep, name in {**own, **columns}:
-            column = self._columns[keep, name] = keep.empty(len(merged))
-            for places, having in ((old, own), (new, columns)):
-                if (keep, name) in having:
-                    keep.add(column, places, having[keep, name])
-        self._keys = merged
+            before = own.get((keep, name))
+            column = keep.empty(same + len(merged))
+            if before is not None:
+                column[:same] = before[:same]
+                keep.add(column[same:], old, before[same:])
+            if (keep, name) in columns:
+                keep.add(column[same:], new, columns[keep, name])
+            self._columns[keep, name] = column
+        self._keys = np.concatenate((self._keys[:same], merged))
         while len(self._keys) > MOST_WINDOWS:
             self._halve()
 
@@ -126,6 +138,7 @@ class Batch:
     """Counts of one batch by its windows."""
 
     def __init__(self, t_ns: Ints, shift: int) -> None:
+        self.t_ns = t_ns
         self.keys, self._at = np.unique(t_ns >> shift, return_inverse=True)
         self.columns: dict[tuple[Keep, str], Ints] = {}
 
@@ -144,6 +157,11 @@ class Batch:
         self._add(Keep.LOW, name, rows, values)
         self._add(Keep.HIGH, name, rows, values)
 
+    def events(self, name: str, rows: Ints) -> None:
+        """Count rows, by indices, and extend the range of their times."""
+        self.count(name, rows)
+        self.range(name, rows, self.t_ns[rows])
+
 
 def grade_of(values: Ints) -> Ints:
     """Half octaves of values from 1 on."""
@@ -151,9 +169,9 @@ def grade_of(values: Ints) -> Ints:
     return np.minimum(grades, GRADES - 1)
 
 
-def least_of(grade: int) -> float:
-    """The least value of a grade."""
-    return float(2 ** (grade / 2))
+def least_of(grade: int) -> int:
+    """The least whole value of a grade."""
+    return int(np.ceil(2 ** (grade / 2)))
 
 
 DELAY_UNIT_NS: Final = 250_000
@@ -176,47 +194,186 @@ def by_role(role: Role, *, target: bool) -> list[FrameKind]:
     ]
 
 
-@dataclass
-class _Carried(Model):
-    """What of the rows before concerns the next ones."""
+_NO_EVENT: Final = -1
 
-    raised: dict[str, Bools] = field(default_factory=dict)
-    """By flag, the last frames, whether it was raised."""
-    periods: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """By stream, the time of the last command, and the period before it."""
-    values: dict[str, Ints] = field(default_factory=dict)
-    """By stream, the last two values."""
+_LEAST_JUMP: Final = 64
 
 
-_NO_PERIOD: Final = -1
-_NO_VALUES: Final = np.zeros(0, np.int64)
+def _running(_t_ns: Ints, values: Ints) -> Ints:
+    """Values other than 0 among at least `RUNNING` such in a row; one grade."""
+    grades = np.full(len(values), _NO_EVENT)
+    if len(values) >= RUNNING and values.any():
+        raised = values != 0
+        beside = np.lib.stride_tricks.sliding_window_view(raised, RUNNING)
+        runs: Bools = np.logical_and.reduce(beside, axis=1)
+        for by in range(RUNNING):
+            grades[by : by + len(runs)][runs] = 0
+    return grades
+
+
+def _after_another(_t_ns: Ints, values: Ints) -> Ints:
+    """Values other than 0 directly after another such; one grade."""
+    grades = np.full(len(values), _NO_EVENT)
+    if values.any():
+        raised = values != 0
+        grades[1:][raised[1:] & raised[:-1]] = 0
+    return grades
+
+
+def _period_changes(t_ns: Ints, _values: Ints) -> Ints:
+    """How much the period before each time differs from the one before it."""
+    grades = np.full(len(t_ns), _NO_EVENT)
+    if len(t_ns) > 2:
+        periods = np.maximum(np.diff(t_ns), 1).astype(np.float64)
+        ratios = np.abs(np.log2(periods[1:] / periods[:-1]))
+        grades[2:] = np.minimum(ratios * RATIO_UNIT, GRADES - 1)
+    return grades
+
+
+def _jumps(_t_ns: Ints, values: Ints) -> Ints:
+    """How far each value is from both neighbours, where these are near each other."""
+    grades = np.full(len(values), _NO_EVENT)
+    if len(values) > 2:
+        first, middle, last = values[:-2], values[1:-1], values[2:]
+        off = np.minimum(np.abs(middle - first), np.abs(middle - last))
+        is_far = (off > _LEAST_JUMP) & (np.abs(last - first) <= off // 4)
+        grades[1:-1][is_far] = grade_of(off[is_far])
+    return grades
+
+
+_Grades: TypeAlias = Callable[[Ints, Ints], Ints]
+"""Grades of the events of a stream, by its times and values; `_NO_EVENT` where there is none.
+
+An event depends on at most two values before it and two after it, and stays one if values are added
+at either end.
+"""
+
+_GRADES: Final[dict[str, _Grades]] = {
+    "error": _running,
+    "offline": _running,
+    "burst": _after_another,
+    "ratio": _period_changes,
+    "jump": _jumps,
+}
+"""By the first word of a stream's name."""
+
+_GRADED: Final = frozenset({"ratio", "jump"})
+"""Those with a column for each grade."""
+
+_ENDS: Final = 4
+"""Values at both ends of a stream by which another part joins: two depend on two more."""
+
+_NO_VALUES: Final[Ints] = np.zeros((2, 0), np.int64)
+
+
+class _Stream(NamedTuple):
+    """The first and the last times and values of a stream; shape (2, up to `_ENDS`)."""
+
+    first: Ints = _NO_VALUES
+    last: Ints = _NO_VALUES
+    interrupted: bool = False
+    """Whether values are missing somewhere."""
+
+    @classmethod
+    def of(cls, t_ns: Ints, values: Ints) -> _Stream:
+        """All values of a part without a gap."""
+        return cls(
+            np.array((t_ns[:_ENDS], values[:_ENDS]), np.int64),
+            np.array((t_ns[-_ENDS:], values[-_ENDS:]), np.int64),
+        )
+
+    def followed_by(self, later: _Stream) -> _Stream:
+        """Both, one after the other."""
+        first, last = self.first, later.last
+        if not self.interrupted:
+            first = np.concatenate((first, later.first), axis=1)[:, :_ENDS]
+        if not later.interrupted:
+            last = np.concatenate((self.last, last), axis=1)[:, -_ENDS:]
+        return _Stream(first, last, self.interrupted or later.interrupted)
+
+    def interrupt(self) -> _Stream:
+        """The stream with a gap after it."""
+        return _Stream(self.first, _NO_VALUES, interrupted=True)
+
+
+def _events_between(name: str, before: _Stream, after: _Stream) -> tuple[Ints, Ints, Ints]:
+    """Times, values and grades of the events that neither of two adjacent parts has alone."""
+    grades = _GRADES[name.split(" ", 1)[0]]
+    joint = np.concatenate((before.last, after.first), axis=1)
+    found = grades(*joint)
+    known = np.concatenate((grades(*before.last), grades(*after.first)))
+    new = found != known
+    return joint[0, new], joint[1, new], found[new]
+
+
+def _count_hits(batch: Batch, name: str, rows: Ints, values: Ints, grades: Ints) -> None:
+    """Count the events of a stream, which are these rows of the batch."""
+    kind = name.split(" ", 1)[0]
+    if kind in _GRADED:
+        for grade in np.unique(grades).tolist():
+            batch.events(f"{name} {grade}", rows[grades == grade])
+        return
+    batch.events(name, rows)
+    if kind == "error":
+        raised = int(np.bitwise_or.reduce(values)) if len(values) else 0
+        for bit in range(raised.bit_length()):
+            if raised >> bit & 1:
+                batch.count(f"{name} bit {bit}", rows[values >> bit & 1 == 1])
 
 
 class Events(Model):
     """Counts the events of all causes; rows must have facts."""
 
     def __init__(self) -> None:
-        self.windows = Windows()
+        self._windows = Windows()
+        self._ports: dict[str, Windows] = {}
+        self._port_events: list[PortEvent] = []
+        """Ports that were lost, and found again."""
+        self._streams: dict[str, _Stream] = {}
+        self._interrupted = False
+        """Whether rows are missing somewhere."""
+        self._waiting: list[Rows] = []
+
+    @property
+    def windows(self) -> Windows:
         """What is about motors."""
-        self.ports: dict[str, Windows] = {}
-        self.lost: list[tuple[str, int, int | None]] = []
+        self._count_waiting()
+        return self._windows
+
+    @property
+    def ports(self) -> dict[str, Windows]:
+        """What is about each port."""
+        self._count_waiting()
+        return self._ports
+
+    @property
+    def lost(self) -> list[tuple[str, int, int | None]]:
         """Ports that were lost: from when, and until when."""
-        self.bytes: dict[tuple[str, int], int] = {}
-        """By flag and motor, the bits that were raised."""
-        self._carried = _Carried()
+        found: list[tuple[str, int, int | None]] = []
+        open_at: dict[str, int] = {}
+        for event in self._port_events:
+            if event.kind is PortEventKind.LOST:
+                open_at.setdefault(event.port, len(found))
+                found.append((event.port, event.t_ns, None))
+            elif event.port in open_at:
+                at = open_at.pop(event.port)
+                found[at] = (*found[at][:2], event.t_ns)
+        return found
 
     def since(self, first_ns: int) -> Events:
         """The events from a time on."""
         found = Events()
-        found.windows = self.windows.since(first_ns)
-        found.ports = {port: one.since(first_ns) for port, one in self.ports.items()}
-        found.lost = [one for one in self.lost if one[2] is None or one[2] >= first_ns]
-        found.bytes = self.bytes
+        found._windows = self.windows.since(first_ns)
+        found._ports = {port: one.since(first_ns) for port, one in self.ports.items()}
+        lost = {port for port, _, end in self.lost if end is None or end >= first_ns}
+        found._port_events = [one for one in self._port_events if one.port in lost]
         return found
 
     def interrupt(self) -> None:
         """Rows are missing here."""
-        self._carried = _Carried()
+        self._count_waiting()
+        self._interrupted = True
+        self._streams = {name: one.interrupt() for name, one in self._streams.items()}
 
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
@@ -226,135 +383,125 @@ class Events(Model):
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Add port events."""
         for event in events:
-            if event.kind is PortEventKind.LOST:
-                self.lost.append((event.port, event.t_ns, None))
-            elif event.kind is PortEventKind.FOUND_AGAIN:
-                for at, (port, start, end) in enumerate(self.lost):
-                    if port == event.port and end is None:
-                        self.lost[at] = port, start, event.t_ns
+            if event.kind in (PortEventKind.LOST, PortEventKind.FOUND_AGAIN):
+                self._port_events.append(event)
             elif event.kind in (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN):
-                t_ns = np.array([event.t_ns])
-                windows = self.ports.setdefault(event.port, Windows())
-                batch = Batch(t_ns, windows.shift)
-                batch.count(event.kind, np.array([0]))
+                windows = self._ports.setdefault(event.port, Windows())
+                batch = Batch(np.array([event.t_ns]), windows.shift)
+                batch.events(event.kind, np.array([0]))
                 windows.add(batch)
 
     def merge(self, later: Events) -> None:
         """Add the rows that follow."""
-        self.windows.merge(later.windows)
-        for port, windows in later.ports.items():
-            self.ports.setdefault(port, Windows()).merge(windows)
-        self.lost += later.lost
-        for key, bits in later.bytes.items():
-            self.bytes[key] = self.bytes.get(key, 0) | bits
-        self.interrupt()
+        self._count_waiting()
+        later._count_waiting()
+        self._windows.merge(later._windows)
+        for port, windows in later._ports.items():
+            self._ports.setdefault(port, Windows()).merge(windows)
+        self._port_events += later._port_events
+        for name in {**self._streams, **later._streams}:
+            self._join(name, later._streams.get(name, _Stream(interrupted=later._interrupted)))
+        self._interrupted |= later._interrupted
+
+    def _join(self, name: str, later: _Stream) -> None:
+        """Add the values of a stream that follow."""
+        before = self._streams.get(name, _Stream(interrupted=self._interrupted))
+        self._streams[name] = before.followed_by(later)
+        t_ns, values, grades = _events_between(name, before, later)
+        if len(t_ns):
+            kind, port = name.split(" ", 1)
+            windows = self._ports[port] if kind == "burst" else self._windows
+            batch = Batch(t_ns, windows.shift)
+            _count_hits(batch, name, np.arange(len(t_ns)), values, grades)
+            windows.add(batch)
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows, which have facts."""
-        timed = rows.timed
-        if not timed.all():
-            rows = rows.select(timed)
+        if len(rows):
+            self._waiting.append(rows)
+        if sum(map(len, self._waiting)) >= _MOST_WAITING:
+            self._count_waiting()
+
+    def _count_waiting(self) -> None:
+        if self._waiting:
+            rows = Rows.concat(self._waiting) if len(self._waiting) > 1 else self._waiting[0]
+            self._waiting = []
+            timed = rows.timed
+            self._count(rows if timed.all() else rows.select(timed))
+
+    def _count(self, rows: Rows) -> None:
         if not len(rows):
             return
+        streams = dict[str, _Stream]()
         for code in rows.counts("port"):
             port = rows.codebook.ports[code]
-            self._count_damage(port, rows, np.flatnonzero(rows.port == code))
-        batch = Batch(rows.t_ns, self.windows.shift)
-        found = motor_rows(rows)
-        asked = rows.unanswered != NO_FACT
-        for motor in MOTORS:
-            commands, feedback = found.commands[motor], found.feedback[motor]
-            own = commands[asked[commands]]
-            batch.count(f"asked {motor}", own)
-            batch.count(f"missed {motor}", own[rows.unanswered[own] >> motor_bit(motor) & 1 == 1])
-            batch.count(f"commands {motor}", commands[np.isin(rows.cmds[commands], ANSWERABLE)])
-            batch.count(f"feedback {motor}", feedback)
-            self._count_delays(batch, rows, commands, motor)
-            self._count_flag(
-                batch, f"error {motor}", feedback, rows.values(Role.ERRORS, feedback), motor
-            )
-            self._count_periods(batch, rows, commands, motor)
-            self._count_values(batch, rows, commands, feedback, motor)
-        batch.count("feedback", found.any_feedback)
-        online = rows.values(Role.ONLINE, found.any_feedback)
-        for motor in MOTORS:
-            missing = ~online >> motor_bit(motor) & 1
-            self._count_flag(batch, f"offline {motor}", found.any_feedback, missing, motor)
-        self.windows.add(batch)
+            streams |= self._count_damage(port, rows, np.flatnonzero(rows.port == code))
+        batch = Batch(rows.t_ns, self._windows.shift)
+        for name, own, values in _counted_motors(batch, rows):
+            streams[name] = _followed(batch, name, own, values)
+        self._windows.add(batch)
+        for name, stream in streams.items():
+            self._join(name, stream)
 
-    def _count_damage(self, port: str, rows: Rows, own: Ints) -> None:
-        windows = self.ports.setdefault(port, Windows())
+    def _count_damage(self, port: str, rows: Rows, own: Ints) -> dict[str, _Stream]:
+        windows = self._ports.setdefault(port, Windows())
         batch = Batch(rows.t_ns[own], windows.shift)
         faults = rows.codebook.faults
         malformed = np.array([status_of(one) is Status.MALFORMED for one in faults])
-        damaged = np.flatnonzero(malformed[rows.faults[own]])
+        is_damaged = malformed[rows.faults[own]]
+        damaged, directions = np.flatnonzero(is_damaged), rows.directions[own]
         batch.count("rows", np.arange(len(own)))
         batch.count("frames", np.flatnonzero(rows.framed[own]))
-        batch.count("commands", np.flatnonzero(rows.directions[own] == _CODES[Direction.CONTROL]))
-        batch.count("feedback", np.flatnonzero(rows.directions[own] == _CODES[Direction.FEEDBACK]))
+        batch.count("commands", np.flatnonzero(directions == _CODES[Direction.CONTROL]))
+        batch.count("feedback", np.flatnonzero(directions == _CODES[Direction.FEEDBACK]))
         if len(damaged):
-            batch.count("damaged", damaged)
-            at, heads = own[damaged], rows.raw[own[damaged], 0]
-            for direction, header in HEADERS.items():
-                batch.count(f"damaged {direction}", damaged[heads == header])
+            at = own[damaged]
+            batch.events("damaged", damaged)
+            for direction, code in _CODES.items():
+                batch.count(f"damaged {direction}", damaged[directions[damaged] == code])
             for motor in MOTORS:
                 batch.count(f"hint {motor}", damaged[rows.motor_hint[at] == motor])
             for code in np.unique(rows.faults[at]).tolist():
                 batch.count(f"fault {faults[code][0]}", damaged[rows.faults[at] == code])
+        name = f"burst {port}"
+        stream = _followed(batch, name, np.arange(len(own)), is_damaged.astype(np.int64))
         windows.add(batch)
+        return {name: stream}
 
-    def _count_delays(self, batch: Batch, rows: Rows, commands: Ints, motor: int) -> None:
-        known = commands[rows.answer_ns[commands] != NO_FACT]
-        known = known[NAMES_MOTOR[rows.kinds[known]]]
-        for code in np.unique(rows.kinds[known]).tolist():
-            own = known[rows.kinds[known] == code]
-            grades = grade_of(rows.answer_ns[own] // DELAY_UNIT_NS)
-            for grade in np.unique(grades).tolist():
-                batch.count(f"delay {motor} {KINDS[code].name} {grade}", own[grades == grade])
 
-    def _count_flag(self, batch: Batch, name: str, at: Ints, values: Ints, motor: int) -> None:
-        """Count frames with a value other than 0, and before them too, as `RUNNING`."""
-        if not len(at):
-            return
-        before = self._carried.raised.get(name, np.zeros(0, np.bool_))
-        raised = np.concatenate((before, values != 0))
-        running = raised[RUNNING - 1 :].copy() if len(raised) >= RUNNING else raised[:0]
-        for by in range(RUNNING - 1):
-            running &= raised[by : by + len(running)]
-        hits = at[len(at) - len(running) :][running[-len(at) :]] if len(running) else at[:0]
-        batch.count(name, hits)
-        if len(hits):
-            bits = int(np.bitwise_or.reduce(values))
-            self.bytes[name, motor] = self.bytes.get((name, motor), 0) | bits
-        self._carried.raised[name] = raised[1 - RUNNING :]
+def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _Stream:
+    """Count the events of the rows of a stream; returns their part of the stream."""
+    t_ns = batch.t_ns[own]
+    grades = _GRADES[name.split(" ", 1)[0]](t_ns, values)
+    hits = np.flatnonzero(grades != _NO_EVENT)
+    if len(hits):
+        _count_hits(batch, name, own[hits], values[hits], grades[hits])
+    return _Stream.of(t_ns, values)
 
-    def _count_periods(self, batch: Batch, rows: Rows, commands: Ints, motor: int) -> None:
-        """Grade how much each period of a stream of commands differs from the one before."""
+
+def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]]:
+    """Count what is about motors; yields the streams, with their rows and values."""
+    found = motor_rows(rows)
+    asked = rows.unanswered != NO_FACT
+    online = rows.values(Role.ONLINE, found.any_feedback)
+    batch.count("feedback", found.any_feedback)
+    for motor in MOTORS:
+        commands, feedback = found.commands[motor], found.feedback[motor]
+        own, bit = commands[asked[commands]], motor_bit(motor)
+        batch.count(f"asked {motor}", own)
+        batch.events(f"missed {motor}", own[rows.unanswered[own] >> bit & 1 == 1])
+        batch.events(f"commands {motor}", commands[np.isin(rows.cmds[commands], ANSWERABLE)])
+        batch.events(f"feedback {motor}", feedback)
+        batch.count(f"free {motor}", commands[~NAMES_MOTOR[rows.kinds[commands]]])
+        _count_delays(batch, rows, commands, motor)
+        if len(feedback):
+            yield f"error {motor}", feedback, rows.values(Role.ERRORS, feedback)
+        if len(found.any_feedback):
+            yield f"offline {motor}", found.any_feedback, ~online >> bit & 1
         for code in np.unique(rows.kinds[commands]).tolist():
-            if not NAMES_MOTOR[code] and motor != MOTORS[0]:
-                continue
-            own = commands[rows.kinds[commands] == code]
-            stream = f"{motor} {KINDS[code].name}"
-            last, before = self._carried.periods.get(stream, (NO_TIME, _NO_PERIOD))
-            times = rows.t_ns[own] if last == NO_TIME else np.append(last, rows.t_ns[own])
-            periods = np.diff(times)
-            every = periods if before == _NO_PERIOD else np.append(before, periods)
-            if len(every) > 1:
-                pairs = np.maximum(every, 1).astype(np.float64)
-                ratios = np.abs(np.log2(pairs[1:] / pairs[:-1]))
-                grades = np.minimum(ratios * RATIO_UNIT, GRADES - 1).astype(np.int64)
-                for grade in np.unique(grades).tolist():
-                    batch.count(
-                        f"ratio {stream} {grade}", own[len(own) - len(grades) :][grades == grade]
-                    )
-            if len(times):
-                self._carried.periods[stream] = int(times[-1]), int(every[-1]) if len(every) else -1
-
-    def _count_values(
-        self, batch: Batch, rows: Rows, commands: Ints, feedback: Ints, motor: int
-    ) -> None:
-        names = NAMES_MOTOR[rows.kinds[commands]]
-        batch.count(f"free {motor}", commands[~names])
+            if NAMES_MOTOR[code] or motor == MOTORS[0]:
+                own = commands[rows.kinds[commands] == code]
+                yield f"ratio {motor} {KINDS[code].name}", own, rows.t_ns[own]
         for role in (Role.SPEED, Role.POSITION):
             for kind in by_role(role, target=True):
                 own = commands[rows.kinds[commands] == KINDS.index(kind)]
@@ -362,27 +509,20 @@ class Events(Model):
             for kind in by_role(role, target=False):
                 own = feedback[rows.kinds[feedback] == KINDS.index(kind)]
                 values = rows.values(role, own)
+                batch.count(f"present {role} {motor}", own)
                 batch.range(f"present {role} {motor}", own, values)
-                self._count_jumps(batch, own, values, f"{role} {motor}")
-
-    def _count_jumps(self, batch: Batch, own: Ints, values: Ints, stream: str) -> None:
-        """Grade how far each value is from both neighbours, where these are near each other."""
-        before = self._carried.values.get(stream, _NO_VALUES)
-        every = np.concatenate((before, values))
-        self._carried.values[stream] = every[-2:]
-        if len(every) < 3:
-            return
-        first, middle, last = every[:-2], every[1:-1], every[2:]
-        off = np.minimum(np.abs(middle - first), np.abs(middle - last))
-        off = np.where(np.abs(last - first) <= off // 4, off, 0)
-        at = own[len(own) - min(len(own), len(off)) :]
-        off = off[len(off) - len(at) :]
-        batch.count(f"steps {stream}", at)
-        for grade in np.unique(grade_of(off[off > _LEAST_JUMP])).tolist():
-            batch.count(
-                f"jump {stream} {grade}", at[(off > _LEAST_JUMP) & (grade_of(off) == grade)]
-            )
+                if len(own):
+                    yield f"jump {role} {motor}", own, values
 
 
-_LEAST_JUMP: Final = 64
+def _count_delays(batch: Batch, rows: Rows, commands: Ints, motor: int) -> None:
+    known = commands[rows.answer_ns[commands] != NO_FACT]
+    known = known[NAMES_MOTOR[rows.kinds[known]]]
+    for code in np.unique(rows.kinds[known]).tolist():
+        own = known[rows.kinds[known] == code]
+        grades = grade_of(rows.answer_ns[own] // DELAY_UNIT_NS)
+        for grade in np.unique(grades).tolist():
+            batch.events(f"delay {motor} {KINDS[code].name} {grade}", own[grades == grade])
+
+
 _CODES: Final = {direction: code for code, direction in enumerate(Direction)}

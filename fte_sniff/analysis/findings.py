@@ -26,14 +26,16 @@ from fte_sniff.analysis.events import (
     DELAY_UNIT_NS,
     GRADES,
     RATIO_UNIT,
+    RUNNING,
     Events,
     Windows,
     by_role,
     least_of,
 )
-from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.facts import MOST_HELD, Facts
 from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.model import RowModel
+from fte_sniff.analysis.model import Model, RowModel
+from fte_sniff.analysis.motors import DEADLINE_NS
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (
@@ -41,11 +43,12 @@ from fte_sniff.protocol import (
     KINDS,
     MOTORS,
     Direction,
+    Fault,
     Gap,
     PortEvent,
     PortEventKind,
 )
-from fte_sniff.protocol.rows import Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
 
 ALPHA: Final = 0.01
@@ -117,6 +120,16 @@ class Finding:
     filter: str
     """Shows its rows."""
     score: float
+
+    @property
+    def about(self) -> str:
+        """Its cause, and the motor if it is about one."""
+        return f"{self.cause}, motor {self.motor}" if self.motor else str(self.cause)
+
+    @property
+    def decided_ns(self) -> tuple[int, int]:
+        """Its span, with the time after it that decides whether its last commands are answered."""
+        return self.first_ns, self.last_ns + DEADLINE_NS
 
     def continues(self, other: Finding) -> bool:
         """Whether it is the other one, after a search among more rows."""
@@ -235,9 +248,51 @@ _WHOLE_DAMAGE: Final = 0.05
 
 _LEAST_EVENTS: Final = 20
 
+_EPISODE_NS: Final = 10_000_000_000
+"""Events that are sure, and no further apart, are of one span."""
 
-_Describe: TypeAlias = Callable[[slice, int, int, float], tuple[TranslatableText, str]]
-"""Sentence and filter of a span, for its windows, its events and rows, and the usual share."""
+_CHANCE: Final = 0.001
+"""Share of rows that bear an event by chance, where one event alone says nothing."""
+
+
+class _Counted(NamedTuple):
+    """The number of events by window, and the times of the first and the last one."""
+
+    events: Ints
+    first_ns: Ints
+    last_ns: Ints
+
+    @classmethod
+    def of(cls, windows: Windows, *names: str) -> _Counted:
+        """The events of one or more columns together."""
+        ranges = [windows.range_of(name) for name in names]
+        return cls(
+            np.sum([windows.count(name) for name in names], axis=0),
+            np.min([low for low, _, _ in ranges], axis=0),
+            np.max([high for _, high, _ in ranges], axis=0),
+        )
+
+
+class _Seen(NamedTuple):
+    """What a series has in a span."""
+
+    own: slice
+    """The windows of the span."""
+    events: int
+    rows: int
+    usual: float
+    first_ns: int
+    last_ns: int
+
+    @property
+    def numbers(self) -> dict[str, object]:
+        """The values that most sentences have."""
+        usual = _usually(self.usual)
+        return {"events": f"{self.events:,}", "rows": f"{self.rows:,}", "usual": usual}
+
+
+_Describe: TypeAlias = Callable[[_Seen], tuple[TranslatableText, str]]
+"""Sentence and filter of a span."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,54 +300,143 @@ class _Series:
     """The counts of one cause by window, and how to describe a span of it."""
 
     cause: Cause
-    events: Ints
+    counted: _Counted
     rows: Ints
+    """By window, the rows that could have been events."""
     describe: _Describe
-    port: str = ""
+    port: str | None = None
+    """None if the ports of `senders` tell it."""
     motor: int | None = None
     kind: str | None = None
-    whole_share: float | None = _WHOLE_SHARE
+    senders: Direction = Direction.CONTROL
+    sure: int = 0
+    """Events that are a finding wherever they are; 0 if their frequency decides."""
+    whole_share: float | None = None
     """Share of events from which on all of them are a finding; None if they never are."""
     least_share: float = 0.02
     """Share of rows that are events in a finding."""
 
 
-def _examined(
-    windows: Windows, series: _Series, first_ns: int, last_ns: int, alpha: float
-) -> Iterator[Finding]:
-    exposed = series.rows > 0
-    spans = spans_of(series.events, exposed, alpha)
-    total = int(series.events.sum())
+def _sure_spans(counted: _Counted, least: int) -> Iterator[tuple[int, int, float]]:
+    """The spans of events that need no comparison, at most `_MOST_SPANS`."""
+    hits = np.flatnonzero(counted.events)
+    pauses = counted.first_ns[hits[1:]] - counted.last_ns[hits[:-1]]
+    longest = np.argsort(-pauses, kind="stable")[: _MOST_SPANS - 1]
+    cuts = np.sort(longest[pauses[longest] > _EPISODE_NS]) + 1
+    for own in np.split(hits, cuts) if len(hits) else ():
+        events = int(counted.events[own].sum())
+        if events >= least:
+            yield int(own[0]), int(own[-1]), -events * log(_CHANCE)
+
+
+def _examined(events: Events, windows: Windows, series: _Series, alpha: float) -> Iterator[Finding]:
+    counted, exposed = series.counted, series.rows > 0
+    if series.sure:
+        spans = list(_sure_spans(counted, series.sure))
+    else:
+        spans = spans_of(counted.events, exposed, alpha)
+    total = int(counted.events.sum())
     outside = np.ones(len(exposed), np.bool_)
     for start, end, _ in spans:
         outside[start : end + 1] = False
     usual_rows = int(series.rows[outside].sum())
-    usual = int(series.events[outside].sum()) / usual_rows if usual_rows else 0.0
+    usual = int(counted.events[outside].sum()) / usual_rows if usual_rows else 0.0
     least = series.whole_share
-    if least is not None and usual >= least and total >= _LEAST_EVENTS and len(exposed):
-        hits = np.flatnonzero(series.events > 0)
+    if least is not None and usual >= least and total >= _LEAST_EVENTS:
+        hits = np.flatnonzero(counted.events)
         spans, usual = [(int(hits[0]), int(hits[-1]), float(total))], 0.0
     for start, end, score in spans:
-        events, rows = (int(one[start : end + 1].sum()) for one in (series.events, series.rows))
-        if events < rows * max(series.least_share, _LEAST_RATIO * usual):
+        own = slice(start, end + 1)
+        inside = int(counted.events[own].sum())
+        rows = int(series.rows[own].sum())
+        too_few = inside < rows * max(series.least_share, _LEAST_RATIO * usual)
+        if too_few and not series.sure:
             continue
-        text, shown = series.describe(slice(start, end + 1), events, rows, usual)
-        first = max(first_ns, int(windows.starts_ns[start]))
-        last = min(last_ns, int(windows.starts_ns[end]) + windows.width_ns - 1)
+        first_ns, last_ns = int(counted.first_ns[own].min()), int(counted.last_ns[own].max())
+        text, shown = series.describe(_Seen(own, inside, rows, usual, first_ns, last_ns))
+        port = series.port
+        if port is None:
+            port = _port_in(events, series.senders, first_ns, last_ns)
         yield Finding(
             series.cause,
-            series.port,
+            port,
             series.motor,
             series.kind,
-            first,
-            last,
-            events,
+            first_ns,
+            last_ns,
+            inside,
             rows,
             round(usual, 6),
             text,
             shown,
             score,
         )
+
+
+_WHAT: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback"}
+"""Columns of the windows of ports, by direction."""
+
+
+def _port_in(events: Events, senders: Direction, first_ns: int, last_ns: int) -> str:
+    """The port with frames of a direction in a span; empty if there are several, or none."""
+    found = []
+    for port, windows in events.ports.items():
+        starts = windows.starts_ns
+        near = (starts <= last_ns) & (starts + windows.width_ns > first_ns)
+        if windows.count(_WHAT[senders])[near].any():
+            found.append(port)
+    return found[0] if len(found) == 1 else ""
+
+
+class _Opening(Model):
+    """The first rows, whose facts depend on rows before them that another model may have."""
+
+    def __init__(self) -> None:
+        self.rows = NO_ROWS
+        """The rows that are not counted, and those after them that decide their facts."""
+        self.count = 0
+        """The number of those that are not counted."""
+        self.is_open = True
+        self._decided = NO_ROWS
+        """Those whose facts are decided, while it is open."""
+
+    def add(self, rows: Rows, known: Rows) -> Rows:
+        """Add the next rows, and those that are decided now; returns those to count."""
+        self.rows = _joined(self.rows, rows)
+        self._decided = known = _joined(self._decided, known)
+        count = _end_of_second(self.rows, 0)
+        end = _end_of_second(self.rows, count)
+        self.is_open = end >= len(self.rows) or len(known) < count
+        if self.is_open:
+            self.count = len(self.rows)
+            return NO_ROWS
+        self.rows, self.count, self._decided = self.rows[: end + 1], count, NO_ROWS
+        return known[count:]
+
+    def after(self, before: Rows) -> _Opening:
+        """The opening of more rows, which begin with others."""
+        found = self.copy()
+        found.rows, found.count = _joined(before, self.rows), len(before) + self.count
+        return found
+
+    def with_facts(self, facts: Facts, waiting: int) -> Rows:
+        """The rows that `facts` lets wait, and those that are not counted, with their facts."""
+        return _joined(facts.feed(self.rows), facts.interrupt())[: waiting + self.count]
+
+
+def _joined(*parts: Rows) -> Rows:
+    return Rows.concat([one for one in parts if len(one)] or [NO_ROWS])
+
+
+def _end_of_second(rows: Rows, start: int) -> int:
+    """The first index of rows that no fact of the row at `start` depends on."""
+    later = rows.t_ns[start:]
+    timed = later[later != NO_TIME]
+    if len(timed):
+        beyond = np.flatnonzero(later > timed[0] + DEADLINE_NS)
+        if len(beyond):
+            return start + min(int(beyond[0]), MOST_HELD)
+    return start + min(len(later), MOST_HELD)
 
 
 class Findings(RowModel):
@@ -304,8 +448,11 @@ class Findings(RowModel):
     def __init__(self) -> None:
         self.total = RowCount()
         self.frames = 0
-        self.events = Events()
+        self._events = Events()
         self._facts: Facts | None = Facts()
+        self._waiting = 0
+        """Rows whose facts are not decided."""
+        self._opening = _Opening()
 
     @classmethod
     def of_facts(cls) -> Self:
@@ -316,42 +463,69 @@ class Findings(RowModel):
 
     def observe_change(self, change: Gap | BaudChange) -> None:
         """Apply a change before the next rows."""
-        if isinstance(change, Gap):
-            self._settle(change)
-        self.events.observe_change(change)
-
-    def _settle(self, gap: Gap | None = None) -> None:
-        if self._facts is not None:
-            rows = self._facts.interrupt(gap)
-            if len(rows):
-                self.events.observe(rows)
+        if isinstance(change, Gap) and self._facts is not None:
+            known, self._waiting = self._facts.interrupt(change), 0
+            if not self._opening.is_open:
+                self._events.observe(known)
+            self._opening.is_open = False
+        self._events.observe_change(change)
 
     def _observe(self, rows: Rows) -> None:
         self.total.observe(rows)
         self.frames += rows.counts("framed").get(True, 0)
-        known = rows if self._facts is None else self._facts.feed(rows)
-        if len(known):
-            self.events.observe(known)
+        self._count(rows)
+
+    def _count(self, rows: Rows) -> None:
+        if self._facts is None:
+            self._events.observe(rows)
+            return
+        known = self._facts.feed(rows)
+        self._waiting += len(rows) - len(known)
+        if self._opening.is_open:
+            known = self._opening.add(rows, known)
+        self._events.observe(known)
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Add port events."""
-        self.events.observe_events(events)
+        self._events.observe_events(events)
 
     def merge(self, later: Self) -> None:
-        """Add the rows that follow; no event spans the boundary."""
-        self._settle()
-        later._settle()
+        """Add the rows that follow, as if they had been observed here."""
         self.total.merge(later.total)
         self.frames += later.frames
-        self.events.merge(later.events)
+        if self._facts is not None and later._facts is not None:
+            if later._opening.is_open:
+                self._count(later._opening.rows)
+            else:
+                self._follow(later._opening, later._facts, later._waiting)
+        self._events.merge(later._events)
+
+    def _follow(self, opening: _Opening, facts: Facts, waiting: int) -> None:
+        """Continue with the facts of the rows that follow, of which all but some are counted."""
+        if self._opening.is_open:
+            self._opening = opening.after(self._opening.rows)
+        elif self._facts is not None:
+            self._events.observe(opening.with_facts(self._facts, self._waiting))
+        self._facts, self._waiting = facts.copy(), waiting
+
+    @property
+    def events(self) -> Events:
+        """The events of all rows; rows may follow."""
+        if self._facts is None:
+            return self._events
+        found = Events()
+        found.observe(self._opening.with_facts(Facts(), 0))
+        found.merge(self._events)
+        if not self._opening.is_open:
+            found.observe(self._facts.copy().interrupt())
+        return found
 
     def found(self, alpha: float = ALPHA) -> list[Finding]:
-        """The findings, best first."""
-        self._settle()
+        """The findings, best first; rows may follow."""
         return self._found_in(self.events, alpha)
 
     def recent(self, since_ns: int, alpha: float = ALPHA) -> list[Finding]:
-        """The findings in the rows from a time on, for a capture that runs; rows may follow."""
+        """The findings in the rows from a time on; rows may follow."""
         return self._found_in(self.events.since(since_ns), alpha)
 
     def found_and_recent(self, recent_ns: int) -> tuple[list[Finding], list[Finding]]:
@@ -360,7 +534,7 @@ class Findings(RowModel):
         What is rare in hours may stand out in the last minutes, and the other way round. With a
         time of 0 there are only those about all rows. More rows may follow.
         """
-        found = self._found_in(self.events, ALPHA)
+        found = self.found()
         last_ns = self.total.last_ns
         if not recent_ns or last_ns is None:
             return found, []
@@ -370,11 +544,10 @@ class Findings(RowModel):
     def _found_in(self, events: Events, alpha: float) -> list[Finding]:
         if self.total.times is None or not self.frames:
             return []
-        return _ranked(list(_all_of(events, *self.total.times, alpha)))
+        return _ranked(list(_all_of(events, self.total.times[1], alpha)))
 
     def not_covered(self) -> dict[str, TranslatableText]:
         """By cause, why it could not be examined."""
-        self._settle()
         if not self.total.rows:
             return dict.fromkeys(self.CAUSES, TranslatableText("there is no row"))
         if not self.frames:
@@ -440,15 +613,16 @@ def _ports_with(events: Events, what: str) -> list[str]:
     return sorted((port for port, count in counts.items() if count), key=lambda port: -counts[port])
 
 
-def _all_of(events: Events, first_ns: int, last_ns: int, alpha: float) -> Iterator[Finding]:
+def _all_of(events: Events, last_ns: int, alpha: float) -> Iterator[Finding]:
     yield from _lost_ports(events, last_ns)
+    several = len(events.ports) > 1
     for port, windows in events.ports.items():
-        for series in _port_series(port, windows):
-            yield from _examined(windows, series, first_ns, last_ns, alpha)
+        for series in _port_series(port, windows, several=several):
+            yield from _examined(events, windows, series, alpha)
     uncovered = dict(_uncovered(events))
-    for series in _motor_series(events):
+    for series in _motor_series(events.windows):
         if series.cause not in uncovered:
-            yield from _examined(events.windows, series, first_ns, last_ns, alpha)
+            yield from _examined(events, events.windows, series, alpha)
 
 
 def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
@@ -464,46 +638,56 @@ def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
         )
 
 
-_PORT_EVENTS: Final = {
-    PortEventKind.LINE_ERROR: TranslatableText("the UART reported errors"),
-    PortEventKind.OVERRUN: TranslatableText("bytes were lost, since they were read too late"),
-}
+_PORT_EVENTS: Final = (
+    (PortEventKind.LINE_ERROR, TranslatableText("the UART reported errors"), Fault.LINE_ERROR, 3),
+    (
+        PortEventKind.OVERRUN,
+        TranslatableText("bytes were lost, since they were read too late"),
+        "",
+        1,
+    ),
+)
+"""What happened, the filter of its rows, and how often at least it is a finding.
+
+A few line errors alone may come from a plug.
+"""
 
 
-def _port_series(port: str, windows: Windows) -> Iterator[_Series]:
-    rows, damaged = windows.count("rows"), windows.count("damaged")
+def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Series]:
+    rows = windows.count("rows")
+    own_port = "port = '{}'".format(port.replace("'", "''")) if several else ""
 
-    def of_damage(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
-        motor = _prevailing(windows, own, "hint", MOTORS)
-        fault = _prevailing(windows, own, "fault", FAULT_MEANINGS, 0.0)
-        direction = _prevailing(windows, own, "damaged", Direction)
-        of_rows = TranslatableText(
-            "{events} of {rows} rows are damaged; {usual}", **_numbers(events, rows, usual)
-        )
+    def of_damage(seen: _Seen) -> tuple[TranslatableText, str]:
+        motor = _prevailing(windows, seen, "hint", MOTORS)
+        fault = _prevailing(windows, seen, "fault", FAULT_MEANINGS, 0.0)
+        direction = _prevailing(windows, seen, "damaged", Direction)
+        bursts = seen.events - int(windows.count(f"burst {port}")[seen.own].sum())
+        text = TranslatableText("{events} of {rows} rows are damaged; {usual}", **seen.numbers)
+        if 2 * bursts <= seen.events:
+            text = TranslatableText("{text}; in {bursts} bursts", text=text, bursts=f"{bursts:,}")
         mostly = [fault, direction] if direction else [fault]
         if motor:
             mostly.append(TranslatableText("motor {motor}", motor=motor))
         what = listed(mostly)
-        text = TranslatableText("{text}; mostly {what}", text=of_rows, what=what)
-        hint = f" AND motor_hint = {motor}" if motor else ""
-        return text, f"malformed{hint}"
+        hint = f"motor_hint = {motor}" if motor else ""
+        shown = " AND ".join(filter(None, ("malformed", hint, own_port)))
+        return TranslatableText("{text}; mostly {what}", text=text, what=what), shown
 
+    damaged = _Counted.of(windows, "damaged")
     yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port, whole_share=_WHOLE_DAMAGE)
-    for kind, meaning in _PORT_EVENTS.items():
-        counts = windows.count(kind)
-
-        of_port = _sentence("{meaning}, {events} times", "line_error", meaning=meaning)
-        exposed = np.maximum((rows > 0).astype(np.int64), counts)
-        yield _Series(Cause.PORT, counts, exposed, of_port, port, whole_share=None, least_share=0.0)
+    for kind, meaning, shown, least in _PORT_EVENTS:
+        own_filter = " AND ".join(filter(None, (shown, own_port)))
+        describe = _sentence("{meaning}, {events} times", own_filter, meaning=meaning)
+        yield _Series(Cause.PORT, _Counted.of(windows, kind), rows, describe, port, sure=least)
 
 
 def _prevailing(
-    windows: Windows, own: slice, of: str, names: Iterable[object], least: float = 0.8
+    windows: Windows, seen: _Seen, of: str, names: Iterable[object], least: float = 0.8
 ) -> str:
-    """The name that most of the counted rows have; empty if too few have the same."""
-    counts = {str(name): int(windows.count(f"{of} {name}")[own].sum()) for name in names}
+    """The name that most of the events have; empty if too few have the same."""
+    counts = {str(name): int(windows.count(f"{of} {name}")[seen.own].sum()) for name in names}
     best = max(counts, key=lambda name: counts[name])
-    return best if counts[best] > least * sum(counts.values()) else ""
+    return best if counts[best] > least * seen.events else ""
 
 
 def _usually(usual: float) -> TranslatableText:
@@ -512,62 +696,52 @@ def _usually(usual: float) -> TranslatableText:
     return TranslatableText("usually {percent} %", percent=f"{100 * usual:.2g}")
 
 
-def _numbers(events: int, rows: int, usual: float) -> dict[str, object]:
-    """The values that most sentences have."""
-    return {"events": f"{events:,}", "rows": f"{rows:,}", "usual": _usually(usual)}
-
-
 def _sentence(form: str, shown: str, **values: object) -> _Describe:
-    """A sentence of `_numbers` and these values, and the filter of its rows."""
+    """A sentence of the numbers of a span and these values, and the filter of its rows."""
 
-    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
-        return TranslatableText(form, **_numbers(events, rows, usual), **values), shown
+    def describe(seen: _Seen) -> tuple[TranslatableText, str]:
+        return TranslatableText(form, **seen.numbers, **values), shown
 
     return describe
 
 
-def _motor_series(events: Events) -> Iterator[_Series]:
-    senders, answerers = (_ports_with(events, what) for what in ("commands", "feedback"))
-    sender, answerer = (one[0] if one else "" for one in (senders, answerers))
-    windows = events.windows
+def _motor_series(windows: Windows) -> Iterator[_Series]:
     for motor in MOTORS:
-        yield _unanswered(windows, motor, sender)
-        yield from _late(windows, motor, sender)
-        yield from _flags(events, motor, answerer)
-        yield from _off_target(windows, motor, answerer)
-        yield from _jumps(windows, motor, answerer)
-    yield from _silences(windows, answerer)
-    yield from _irregular(windows, sender)
+        yield _unanswered(windows, motor)
+        yield from _late(windows, motor)
+        yield from _flags(windows, motor)
+        yield from _off_target(windows, motor)
+        yield from _jumps(windows, motor)
+        yield from _silences(windows, motor)
+    yield from _irregular(windows)
 
 
 _MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 
 
-def _unanswered(windows: Windows, motor: int, port: str) -> _Series:
-    asked, missed = windows.count(f"asked {motor}"), windows.count(f"missed {motor}")
-
-    def describe(own: slice, events: int, rows: int, usual: float) -> tuple[TranslatableText, str]:
-        share = TranslatableText("usually {percent} %", percent=f"{100 * (1 - usual):.3g}")
+def _unanswered(windows: Windows, motor: int) -> _Series:
+    def describe(seen: _Seen) -> tuple[TranslatableText, str]:
+        share = TranslatableText("usually {percent} %", percent=f"{100 * (1 - seen.usual):.3g}")
         text = TranslatableText(
             "motor {motor} answered {answered} of {rows} commands; {usual}",
             motor=motor,
-            answered=f"{rows - events:,}",
-            rows=f"{rows:,}",
-            usual=TranslatableText("usually all") if usual < 0.0005 else share,
+            answered=f"{seen.rows - seen.events:,}",
+            rows=f"{seen.rows:,}",
+            usual=TranslatableText("usually all") if seen.usual < 0.0005 else share,
         )
         own_filter = f"{_MOTOR} = {motor}"
-        if windows.count(f"free {motor}")[own].any():
+        if windows.count(f"free {motor}")[seen.own].any():
             own_filter = f"({own_filter} OR {_MOTOR} IS NULL)"
         return text, f"unanswered AND {own_filter}"
 
-    return _Series(Cause.UNANSWERED, missed, asked, describe, port, motor)
+    missed, asked = _Counted.of(windows, f"missed {motor}"), windows.count(f"asked {motor}")
+    return _Series(Cause.UNANSWERED, missed, asked, describe, motor=motor, whole_share=_WHOLE_SHARE)
 
 
-def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+def _late(windows: Windows, motor: int) -> Iterator[_Series]:
     for kind in KINDS:
-        grades = np.array(
-            [windows.count(f"delay {motor} {kind.name} {one}") for one in range(GRADES)]
-        )
+        names = [f"delay {motor} {kind.name} {grade}" for grade in range(GRADES)]
+        grades = np.array([windows.count(name) for name in names])
         total = grades.sum(axis=1)
         if total.sum() < _LEAST_EVENTS:
             continue
@@ -575,95 +749,116 @@ def _late(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         for grade in range(median + 2, min(median + 8, GRADES)):
             if not total[grade:].sum():
                 continue
-            limit = least_of(grade) * DELAY_UNIT_NS / 1e6
-            usual_ms = least_of(median) * DELAY_UNIT_NS / 1e6
+            limit, usual_ms = (least_of(one) * DELAY_UNIT_NS / 1e6 for one in (grade, median))
             describe = _sentence(
                 "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
                 " usually about {usual_ms} ms",
-                f"answer_ms >= {limit:.3f} AND {_MOTOR} = {motor}",
+                f"answer_ms >= {limit:g} AND kind = '{kind.name}' AND {_MOTOR} = {motor}",
                 motor=motor,
                 kind=kind.name,
-                limit=f"{limit:.3g}",
+                limit=f"{limit:g}",
                 usual_ms=f"{usual_ms:.2g}",
             )
-            late, rows = grades[grade:].sum(axis=0), grades.sum(axis=0)
             yield _Series(
                 Cause.LATE,
-                late,
-                rows,
+                _Counted.of(windows, *names[grade:]),
+                grades.sum(axis=0),
                 describe,
-                port,
-                motor,
-                kind.name,
-                whole_share=None,
+                motor=motor,
+                kind=kind.name,
                 least_share=0.05,
             )
 
 
-def _flags(events: Events, motor: int, port: str) -> Iterator[_Series]:
-    windows = events.windows
+def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
     feedback, any_feedback = windows.count(f"feedback {motor}"), windows.count("feedback")
     errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
 
-    of_error = _sentence(
-        "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
-        f"{_MOTOR} = {motor} AND {errors} != 0",
-        motor=motor,
-        bits=f"{events.bytes.get((f'error {motor}', motor), 0):02X}",
-    )
+    def of_error(seen: _Seen) -> tuple[TranslatableText, str]:
+        bits = sum(
+            1 << bit
+            for bit in range(8)
+            if windows.count(f"error {motor} bit {bit}")[seen.own].any()
+        )
+        text = TranslatableText(
+            "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
+            **seen.numbers,
+            motor=motor,
+            bits=f"{bits:02X}",
+        )
+        return text, f"{_MOTOR} = {motor} AND {errors} != 0"
+
     of_online = _sentence(
         "motor {motor} was not ONLINE in {events} of {rows} frames; {usual}",
         f"{online} & {1 << motor_bit(motor)} = 0",
         motor=motor,
     )
-    yield _Series(
-        Cause.ERROR_FLAG, windows.count(f"error {motor}"), feedback, of_error, port, motor
-    )
     exposed = np.where(feedback.any(), any_feedback, 0)
-    offline = windows.count(f"offline {motor}")
-    yield _Series(Cause.OFFLINE, offline, exposed, of_online, port, motor)
+    for cause, rows, describe in (
+        (Cause.ERROR_FLAG, feedback, of_error),
+        (Cause.OFFLINE, exposed, of_online),
+    ):
+        name = "error" if cause is Cause.ERROR_FLAG else "offline"
+        counted = _Counted.of(windows, f"{name} {motor}")
+        if rows.any():
+            yield _Series(
+                cause,
+                counted,
+                rows,
+                describe,
+                motor=motor,
+                senders=Direction.FEEDBACK,
+                sure=RUNNING,
+            )
 
 
 _EXPECTED: Final = 6
 """Feedback of a motor in a window from which on its absence is silence."""
 
 
-def _silences(windows: Windows, port: str) -> Iterator[_Series]:
-    """Windows without feedback of a motor, in which commands went on."""
-    commands = sum(windows.count(f"commands {motor}") for motor in MOTORS)
-    for motor in MOTORS:
-        feedback = windows.count(f"feedback {motor}")
-        active = np.asarray(commands) > 0
-        if not feedback.any() or not active.any():
-            continue
-        usual = (
-            float(np.median(feedback[active & (feedback > 0)]))
-            if (active & (feedback > 0)).any()
-            else 0
-        )
-        width = max(1, -(-_EXPECTED // max(1, int(usual))))
-        recent = np.convolve(feedback, np.ones(width), "full")[: len(feedback)]
-        silent = active & (recent < 0.5)
+def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
+    """Windows without feedback of a motor, in which commands to it went on."""
+    commands = _Counted.of(windows, f"commands {motor}")
+    feedback = _Counted.of(windows, f"feedback {motor}")
+    active, answers = commands.events > 0, feedback.events > 0
+    if not (active & answers).any():
+        return
+    usual = max(1, int(np.median(feedback.events[active & answers])))
+    width = max(1, -(-_EXPECTED // usual))
+    recent = np.convolve(feedback.events, np.ones(width), "full")[: len(answers)]
+    silent = active & (recent < 0.5)
 
-        def describe(
-            own: slice, events: int, rows: int, usual: float, motor: int = motor
-        ) -> tuple[TranslatableText, str]:
-            text = TranslatableText(
-                "motor {motor} sent no feedback for {seconds} s while commands went on",
-                motor=motor,
-                seconds=f"{events * windows.width_ns / 1e9:.0f}",
-            )
-            return text, f"{_MOTOR} = {motor}"
-
-        yield _Series(
-            Cause.SILENCE,
-            silent.astype(np.int64),
-            active.astype(np.int64),
-            describe,
-            port,
-            motor,
-            least_share=0.3,
+    def describe(seen: _Seen) -> tuple[TranslatableText, str]:
+        seconds = seen.events * windows.width_ns
+        if seen.events == seen.rows:
+            seconds = seen.last_ns - seen.first_ns
+        text = TranslatableText(
+            "motor {motor} sent no feedback for {seconds} s while commands went on",
+            motor=motor,
+            seconds=f"{seconds / 1e9:.0f}",
         )
+        return text, f"{_MOTOR} = {motor}"
+
+    # It begins with the last feedback, unless the host paused meanwhile; and ends with the next.
+    near = (width + 1) * windows.width_ns
+    before = np.maximum.accumulate(feedback.last_ns)
+    after = np.minimum.accumulate(feedback.first_ns[::-1])[::-1]
+    first_ns, last_ns = commands.first_ns, commands.last_ns
+    starts = windows.starts_ns
+    counted = _Counted(
+        silent.astype(np.int64),
+        np.where(before > starts - near, before, first_ns),
+        np.where(after < starts + windows.width_ns + near, after, last_ns),
+    )
+    yield _Series(
+        Cause.SILENCE,
+        counted,
+        active.astype(np.int64),
+        describe,
+        motor=motor,
+        whole_share=_WHOLE_SHARE,
+        least_share=0.3,
+    )
 
 
 _SETTLES: Final = 3
@@ -678,10 +873,11 @@ def _recent(values: Ints, known: Bools, width: int) -> Ints:
     return found
 
 
-def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+def _off_target(windows: Windows, motor: int) -> Iterator[_Series]:
     """Windows in which all present values are outside of the range of the recent targets."""
     if len(windows) <= _SETTLES:
         return
+    feedback = _Counted.of(windows, f"feedback {motor}")
     for role in (Role.SPEED, Role.POSITION):
         low, high, asked = windows.range_of(f"target {role} {motor}")
         least, greatest, known = windows.range_of(f"present {role} {motor}")
@@ -706,13 +902,12 @@ def _off_target(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         kinds = by_role(role, target=True)
         yield _Series(
             Cause.OFF_TARGET,
-            off.astype(np.int64),
+            _Counted(off.astype(np.int64), feedback.first_ns, feedback.last_ns),
             exposed.astype(np.int64),
             describe,
-            port,
-            motor,
-            kinds[0].name if kinds else None,
-            whole_share=None,
+            motor=motor,
+            kind=kinds[0].name if kinds else None,
+            senders=Direction.FEEDBACK,
             least_share=0.3,
         )
 
@@ -721,11 +916,11 @@ _TOLERANCE: Final = {Role.SPEED: 15, Role.POSITION: 50}
 """How near a value is to its target at least, RPM and pulses."""
 
 
-def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
+def _jumps(windows: Windows, motor: int) -> Iterator[_Series]:
     for role in (Role.SPEED, Role.POSITION):
-        stream = f"{role} {motor}"
-        grades = np.array([windows.count(f"jump {stream} {one}") for one in range(GRADES)])
-        if not grades.any():
+        names = [f"jump {role} {motor} {grade}" for grade in range(GRADES)]
+        counted = _Counted.of(windows, *names)
+        if not counted.events.any():
             continue
         describe = _sentence(
             "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
@@ -737,17 +932,16 @@ def _jumps(windows: Windows, motor: int, port: str) -> Iterator[_Series]:
         kinds = by_role(role, target=False)
         yield _Series(
             Cause.JUMP,
-            grades.sum(axis=0),
-            windows.count(f"steps {stream}"),
+            counted,
+            windows.count(f"present {role} {motor}"),
             describe,
-            port,
-            motor,
-            kinds[0].name if kinds else None,
-            whole_share=None,
+            motor=motor,
+            kind=kinds[0].name if kinds else None,
+            senders=Direction.FEEDBACK,
         )
 
 
-def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
+def _irregular(windows: Windows) -> Iterator[_Series]:
     """Periods of commands that differ from the one before by half an octave, or by one."""
     prefix = "ratio "
     streams = {
@@ -756,7 +950,7 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
         if name.startswith(prefix)
     }
     for stream in sorted(streams):
-        grades = np.array([windows.count(f"{prefix}{stream} {one}") for one in range(GRADES)])
+        names = [f"{prefix}{stream} {grade}" for grade in range(GRADES)]
         number, name = stream.split(" ", 1)
         kind = next(one for one in KINDS if one.name == name)
         motor = int(number) if kind.names_motor else None
@@ -776,16 +970,13 @@ def _irregular(windows: Windows, port: str) -> Iterator[_Series]:
                 motor=motor,
             )
         for octaves in (0.5, 1.0):
-            events = grades[int(octaves * RATIO_UNIT) :].sum(axis=0)
             yield _Series(
                 Cause.IRREGULAR_COMMANDS,
-                events,
-                grades.sum(axis=0),
+                _Counted.of(windows, *names[int(octaves * RATIO_UNIT) :]),
+                _Counted.of(windows, *names).events,
                 describe,
-                port,
-                motor,
-                name,
-                whole_share=None,
+                motor=motor,
+                kind=name,
                 least_share=0.1,
             )
 

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
-from fte_sniff.analysis.findings import Findings
+from fte_sniff.analysis.findings import Finding, Findings
 from fte_sniff.analysis.model import Ends, Model
 from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
 from fte_sniff.analysis.tally import RowCount
@@ -244,6 +244,10 @@ class Measure(Model, ABC):
     @abstractmethod
     def value(self, total: RowCount) -> float | None:
         """The measure, in its unit; None if it has no value. `total` counts all rows."""
+
+    def finding(self) -> Finding | None:
+        """The best finding that the rule counts, if it counts findings."""
+        return None
 
     def interrupt(self, port_lost: bool | None = None) -> None:
         """Rows are missing here; see `Gap.port_lost`."""
@@ -725,10 +729,18 @@ class _FindingCount(Measure):
         missing = self._findings.not_covered()
         if self._cause in missing or len(missing) == len(Findings.CAUSES):
             return None
-        return sum(
-            self._cause in ("", one.cause) and self._motor in (None, one.motor or self._motor)
+        return len(self._counted())
+
+    def _counted(self) -> list[Finding]:
+        return [
+            one
             for one in self._findings.found()
-        )
+            if self._cause in ("", one.cause) and self._motor in (None, one.motor or self._motor)
+        ]
+
+    def finding(self) -> Finding | None:
+        """The best finding that the rule counts."""
+        return next(iter(self._counted()), None)
 
 
 MEASURES: Final[Mapping[str, MeasureKind]] = {

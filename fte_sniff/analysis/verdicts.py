@@ -14,6 +14,7 @@ from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.findings import Finding
 from fte_sniff.analysis.measures import RowPosition, Rule
 from fte_sniff.analysis.model import RowModel
 from fte_sniff.analysis.tally import RowCount
@@ -46,6 +47,8 @@ class Verdict:
     """What the measure needs to have a value, if the rows lack it."""
     filter: str = ""
     """A filter for rows as the one that is shown; empty for all."""
+    finding: Finding | None = None
+    """The best finding that a failed rule counts."""
 
     @property
     def refuses(self) -> bool:
@@ -161,7 +164,8 @@ class RuleCheck(RowModel):
             else:
                 row = measure.row
                 shown = _filter_of(measure.conditions(), row)
-                found.append(Verdict(rule, value, RuleResult.FAIL, row, filter=shown))
+                finding = measure.finding()
+                found.append(Verdict(rule, value, RuleResult.FAIL, row, "", shown, finding))
         return found
 
     def _without_value(self, rule: Rule) -> RuleResult:

@@ -18,11 +18,12 @@ from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.protocol import Status, iso_time, spaced_hex
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.session.stats_json import MOTOR
+from fte_sniff.session.stats_json import MOTOR, finding_json
 
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.measures import RowPosition, Rule
     from fte_sniff.analysis.verdicts import RuleCheck, Verdict
     from fte_sniff.session.input_reading import InputReading
@@ -74,7 +75,7 @@ def print_verdicts(check: RuleCheck, form: str, reading: InputReading, query: In
 def verdict_lines(
     verdicts: Sequence[Verdict], width: int | None, *, query: InputQuery, zone: tzinfo = UTC
 ) -> Iterator[Text]:
-    """A line for each rule; below it the first row that violates it, or what the rule needs.
+    """A line for each rule; below it the row or finding that violates it, or what the rule needs.
 
     The inputs of `query` have the rows. The lines of a row are longer than `width` if need be.
     """
@@ -94,8 +95,10 @@ def verdict_lines(
         yield line
         if one.row is not None:
             yield Text(f"    first {_row_text(one.row, query, zone)}", overflow="ignore")
-            if command := _view_command(one, query):
-                yield Text(f"    {printable(command)}", overflow="ignore")
+        if one.finding is not None:
+            yield Text(f"    {printable(_finding_text(one.finding, zone))}", overflow="ignore")
+        if command := _view_command(one, query):
+            yield Text(f"    {printable(command)}", overflow="ignore")
         if one.needs:
             yield Text(f"    needs {one.needs}")
 
@@ -128,10 +131,22 @@ def _row_text(row: RowPosition, query: InputQuery, zone: tzinfo) -> str:
     return found if is_only or not row.file else f"in {printable(row.file)} {found}"
 
 
+def _finding_text(one: Finding, zone: tzinfo) -> str:
+    first, last = (iso_time(t_ns, zone)[:19] for t_ns in (one.first_ns, one.last_ns))
+    return f"{one.about}, {first} to {last}: {one.text}"
+
+
 def _view_command(verdict: Verdict, query: InputQuery) -> str:
-    """The command that shows the row of a verdict; empty for rows that cannot be read again."""
+    """The command that shows the row, or the finding, of a verdict.
+
+    Empty without one, and for rows that cannot be read again.
+    """
     row, files = verdict.row, query.files
-    if row is None or not files or STDIN in files:
+    if not files or STDIN in files:
+        return ""
+    if (found := verdict.finding) is not None:
+        return query.view_command(found.decided_ns, found.filter)
+    if row is None:
         return ""
     own = replace(query, files=(Path(row.file),) if row.file else files)
     span_ns = None if _time(row) is None else (row.t_ns, row.t_ns)
@@ -161,7 +176,7 @@ def _object(
 
 
 def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
-    rule, row = verdict.rule, verdict.row
+    rule, row, found = verdict.rule, verdict.row, verdict.finding
     return {
         "name": rule.name,
         "expect": rule.expect,
@@ -173,6 +188,7 @@ def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
         "number": rule.number,
         "needs": verdict.needs or None,
         "row": row and {**_row(row), "view": _view_command(verdict, query) or None},
+        "finding": found and {**finding_json(found), "view": _view_command(verdict, query) or None},
     }
 
 
@@ -200,6 +216,8 @@ def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, query: InputQu
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
                 details += f"; first {_row_text(one.row, query, reading.source.zone)}"
+            if one.finding is not None:
+                details += f"; {_finding_text(one.finding, reading.source.zone)}"
             details += _needs(one)
             failure = ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
             failure.text = _xml(_view_command(one, query)) or None

@@ -13,7 +13,7 @@ from fte_sniff.cli.measuring import jobs_options, measure
 from fte_sniff.cli.output import print_json
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import iso_time
-from fte_sniff.session.stats_json import MOTOR
+from fte_sniff.session.stats_json import finding_json
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding, Findings
@@ -75,23 +75,6 @@ def findings_json(findings: Findings, found: Sequence[Finding]) -> dict[str, Any
     }
 
 
-def finding_json(one: Finding) -> dict[str, Any]:
-    """One finding as an object."""
-    return {
-        "cause": one.cause,
-        "port": one.port,
-        MOTOR: one.motor,
-        "kind": one.kind,
-        "first": iso_time(one.first_ns),
-        "last": iso_time(one.last_ns),
-        "events": one.events,
-        "rows": one.rows,
-        "usual": one.usual,
-        "text": one.text,
-        "filter": one.filter,
-    }
-
-
 def _lines(
     findings: Findings, found: Sequence[Finding], query: InputQuery, zone: tzinfo
 ) -> Iterator[str]:
@@ -100,9 +83,8 @@ def _lines(
         first, last = (iso_time(t_ns, zone)[:19] for t_ns in (one.first_ns, one.last_ns))
         if len(days) == 1:
             first, last = first[11:], last[11:]
-        about = f", motor {one.motor}" if one.motor else ""
-        yield f"{number}. {one.cause}{about}, {first} to {last}"
+        yield f"{number}. {one.about}, {first} to {last}"
         yield f"   {one.text}"
         if STDIN not in query.files:
-            yield f"   {query.view_command((one.first_ns, one.last_ns), one.filter)}"
+            yield f"   {query.view_command(one.decided_ns, one.filter)}"
     yield from findings.coverage(found)

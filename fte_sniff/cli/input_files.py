@@ -290,7 +290,8 @@ class InputQuery:
             first, last = span_ns[0] // SECOND_NS, span_ns[1] // SECOND_NS + 1
             times = [f"{iso_time(second * SECOND_NS)[:19]}Z" for second in (first, last)]
             words += ["--from", times[0], "--to", times[1]]
-        return shlex.join([*words, *(["--filter", filter_text] if filter_text else [])])
+        command = shlex.join(words)
+        return f"{command} --filter {_in_quotes(filter_text)}" if filter_text else command
 
     def row_filter(self) -> RowFilter | None:
         """The compiled filter; raises FilterError."""
@@ -450,6 +451,12 @@ def _is_filter(text: str) -> bool:
         return row_filter(text) is not None
     except FilterError:
         return False
+
+
+def _in_quotes(text: str) -> str:
+    """A filter as a word of a shell: in double quotes if it has single ones."""
+    is_plain = "'" in text and not any(one in text for one in '"$`\\!')
+    return f'"{text}"' if is_plain else shlex.quote(text)
 
 
 def _expanded(named: Path) -> list[Path]:

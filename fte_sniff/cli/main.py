@@ -202,14 +202,26 @@ def _exit_with(message: str, code: int) -> NoReturn:
     sys.exit(code)
 
 
+def _options_with_choice(context: click.Context | None, word: str) -> list[str]:
+    """The options of a command that take a word, with that word: `--format json`."""
+    return [
+        f"{option.opts[0]} {word}"
+        for option in (context.command.params if context else ())
+        if isinstance(option, click.Option)
+        and isinstance(option.type, click.Choice)
+        and word in option.type.choices
+    ]
+
+
 def _one_line(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
         from difflib import get_close_matches
 
         # click compares the hyphens too, which all options have.
-        given = [error.option_name.lstrip("-")]
+        given = error.option_name.lstrip("-")
         known = error.possibilities or ()
-        near = [option for option in known if get_close_matches(option.lstrip("-"), given)]
+        near = [option for option in known if get_close_matches(option.lstrip("-"), [given])]
+        near = _options_with_choice(error.ctx, given) or near
         error = click.NoSuchOption(error.option_name, possibilities=near, ctx=error.ctx)
     message = " ".join(error.format_message().split())
     message = message.replace("a valid integer range", "a whole number")  # click's name of a type

@@ -1,4 +1,4 @@
-"""Statistics as a JSON object (docs/stats.md).
+"""Statistics and findings as JSON objects (docs/stats.md, docs/findings.md).
 
 Names end in their unit. A value that is unknown or does not apply is null. Keys may be added, but
 the meaning of a key never changes.
@@ -14,6 +14,7 @@ from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
+    from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.motor_stats import AnswerStats, FlagStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
@@ -169,3 +170,20 @@ def _seconds(ns: float | None) -> float | None:
 
 def _time(t_ns: int | None) -> str | None:
     return None if t_ns is None else iso_time(t_ns)
+
+
+def finding_json(one: Finding) -> dict[str, Any]:
+    """One finding as an object."""
+    return {
+        "cause": one.cause,
+        "port": one.port,
+        MOTOR: one.motor,
+        "kind": one.kind,
+        "first": iso_time(one.first_ns),
+        "last": iso_time(one.last_ns),
+        "events": one.events,
+        "rows": one.rows,
+        "usual": one.usual,
+        "text": one.text,
+        "filter": one.filter,
+    }

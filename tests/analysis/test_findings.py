@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from benchmarks.findings_quality import (
     EPISODES,
@@ -18,9 +21,21 @@ from benchmarks.findings_quality import (
     recording,
 )
 from fte_sniff.analysis.events import MOST_WINDOWS, Events
-from fte_sniff.analysis.findings import Cause, Findings, spans_of
-from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind
+from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.findings import Cause, Finding, Findings, spans_of
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.protocol.rows import NO_TIME, Rows
+from tests.analysis import pieces
 
 COMMAND = bytes.fromhex("AA0101000000000000EE")
 
@@ -54,34 +69,195 @@ def test_a_line_that_is_damaged_all_the_time_is_a_finding(share: float, is_wrong
     assert [one.cause for one in found] == [Cause.DAMAGE] * is_wrong
 
 
-def test_a_finding_names_events_rows_and_the_filter_that_shows_them() -> None:
-    from fte_sniff.analysis.facts import Facts
-    from fte_sniff.analysis.filter.row_filter import RowFilter
-
-    rows, _ = rows_with("lost")
-    (found,) = find(rows)
+def shown_rows(rows: Rows, found: Finding) -> Rows:
+    """The rows that the filter of a finding shows in its span."""
     facts = Facts()
     known = Rows.concat([facts.feed(rows), facts.interrupt()])
     inside = (known.t_ns >= found.first_ns) & (known.t_ns <= found.last_ns)
-    shown = RowFilter.parse(found.filter).select(known.select(inside))
-    assert (found.cause, found.motor, found.events) == (Cause.UNANSWERED, 3, len(shown))
-    assert (
-        f"motor 3 answered {found.rows - found.events:,} of {found.rows:,} commands" in found.text
+    return RowFilter.parse(found.filter).select(known.select(inside))
+
+
+@pytest.mark.parametrize("kind", ["lost", "late", "damage", "error", "offline"])
+def test_the_filter_of_a_finding_shows_its_events_from_the_first_to_the_last(kind: str) -> None:
+    rows, _ = rows_with(kind)
+    found = find(rows)[0]
+    shown = shown_rows(rows, found)
+    assert found.events == len(shown) or kind == "damage"
+    assert (found.first_ns, found.last_ns) == (shown.t_ns.min(), shown.t_ns.max())
+
+
+@pytest.mark.parametrize("kind", EPISODES)
+def test_the_span_of_a_finding_begins_and_ends_with_rows(kind: str) -> None:
+    rows, _ = rows_with(kind)
+    times = set(rows.t_ns.tolist())
+    assert {one_ns for one in find(rows) for one_ns in (one.first_ns, one.last_ns)} <= times
+
+
+def test_a_finding_names_the_numbers_of_answers_and_commands() -> None:
+    (found,) = find(rows_with("lost")[0])
+    text = f"motor 3 answered {found.rows - found.events:,} of {found.rows:,} commands"
+    assert (found.cause, found.motor) == (Cause.UNANSWERED, 3)
+    assert text in found.text
+
+
+def polled(seconds: int, changes: Callable[[int, int], dict[str, int]]) -> Rows:
+    """Feedback of four motors, 20 times a second; `changes` are values by number and motor."""
+    return Rows.from_rows(
+        feedback(n * SECOND // 20 + motor, motor, **changes(n, motor))
+        for n in range(20 * seconds)
+        for motor in (1, 2, 3, 4)
     )
+
+
+@pytest.mark.parametrize(("cause", "frames"), [(Cause.ERROR_FLAG, 1), (Cause.OFFLINE, 4)])
+@pytest.mark.parametrize(("count", "is_wrong"), [(2, False), (3, True), (23, True)])
+def test_a_flag_in_three_frames_in_a_row_is_a_finding(
+    cause: Cause, frames: int, count: int, is_wrong: bool
+) -> None:
+    first = 20 * 30
+
+    def changes(n: int, motor: int) -> dict[str, int]:
+        inside = first <= n * 4 + motor - 3 < first + count if frames == 4 else True
+        if cause is Cause.OFFLINE:
+            return {"online": 0b1011 if inside else 15}
+        return {"error": 4 if motor == 3 and first <= n < first + count else 0}
+
+    rows = polled(120, changes)
+    values = rows.values("online", np.arange(len(rows))) == 0b1011
+    if cause is Cause.ERROR_FLAG:
+        values = rows.values("error", np.arange(len(rows))) != 0
+    found = find(rows)
+    assert [(one.cause, one.motor) for one in found] == [(cause, 3)] * is_wrong
+    for one in found:
+        own = rows.t_ns[values]
+        assert (one.events, one.first_ns, one.last_ns) == (count, own[0], own[-1])
+
+
+def test_flipped_bits_in_flags_are_not_a_finding() -> None:
+    rows = polled(600, lambda n, motor: {"error": 1 << n % 8 if n % 40 < 2 else 0})
+    assert find(rows) == []
+
+
+def test_flags_that_come_again_and_again_are_few_findings_with_all_of_them() -> None:
+    rows = polled(1200, lambda n, motor: {"error": 2 if motor == 1 and n % 1200 < 5 else 0})
+    found = find(rows)
+    assert {(one.cause, one.motor) for one in found} == {(Cause.ERROR_FLAG, 1)}
+    assert len(found) <= 5
+    assert sum(one.events for one in found) == 20 * 5
+
+
+def test_silence_begins_with_the_last_feedback_and_ends_with_the_next() -> None:
+    rows, what = rows_with("silent")
+    (found,) = find(rows)
+    own = (rows.directions == 1) & (rows.nums == what.motor)
+    times = rows.t_ns[own]
+    after = int(np.searchsorted(times, START_NS + what.start_s * SECOND + SECOND))
+    assert (found.first_ns, found.last_ns) == (times[after - 1], times[after])
+
+
+def test_a_host_that_leaves_a_motor_out_is_not_silence() -> None:
+    rows = recording(np.random.default_rng(2), 900, None)
+    times = (rows.t_ns - START_NS) / SECOND
+    left_out = (times > 300) & (times < 400) & (rows.nums == 2)
+    assert find(rows.select(~left_out)) == []
+
+
+def test_damage_names_a_direction_only_where_its_rows_have_one() -> None:
+    raw = bytes.fromhex("5501")
+    some = [
+        Damage("bus", n, raw, START_NS + n * SECOND // 20, (Fault.TRUNCATED,))
+        if n % 2 and 2000 < n < 4000
+        else feedback(n * SECOND // 20)
+        for n in range(6000)
+    ]
+    (found,) = find(Rows.from_rows(some))
+    assert found.text.endswith("mostly truncated, motor 1")
+    wrong = bytes.fromhex("550109000000000000EE")
+    framed = [
+        Frame("bus", one.offset, wrong, one.t_ns, (Fault.BAD_MOTOR,))
+        if isinstance(one, Damage)
+        else one
+        for one in some
+    ]
+    (found,) = find(Rows.from_rows(framed))
+    assert found.text.endswith("mostly bad_motor, feedback, motor 1")
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "is_wrong"),
+    [
+        (PortEventKind.LINE_ERROR, 2, False),
+        (PortEventKind.LINE_ERROR, 5, True),
+        (PortEventKind.OVERRUN, 1, True),
+    ],
+)
+def test_errors_of_a_port_are_a_finding_with_their_times(
+    kind: PortEventKind, count: int, is_wrong: bool
+) -> None:
+    rows = recording(np.random.default_rng(5), 300, None)
+    times = [START_NS + 100 * SECOND + n * SECOND // 3 for n in range(count)]
+    model = Findings()
+    model.observe(rows, [PortEvent(t_ns, "bus", kind, "") for t_ns in times])
+    found = [(one.cause, one.events, one.first_ns, one.last_ns) for one in model.found()]
+    assert found == [(Cause.PORT, count, times[0], times[-1])] * is_wrong
 
 
 @pytest.mark.parametrize("kind", ["lost", "damage", "error"])
 def test_batches_and_parts_give_the_findings_of_a_single_pass(kind: str) -> None:
     rows, _ = rows_with(kind)
     whole = findings_in(rows).found()
-    cuts = [0, 1, 5000, 5001, len(rows)]
+    cuts = [0, 1, 5000, 5001, 30_000, len(rows)]
     parts = [rows[start:end] for start, end in pairwise(cuts)]
     assert findings_in(*parts).found() == whole
     merged = Findings()
     for part in parts:
         merged.merge(pickle.loads(pickle.dumps(findings_in(part))))
-    found = merged.found()
-    assert [(one.cause, one.motor) for one in found] == [(one.cause, one.motor) for one in whole]
+    assert merged.found() == whole
+
+
+@given(pieces.captures(), st.lists(st.integers(0, 25), max_size=4))
+def test_any_parts_merge_to_the_events_of_a_single_pass(
+    steps: list[pieces.Step], cuts: list[int]
+) -> None:
+    steps = [one for one in steps if not isinstance(one, Row) or one.t_ns is not None]
+    whole, merged = Findings(), Findings()
+    pieces.observe(whole, steps)
+    for part in pieces.pieces_of(steps, cuts):
+        model = Findings()
+        pieces.observe(model, part)
+        merged.merge(model)
+    assert counts_in(merged.events) == counts_in(whole.events)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=4))
+def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], cuts: list[int]) -> None:
+    rows = Rows.from_rows(
+        feedback(n * SECOND // 3, error=4 * is_raised) for n, is_raised in enumerate(raised)
+    )
+    merged = Findings()
+    for start, end in pairwise([0, *sorted(cuts), len(rows)]):
+        merged.merge(findings_in(rows[start:end]))
+    assert merged.found() == findings_in(rows).found()
+    runs = [len(run) for run in "".join("01"[one] for one in raised).split("0")]
+    counted = merged.events.windows.count("error 1").sum()
+    assert counted == sum(run for run in runs if run >= 3)
+
+
+def counts_in(events: Events) -> object:
+    """All counts and ranges, without the empty ones."""
+    return {
+        port: {
+            (str(keep), name): list(zip(windows.starts_ns[own], column[own], strict=True))
+            for (keep, name), column in windows._columns.items()
+            if (own := column != keep.value).any()
+        }
+        for port, windows in {**events.ports, "": events.windows}.items()
+    }
+
+
+def feedback(at_ns: int, motor: int = 1, error: int = 0, online: int = 15) -> Frame:
+    values = {"motor": motor, "rpm": 0, "error": error, "online": online}
+    return Frame("bus", 0, encode(KIND_BY_NAME["speed_feedback"], values), START_NS + at_ns)
 
 
 def test_findings_of_the_last_minutes_are_those_of_their_rows() -> None:
@@ -147,16 +323,10 @@ def test_captures_of_other_ports_at_other_times_are_examined() -> None:
     ("rows", "text"),
     [
         ([], "nothing could be examined: there is no row"),
-        ([Frame("p", 0, COMMAND, START_NS)], "there is no feedback: only one wire was recorded"),
+        ([Frame("p", 0, COMMAND, START_NS)], "only one wire was recorded"),
         ([Frame("p", 0, COMMAND, None)] * 50, "no row has a time"),
-        (
-            [Damage("p", n, b"\x01\x02", START_NS + n, (Fault.NOISE,)) for n in range(500)],
-            "no row is a frame",
-        ),
-        (
-            [Damage("p", n, b"\x01\x02", None, (Fault.NOISE,)) for n in range(500)],
-            "no row is a frame",
-        ),
+        ([Damage("p", n, b"\x01", START_NS + n, (Fault.NOISE,)) for n in range(500)], "is a frame"),
+        ([Damage("p", n, b"\x01", None, (Fault.NOISE,)) for n in range(500)], "is a frame"),
     ],
     ids=["no row", "one row", "no times", "noise", "noise without times"],
 )

@@ -19,7 +19,7 @@ def test_a_finding_names_cause_motor_span_and_the_command_that_shows_it(run, sam
     done = run("findings", path)
     assert (done.returncode, done.stderr) == (0, "")
     head, text, command = done.stdout.splitlines()[:3]
-    assert head == "1. unanswered, motor 3, 12:00:29 to 12:01:00"
+    assert head == "1. unanswered, motor 3, 12:00:30 to 12:00:59"
     assert "motor 3 answered 109 of 187 commands; usually all" in text
     assert shlex.split(command)[:3] == ["fte-sniff", "view", str(path)]
     shown = run("decode", *shlex.split(command)[2:], "--format", "jsonl").stdout.splitlines()
@@ -49,7 +49,7 @@ def test_standard_input_has_findings_too(run, samples) -> None:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("clean.mcap", "no findings in 1,200 rows; examined: port, "),
+        ("idle.mcap", "no findings in 12 rows; examined: port, "),
         ("clean.hex", "nothing could be examined: no row has a time; try --start"),
     ],
 )
@@ -106,7 +106,10 @@ def test_a_report_begins_with_the_findings(run, samples: Path, tmp_path: Path) -
     text = out.read_text()
     start = text.index("motor 3 answered 109 of 187 commands")
     assert start < text.index("What was captured")
-    assert 'class="finding" data-start="1769860829' in text
+    assert 'class="finding" data-start="1769860830' in text
+    chinese = tmp_path / "zh.html"
+    run("report", samples / "motor3.mcap", "-o", chinese, "--lang", "zh")
+    assert "电机 3 应答了 187 条命令中的 109 条" in chinese.read_text()
 
 
 def test_a_filter_of_motor_and_damage_mentions_the_probable_motor(run, samples) -> None:
@@ -116,3 +119,41 @@ def test_a_filter_of_motor_and_damage_mentions_the_probable_motor(run, samples) 
     found = run("decode", path, "--filter", "motor_hint = 3 AND malformed")
     assert "motor_hint is" not in found.stderr
     assert len(found.stdout.splitlines()) > len(done.stdout.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "meant"),
+    [("findings", "--json", "--format json"), ("check", "--junit", "--format junit")],
+)
+def test_a_format_that_is_written_as_an_option_is_named(run, samples, command, option, meant):
+    done = run(command, samples / "motor3.mcap", option)
+    assert done.returncode == 2
+    assert f"Did you mean '{meant}'?" in done.stderr
+
+
+def test_a_failed_rule_about_findings_names_the_command_that_shows_the_best(run, samples) -> None:
+    path = samples / "motor3.mcap"
+    shown = run("findings", path).stdout.splitlines()[2].strip()
+    rule = ("--expect", "findings(unanswered, 3) == 0")
+    lines = run("check", path, *rule).stdout.splitlines()
+    assert "motor 3 answered 109 of 187 commands" in lines[2]
+    assert lines[3].strip() == shown
+    (found,) = json.loads(run("check", path, *rule, "--format", "json").stdout)["rules"]
+    assert (found["finding"]["cause"], found["finding"]["view"]) == ("unanswered", shown)
+    assert shown.split(" --from ")[0] in run("check", path, *rule, "--format", "junit").stdout
+
+
+def test_noise_without_times_names_the_missing_frames(run, tmp_path: Path) -> None:
+    path = tmp_path / "noise.raw"
+    path.write_bytes(bytes(range(0x80)) * 20)
+    done = run("findings", path)
+    assert "no row is a frame" in done.stdout
+    assert "no row has a time" not in done.stdout
+
+
+def test_a_flag_of_a_second_is_a_finding_with_the_frames_that_stats_count(run, samples) -> None:
+    path = samples / "clean.mcap"
+    assert "motor 4: not ONLINE in 23 frames, 12:00:24.066" in run("stats", path).stdout
+    found = json.loads(run("findings", path, "--format", "json").stdout)["findings"][0]
+    assert (found["cause"], found["motor"], found["events"]) == ("offline", 4, 23)
+    assert (found["first"][11:23], found["last"][11:23]) == ("12:00:24.066", "12:00:25.266")
