@@ -28,6 +28,7 @@ from fte_sniff.recording.output_file import Existing, OutputPath
 from tests.beside import Work, running, server_socket
 from tests.cli.forked import Program
 from tests.pseudo_terminals import Pty
+from tests.slow import first
 from tests.waiting import BOUND_S
 
 ROOT = Path(__file__).parents[1]
@@ -102,7 +103,7 @@ def without_posix() -> Iterator[Program]:
         yield program
 
 
-@pytest.fixture(scope="module", params=["gbk", "cp1252"])
+@pytest.fixture(scope="module", params=first(1, ["gbk", "cp1252"]))
 def encoded(request: pytest.FixtureRequest) -> Iterator[tuple[Program, str]]:
     """The program without POSIX, with standard streams in an encoding of Windows."""
     with loaded(BLOCKED, PYTHONIOENCODING=request.param) as program:

@@ -20,6 +20,7 @@ from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
 from tests.beside import server_socket
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
+from tests.slow import first
 from tests.support.dask_cluster import cluster
 from tests.support.recorded_rows import make_recordings
 
@@ -78,7 +79,7 @@ def test_each_core_has_a_process_but_never_more_than_files(
     assert processes_for(jobs, [job] * files) == processes
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", first(1, COMMANDS))
 def test_a_cluster_gives_the_numbers_of_one_process(
     run, recordings: Path, address: str, name: str
 ) -> None:
@@ -87,6 +88,7 @@ def test_a_cluster_gives_the_numbers_of_one_process(
     assert (many.returncode, many.stdout, many.stderr) == (one.returncode, one.stdout, one.stderr)
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_midway_still_gives_them(
     run, environment: dict[str, str], tmp_path: Path, recordings: Path
 ) -> None:
@@ -126,6 +128,7 @@ def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(
     assert f"0 of {FILES} files were read" in line
 
 
+@pytest.mark.slow
 def test_a_cluster_without_a_worker_is_reported_and_waited_for(
     environment: dict[str, str], tmp_path: Path, recordings: Path
 ) -> None:
@@ -181,16 +184,19 @@ def test_a_cluster_that_is_not_there_and_options_that_contradict(
 
 @pytest.mark.parametrize(
     ("where", "reason"),
-    [
-        ("", "is not the address of a Dask scheduler; write it as tcp://"),
-        ("127.0.0.1", "is not the address"),
-        ("tcp://:9", "is not the address"),
-        ("tcp://127.0.0.1:x", "is not the address"),
-        ("tcp://127.0.0.1:99999", "is not the address"),
-        ("http://127.0.0.1:9", "is not the address"),
-        ("inproc://x", "is not the address"),
-        ("tls://127.0.0.1:9", "needs certificates; name them in Dask's settings"),
-    ],
+    first(
+        3,
+        [
+            ("", "is not the address of a Dask scheduler; write it as tcp://"),
+            ("tcp://127.0.0.1:99999", "is not the address"),
+            ("tls://127.0.0.1:9", "needs certificates; name them in Dask's settings"),
+            ("127.0.0.1", "is not the address"),
+            ("tcp://:9", "is not the address"),
+            ("tcp://127.0.0.1:x", "is not the address"),
+            ("http://127.0.0.1:9", "is not the address"),
+            ("inproc://x", "is not the address"),
+        ],
+    ),
 )
 def test_an_address_that_is_none_is_one_line(
     run, recordings: Path, where: str, reason: str
@@ -247,6 +253,7 @@ def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_cluster_reads_reports_what_was_read(
     environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
 ) -> None:

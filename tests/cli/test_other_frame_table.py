@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from tests.cli.conftest import ROOT
+from tests.cli.forked import Program
 from tests.cli.terminals import terminal
 
 CHANGES = {
@@ -60,9 +61,16 @@ KIND_BY_NAME: Mapping""",
 COUNT = 600
 
 
+class Other(NamedTuple):
+    """The other program, and its folder with a recording of its simulated line."""
+
+    folder: Path
+    program: Program
+
+
 @pytest.fixture(scope="module")
-def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the other program, with a recording of its simulated line."""
+def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Other]:
+    """The other program, loaded once."""
     folder = tmp_path_factory.mktemp("other")
     ignored = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
     shutil.copytree(ROOT / "fte_sniff", folder / "fte_sniff", ignore=ignored)
@@ -73,31 +81,26 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
         source = source.replace(old, new)
     spec.write_text(source)
     port = "sim://?seed=1&rate=400&drop=0.02&flip=0.02&noise=0.02"
-    run(folder, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
-    return folder
+    with Program(environment(folder), folder) as program:
+        other = Other(folder, program)
+        run(other, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
+        yield other
 
 
 def environment(folder: Path) -> dict[str, str]:
     kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "COLUMNS")}
-    paths = {"PYTHONPATH": str(folder), "XDG_STATE_HOME": str(folder / "state")}
+    paths = {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "XDG_STATE_HOME": str(folder / "state")}
     settings = {"FTE_SNIFF_CONFIG": str(folder / "config.toml")}
     return kept | paths | settings | {"TERM": "xterm-256color", "LANG": "C.UTF-8"}
 
 
-def run(folder: Path, *arguments: str) -> str:
-    ended = subprocess.run(
-        [sys.executable, "-m", "fte_sniff", *arguments],
-        cwd=folder,
-        env=environment(folder),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
+def run(other: Other, *arguments: str) -> str:
+    ended = other.program.run([*arguments], b"", other.folder, environment(other.folder))
+    assert ended.code == 0, ended.errors
+    return ended.output.decode()
 
 
-def test_a_frame_is_encoded_and_decoded(other: Path) -> None:
+def test_a_frame_is_encoded_and_decoded(other: Other) -> None:
     frame = run(other, "encode", "move", "--axis", "2", "--spin", "300", "--ticks", "-5")
     assert frame == "A5 02 02 01 2C FF FF FF FB 00 00 ED\n"
     shown = run(other, "hex", frame.strip())
@@ -105,7 +108,7 @@ def test_a_frame_is_encoded_and_decoded(other: Path) -> None:
         assert text in shown
 
 
-def test_decoding_gives_the_other_columns_in_every_format(other: Path) -> None:
+def test_decoding_gives_the_other_columns_in_every_format(other: Other) -> None:
     head, *lines = run(other, "decode", "line.mcap", "--format", "csv").splitlines()
     assert "axis,spin,ticks,ahead,aside,around,alarm,alive" in head
     assert len(lines) == COUNT
@@ -126,7 +129,7 @@ def test_decoding_gives_the_other_columns_in_every_format(other: Path) -> None:
         assert again.splitlines() == [head, *lines]
 
 
-def test_statistics_and_checks_follow_the_roles(other: Path) -> None:
+def test_statistics_and_checks_follow_the_roles(other: Other) -> None:
     found = json.loads(run(other, "stats", "line.mcap", "--format", "json"))
     motors = found["motors"]
     assert all(motor["commands"] and motor["feedback"] and motor["answered"] for motor in motors)
@@ -137,7 +140,7 @@ def test_statistics_and_checks_follow_the_roles(other: Path) -> None:
     assert shown.count("pass") == len(rules)
 
 
-def test_facts_findings_and_decoders_follow_the_table(other: Path) -> None:
+def test_facts_findings_and_decoders_follow_the_table(other: Other) -> None:
     shown = run(other, "decode", "line.mcap", "--format", "jsonl", "--filter", "answer_ms > 0")
     assert {json.loads(line)["kind"] for line in shown.splitlines()} <= {"turn", "move", "drive"}
     assert shown
@@ -148,16 +151,17 @@ def test_facts_findings_and_decoders_follow_the_table(other: Path) -> None:
     assert "axis" in run(other, "decoder", "wireshark")
 
 
-def test_a_report_has_the_plots_of_the_motors(other: Path) -> None:
+def test_a_report_has_the_plots_of_the_motors(other: Other) -> None:
     pytest.importorskip("bokeh")
     run(other, "report", "line.mcap", "-o", "report.html", "--force")
-    page = (other / "report.html").read_text()
+    page = (other.folder / "report.html").read_text()
     assert "Motor 1: spin [RPM]" in page
     assert "<td>bad_tail</td>" in page or "noise" in page
 
 
-def test_every_pane_of_the_screen_shows_the_other_names(other: Path) -> None:
-    with terminal(environment(other), other, "view", "line.mcap", size=(120, 40)) as screen:
+def test_every_pane_of_the_screen_shows_the_other_names(other: Other) -> None:
+    folder = other.folder
+    with terminal(environment(folder), folder, "view", "line.mcap", size=(120, 40)) as screen:
         screen.until("turn_feedback", "spin=")
         for key, texts in {
             "i": ["reserve"],
