@@ -4,9 +4,10 @@
     feedback       f1                                      deadline: 1 s
     unanswered no      yes (c1)     yes (deadline)   null (the rows end)
 
-A fact depends only on the rows up to `DEADLINE_NS` before and after its row, and on at most
-`MOST_HELD` of them. So `Facts` holds few rows back, and any division of the input into batches
-gives the same facts.
+Before the first feedback of a recording no command is unanswered: null, since the wire of the
+answers may not be recorded. Otherwise a fact depends only on the rows up to `DEADLINE_NS` before
+and after its row, and on at most `MOST_HELD` of them. So `Facts` holds few rows back, and any
+division of the input into batches gives the same facts.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from fte_sniff.analysis.motors import (
     NAMES_MOTOR,
     MotorFrames,
     find_answers,
+    first_feedback,
     is_overdue,
     motor_rows,
 )
 from fte_sniff.analysis.previous_frames import PreviousFrames
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, Status, status_of
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, GapKind, Status, status_of
 from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
@@ -62,6 +64,8 @@ class Facts(Model):
         self._previous = PreviousFrames()
         self._lost: bool | None = None
         """Whether a port is lost, so that no command is unanswered."""
+        self._has_feedback = False
+        """Whether feedback came in this recording, among the rows before those that wait."""
 
     def feed(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Rows:
         """The next rows, with the gaps between them; returns the rows that are decided now."""
@@ -78,8 +82,11 @@ class Facts(Model):
         found, self._held = self._with_facts(self._held)[0], NO_ROWS
         self._past = _Past()
         self._previous.interrupt()
-        if gap is not None and gap.port_lost is not None:
-            self._lost = gap.port_lost
+        self._has_feedback |= first_feedback(found) < len(found)
+        if gap is not None:
+            self._has_feedback &= gap.kind is not GapKind.OTHER_RECORDING
+            if gap.port_lost is not None:
+                self._lost = gap.port_lost
         return found
 
     def _decide(self, rows: Rows) -> Rows:
@@ -91,12 +98,21 @@ class Facts(Model):
         open_at = np.flatnonzero(~decided)
         end = int(open_at[0]) if len(open_at) else len(rows)
         self._past = self._past.after(rows[:end])
+        self._has_feedback |= first_feedback(rows) < end
         self._held = rows[end:]
         return whole[:end]
 
+    def _covered_from(self, rows: Rows) -> int:
+        """The index of the first row that can be known to be unanswered."""
+        if self._lost:
+            return len(rows)
+        if self._has_feedback:
+            return 0
+        return first_feedback(rows)
+
     def _with_facts(self, rows: Rows) -> tuple[Rows, Bools]:
         """The rows with their facts as far as they are known, and which of them are decided."""
-        answer_ns, unanswered, decided = _answers(rows, lost=bool(self._lost))
+        answer_ns, unanswered, decided = _answers(rows, self._covered_from(rows))
         hints, hinted = _hints(rows, self._past)
         facts = {
             "answer_ns": answer_ns,
@@ -108,8 +124,11 @@ class Facts(Model):
         return whole, decided & hinted
 
 
-def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
-    """Answer times and the motors that did not answer, by row; and which rows are decided."""
+def _answers(rows: Rows, covered_from: int) -> tuple[Ints, Ints, Bools]:
+    """Answer times and the motors that did not answer, by row; and which rows are decided.
+
+    No row before the index `covered_from` is unanswered.
+    """
     count = len(rows)
     answer_ns = np.full(count, NO_FACT, np.int64)
     missed = np.zeros(count, np.int64)
@@ -154,7 +173,8 @@ def _answers(rows: Rows, *, lost: bool) -> tuple[Ints, Ints, Bools]:
     unanswered[asked] = 0
     unanswered[waits | unknown] = NO_FACT
     any_missed = missed > 0
-    unanswered[any_missed] = NO_FACT if lost else missed[any_missed]
+    unanswered[any_missed] = missed[any_missed]
+    unanswered[:covered_from][any_missed[:covered_from]] = NO_FACT
     answer_ns[any_missed | waits | unknown | untimed] = NO_FACT
     return answer_ns, unanswered, ~waits | any_missed
 

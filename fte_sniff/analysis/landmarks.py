@@ -60,9 +60,6 @@ class Landmarks:
         """By index; events of the same index in their order."""
         self.gaps: list[int] = []
         """Indices of the rows before which rows are missing, rising."""
-        self.lost: set[int] = set()
-        """Those of them from which on a port is lost; 0 if one was lost before the first row."""
-        self._port_lost = False
 
     def __len__(self) -> int:
         return len(self._all)
@@ -75,9 +72,6 @@ class Landmarks:
         for change in changes:
             if not isinstance(change.what, Gap):
                 continue
-            if change.what.port_lost is not None:
-                self._port_lost = change.what.port_lost
-            (self.lost.add if self._port_lost else self.lost.discard)(change.index)
             if change.index > 0:  # before the first row nothing is missing
                 self.gaps.append(change.index)
                 if change.what.kind is not GapKind.PORT:
@@ -103,7 +97,6 @@ class Landmarks:
         old = bisect_left(self._all, first, key=_index)
         del self._all[: max(old, len(self._all) - MOST_LANDMARKS)]
         old = max(bisect_left(self.gaps, first), len(self.gaps) - MOST_LANDMARKS)
-        self.lost.difference_update(self.gaps[: max(0, old - 1)])
         del self.gaps[:old]
 
     def between(self, start: int, end: int) -> Sequence[Landmark]:

@@ -116,7 +116,7 @@ class LiveModels:
                 break
             self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
-                self.motors.interrupt(change.what.port_lost)
+                self.motors.interrupt(change.what)
             self._applied += 1
 
     def _skip_missed(self) -> None:
@@ -159,7 +159,7 @@ class LiveModels:
                 yield rows
             if gaps and stop == gaps[0].index:
                 gap = gaps.pop(0).what
-                motors.interrupt(gap.port_lost if isinstance(gap, Gap) else None)
+                motors.interrupt(gap if isinstance(gap, Gap) else None)
             start = stop
 
     def past(self, index: int, from_ns: int) -> tuple[Traces, MotorEvents]:

@@ -19,7 +19,7 @@ import numpy as np
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.findings import Finding, Findings
 from fte_sniff.analysis.model import Ends, Model
-from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
+from fte_sniff.analysis.motors import Pairing, motor_rows
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -28,10 +28,9 @@ from fte_sniff.protocol import (
     Direction,
     Frame,
     Gap,
-    GapKind,
     PortEvent,
 )
-from fte_sniff.protocol.rows import NO_TIME, Array, Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
 
 OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
@@ -249,8 +248,8 @@ class Measure(Model, ABC):
         """The best finding that the rule counts, if it counts findings."""
         return None
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
-        """Rows are missing here; see `Gap.port_lost`."""
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Rows are missing here."""
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Add port events."""
@@ -478,12 +477,12 @@ class _MaxGap(Measure):
         for start, end in run.edges():
             self._measure(start, end)
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
+    def interrupt(self, gap: Gap | None = None) -> None:
         """Rows are missing here: the time until the next one is not counted."""
         self._continues = False
         self._opens = self._opens and bool(self._runs)
-        if port_lost is not None:
-            self._port_lost = port_lost
+        if gap is not None and gap.port_lost is not None:
+            self._port_lost = gap.port_lost
 
     def merge(self, later: Self) -> None:
         super().merge(later)
@@ -522,7 +521,12 @@ class _CommandAnswers(Measure):
         self._pairings = {motor: Pairing() for motor in MOTORS}
         self._open: dict[int, tuple[RowPosition, bool]] = {}
         """By motor, the position of the last command, and whether it matches."""
-        self.unanswered = 0
+        self.decided = self.unanswered = 0
+        self.uncovered = 0
+        """Commands without an answer before the first feedback of a recording."""
+        self._early = _FirstRows(self._least_violating())
+        """Those of them that are unanswered if feedback came before these rows."""
+        self._early_count = 0
         self.delays = Durations()
 
     def _least_violating(self) -> int:
@@ -531,10 +535,10 @@ class _CommandAnswers(Measure):
     def observe(self, rows: Rows, matches: Bools) -> None:
         found = motor_rows(rows)
         for motor, pairing in self._pairings.items():
-            commands, feedback = found.commands[motor], found.feedback[motor]
-            decided = pairing.decide(
-                MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback), rows.t_ns
-            )
+            commands = found.commands[motor]
+            decided = pairing.observe(rows, found, motor)
+            is_first = not pairing.has_start
+            self._count_uncovered(rows, matches, decided.uncovered, motor, early=is_first)
             early = decided.indices < 0
             if early.any():
                 position, matched = self._open[motor]
@@ -556,6 +560,23 @@ class _CommandAnswers(Measure):
                 at = int(commands[-1])
                 self._open[motor] = self._first.position(rows, at), bool(matches[at])
 
+    def _count_uncovered(
+        self, rows: Rows, matches: Bools, found: Ints, motor: int, *, early: bool
+    ) -> None:
+        """Count commands without an answer before the first feedback.
+
+        `early` is whether earlier rows of the same recording may have feedback.
+        """
+        before = [self._open[motor][0]] if (found < 0).any() and self._open[motor][1] else []
+        own = found[found >= 0]
+        own = own[matches[own]] if len(own) else own
+        self.uncovered += len(before) + len(own)
+        if early:
+            self._early_count += len(before) + len(own)
+            self._early.file = self._first.file
+            self._early.observe(rows, own)
+            self._early.add(before)
+
     def conditions(self) -> list[str]:
         """See `Measure`."""
         return [*super().conditions(), self._state()]
@@ -575,34 +596,52 @@ class _CommandAnswers(Measure):
     def _count(self, answered: Bools, delays_ns: Ints, ends_ns: Ints) -> None:
         known = delays_ns != NO_TIME
         self.delays.observe(delays_ns[known], ends_ns[known])
+        self.decided += len(answered)
         self.unanswered += int(np.count_nonzero(~answered))
 
     def _shown(self, answered: Bools, delays_ns: Ints) -> Bools:
         """Which of the commands count towards the first violation."""
         return ~answered
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
+    def interrupt(self, gap: Gap | None = None) -> None:
         """Rows are missing here: whether the last command was answered remains unknown."""
         self._open.clear()
         for pairing in self._pairings.values():
-            pairing.interrupt(port_lost)
+            pairing.interrupt(gap)
 
     def merge(self, later: Self) -> None:
         super().merge(later)
+        one = self._pairings[MOTORS[0]]
+        early = not one.has_start
+        self.uncovered += later.uncovered
+        if one.has_feedback:
+            self.uncovered -= later._early_count
+            self.decided += later._early_count
+            self.unanswered += later._early_count
+            self._first.merge(later._early)
+        elif early:
+            self._early_count += later._early_count
+            self._early.merge(later._early)
         for motor, pairing in self._pairings.items():
             decided = pairing.merge(later._pairings[motor])
+            self._count_uncovered(NO_ROWS, NO_ROWS.timed, decided.uncovered, motor, early=early)
             if len(decided.indices) and self._open[motor][1]:
                 position = self._open[motor][0]
                 self._decide([position], decided.answered, decided.delays_ns, decided.ends_ns)
             if not pairing.waiting:
                 self._open.pop(motor, None)
         self._open |= later._open
+        self.decided += later.decided
         self.unanswered += later.unanswered
         self.delays.merge(later.delays)
 
     def value(self, total: RowCount) -> float | None:
-        """The number of commands without an answer before the next command."""
-        return self.unanswered if total.rows else None
+        """The number of commands without an answer before the next command.
+
+        None where feedback never came: its wire may not be recorded.
+        """
+        covered = self.decided or not self.uncovered
+        return self.unanswered if total.rows and covered else None
 
 
 class _AnswerDelay(_CommandAnswers):
@@ -611,6 +650,7 @@ class _AnswerDelay(_CommandAnswers):
     def __init__(self, rule: Rule) -> None:
         super().__init__(rule)
         self._percentile = rule.argument
+        self._early = _FirstRows(0)  # a command without an answer has no delay
 
     def _least_violating(self) -> int:
         return 1
@@ -675,7 +715,7 @@ class _OnlineShare(Measure):
         self._known_ns += held_ns
         self._on_ns += held_ns * before[1]
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
+    def interrupt(self, gap: Gap | None = None) -> None:
         """Rows are missing here: what the motor was until the next one is unknown."""
         self._ends.interrupt()
 
@@ -716,9 +756,10 @@ class _FindingCount(Measure):
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         self._findings.observe_events(events)
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
+    def interrupt(self, gap: Gap | None = None) -> None:
         """Rows are missing here."""
-        self._findings.observe_change(Gap(GapKind.OTHER_RECORDING, port_lost=port_lost))
+        if gap is not None:
+            self._findings.observe_change(gap)
 
     def merge(self, later: Self) -> None:
         super().merge(later)
@@ -774,7 +815,11 @@ MEASURES: Final[Mapping[str, MeasureKind]] = {
         is_timed=True,
     ),
     "unanswered": MeasureKind(
-        _CommandAnswers, Argument.OPTIONAL_FILTER, "unanswered() == 0", "a row", "commands"
+        _CommandAnswers,
+        Argument.OPTIONAL_FILTER,
+        "unanswered() == 0",
+        "feedback before the commands",
+        "commands",
     ),
     "online": MeasureKind(
         _OnlineShare, Argument.MOTOR, "online(1) >= 0.99", "feedback of the motor", is_share=True

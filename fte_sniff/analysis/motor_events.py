@@ -83,15 +83,12 @@ class MotorEvents:
 
     def __init__(self) -> None:
         self._series = Series(shortest_ns=FINEST_NS, windows=_WINDOWS, levels=_LEVELS)
-        self._has_feedback = False
-        """Whether any feedback came: else nothing is known of answers."""
         self._delays, self._ends = RecentValues(_LATEST), RecentValues(_LATEST)
 
     def observe(self, rows: Rows, motors: Motors) -> None:
         """Add the next rows, which `motors` has just observed."""
         found = motor_rows(rows)
         feedback = found.feedback
-        self._has_feedback |= bool(len(found.any_feedback))
         for motor, decided in motors.decided.items():
             self._add(motor, _ASKED, decided.commands_ns)
             self._add(motor, MotorEvent.UNANSWERED, decided.commands_ns[~decided.answered])
@@ -128,12 +125,9 @@ class MotorEvents:
         return EventCounts(asked, dict(zip(MotorEvent, events, strict=True)))
 
     def health(self, span: tuple[int, int]) -> Mapping[int, Health]:
-        """How each motor answered in a span; motors without commands and events are left out.
-
-        Empty where no feedback ever came: only one wire may be recorded.
-        """
+        """How each motor answered in a span; motors without commands and events are left out."""
         found = {}
-        for motor in MOTORS if self._has_feedback else ():
+        for motor in MOTORS:
             counts = self.counts(motor, span)
             if counts.asked and counts.unanswered == counts.asked:
                 found[motor] = Health.SILENT

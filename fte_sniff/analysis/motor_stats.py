@@ -10,10 +10,10 @@ import numpy as np
 
 from fte_sniff.analysis.counters import Durations, extent
 from fte_sniff.analysis.model import Ends, Model
-from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
+from fte_sniff.analysis.motors import BITS, MotorRows, Pairing
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import FRAME_LENGTH, MOTORS
+from fte_sniff.protocol import FRAME_LENGTH, MOTORS, Gap
 from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
 
@@ -158,8 +158,18 @@ class AnswerStats(Model):
     """From each command to its answer; its ends are the times of the answers."""
 
     @property
+    def unanswered(self) -> int | None:
+        """Commands without an answer; None where feedback never came: its wire may be missing."""
+        pairing = self.pairing
+        covered = pairing.answered or pairing.unanswered or not pairing.uncovered
+        return pairing.unanswered if covered else None
+
+    @property
     def neither(self) -> int:
-        """Commands that expect no feedback, or before a gap or the end of the rows."""
+        """Commands that expect no feedback, or of which it is not known whether they were answered.
+
+        They are before the first feedback, a gap, or the end of the rows.
+        """
         return self.commands - self.pairing.answered - self.pairing.unanswered
 
 
@@ -175,8 +185,7 @@ class Answers(Model):
             commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]
             motor.commands += len(commands)
             motor.feedback += len(feedback)
-            frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-            motor.delays.observe(*motor.pairing.observe(*frames, rows.t_ns))
+            motor.delays.observe(*motor.pairing.observe(rows, found, motor.motor).measured)
 
     def merge(self, later: Answers) -> None:
         """Add the rows that follow."""
@@ -186,13 +195,10 @@ class Answers(Model):
             motor.delays.observe(*motor.pairing.merge(other.pairing).measured)
             motor.delays.merge(other.delays)
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
-        """Rows are missing here: a command before the gap has no answer after it.
-
-        See `Gap.port_lost`.
-        """
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Rows are missing here: a command before the gap has no answer after it."""
         for motor in self._motors:
-            motor.pairing.interrupt(port_lost)
+            motor.pairing.interrupt(gap)
 
     def stats(self) -> list[AnswerStats]:
         """By motor."""

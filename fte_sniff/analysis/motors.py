@@ -7,7 +7,7 @@ any row can be computed from an earlier copy and the rows between.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
 from fte_sniff.analysis.model import Model
-from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
+from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind, Gap, GapKind
 from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NUM_OFFSET, Role
 
@@ -41,6 +41,14 @@ class MotorRows:
     commands: dict[int, Ints]
     feedback: dict[int, Ints]
     any_feedback: Ints
+    first_feedback: int
+    """The result of the function `first_feedback`."""
+
+
+def first_feedback(rows: Rows) -> int:
+    """The index of the first feedback, to which motor it may belong; `len(rows)` without any."""
+    found = FEEDBACK[rows.kinds]
+    return int(found.argmax()) if found.any() else len(rows)
 
 
 def motor_rows(rows: Rows) -> MotorRows:
@@ -53,7 +61,18 @@ def motor_rows(rows: Rows) -> MotorRows:
         {motor: commands[(to == motor) | to_all] for motor in MOTORS},
         {motor: feedback[answering == motor] for motor in MOTORS},
         feedback[(answering >= MOTORS[0]) & (answering <= MOTORS[-1])],
+        first_feedback(rows),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A command that may still be answered."""
+
+    cmd: int
+    t_ns: int
+    covered: bool
+    """Whether feedback came before it."""
 
 
 ANSWERABLE: Final = np.array(
@@ -117,6 +136,8 @@ class DecidedCommands:
     """Times of the answers, or `NO_TIME`."""
     commands_ns: Ints
     """Times of the commands, or `NO_TIME`."""
+    uncovered: Ints
+    """Indices of other commands: without an answer, before the first feedback."""
 
     @property
     def measured(self) -> tuple[Ints, Ints]:
@@ -125,23 +146,28 @@ class DecidedCommands:
         return self.delays_ns[known], self.ends_ns[known]
 
 
-_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE, _NONE)
+_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE, _NONE, _NONE)
 
 
 class Pairing(Model):
     """Matches the commands to one motor with its feedback.
 
     The answer of a command is the first feedback with the same CMD before the next command and the
-    deadline. While a port is lost, a command may be answered, but it is never unanswered.
+    deadline. While a port is lost, and before the first feedback of a recording (the wire of the
+    answers may not be recorded), a command may be answered, but it is never unanswered.
     """
 
     def __init__(self) -> None:
         self.answered = 0
         self.unanswered = 0
+        self.uncovered = 0
+        """Commands without an answer before the first feedback of their recording."""
+        self._early_count = 0
+        """Those of them that are unanswered if feedback came before these rows."""
         self.delays = RecentValues()
         """Latest answer times, nanoseconds."""
-        self._waiting: tuple[int, int] | None = None
-        """CMD and time of the last command, if it may still be answered."""
+        self._waiting: _Waiting | None = None
+        """The last command, if it may still be answered."""
         self._early: dict[int, int] = {}
         """By CMD, the time of the first feedback before `_begins_with`."""
         self._early_ns = NO_TIME
@@ -150,24 +176,29 @@ class Pairing(Model):
         """Whether the first command or gap is a `command` or a `gap`; None before it."""
         self._port_lost: bool | None = None
         """Whether a port is lost, so that no command is unanswered; None before it is known."""
+        self.has_feedback = False
+        """Whether feedback, of any motor, came in this recording."""
+        self.has_start = False
+        """Whether the recording began among these rows."""
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
-        """Frames are missing here: whether the last command was answered remains unknown.
-
-        From here on a port is lost or not, as `Gap.port_lost` says.
-        """
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Frames are missing here: whether the last command was answered remains unknown."""
         self._waiting = None
         self._begins_with = self._begins_with or _GAP
-        if port_lost is not None:
-            self._port_lost = port_lost
+        if gap is None:
+            return
+        if gap.port_lost is not None:
+            self._port_lost = gap.port_lost
+        if gap.kind is GapKind.OTHER_RECORDING:
+            self.has_feedback, self.has_start = False, True
 
     def merge(self, later: Pairing) -> DecidedCommands:
         """Add the frames that follow; returns what became of the command that was open here."""
         decided = _NO_COMMANDS
         if self._waiting is not None:
-            answers = [(cmd, t_ns) for cmd, t_ns in later._early.items() if cmd == self._waiting[0]]
+            answers = [one for one in later._early.items() if one[0] == self._waiting.cmd]
             follows = later._begins_with == _COMMAND
-            decided = self.decide(
+            decided = self._decide(
                 _frames([(_NO_CMD, NO_TIME)] if follows else [], after=len(answers)),
                 _frames(answers),
                 np.array([later._early_ns]),
@@ -176,13 +207,24 @@ class Pairing(Model):
             self._early = {**later._early, **self._early}
             self._early_ns = max(self._early_ns, later._early_ns)
             self._begins_with = later._begins_with
+        follows = self.has_feedback and not later.has_start
         if later._begins_with is not None:
             self._waiting = later._waiting
+            if self._waiting is not None and follows:
+                self._waiting = replace(self._waiting, covered=True)
         if later._port_lost is not None:
             self._port_lost = later._port_lost
         self.delays.merge(later.delays)
         self.answered += later.answered
         self.unanswered += later.unanswered
+        self.uncovered += later.uncovered
+        if self.has_feedback:
+            self.unanswered += later._early_count
+            self.uncovered -= later._early_count
+        elif not self.has_start:
+            self._early_count += later._early_count
+        self.has_feedback = later.has_feedback or follows
+        self.has_start |= later.has_start
         return decided
 
     def _observe_early(self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints) -> None:
@@ -205,35 +247,36 @@ class Pairing(Model):
     @property
     def waiting_cmd(self) -> int | None:
         """The CMD of that command, if there is one."""
-        return None if self._waiting is None else self._waiting[0]
+        return None if self._waiting is None else self._waiting.cmd
 
     @property
     def waiting_since_ns(self) -> int | None:
         """The time of that command, if it has one."""
-        if self._waiting is None or self._waiting[1] == NO_TIME:
+        if self._waiting is None or self._waiting.t_ns == NO_TIME:
             return None
-        return self._waiting[1]
+        return self._waiting.t_ns
 
-    def observe(
-        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints = _NONE
-    ) -> tuple[Ints, Ints]:
-        """Match the commands and the feedback of the next batch; see `decide`.
+    def observe(self, rows: Rows, found: MotorRows, motor: int) -> DecidedCommands:
+        """Match the next rows; returns what became of the commands that they decide."""
+        commands = MotorFrames.of(rows, found.commands[motor])
+        feedback = MotorFrames.of(rows, found.feedback[motor])
+        covered_from = 0 if self.has_feedback else found.first_feedback
+        self.has_feedback |= found.first_feedback < len(rows)
+        return self._decide(commands, feedback, rows.t_ns, covered_from)
 
-        Returns the known answer times and times of the answers, nanoseconds.
-        """
-        return self.decide(commands, feedback, t_ns).measured
-
-    def decide(
-        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints = _NONE
+    def _decide(
+        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints, covered_from: int = 0
     ) -> DecidedCommands:
-        """Match the next commands and feedback; returns what became of each command.
+        """Match commands and feedback; commands before an index are not covered.
 
         `t_ns` are the times of all rows of the batch, for the deadline of the last command.
         """
         if self._begins_with is None:
             self._observe_early(commands, feedback, t_ns)
+        covered = commands.indices >= covered_from
         if self._waiting is not None:
-            commands = commands.after(*self._waiting)
+            commands = commands.after(self._waiting.cmd, self._waiting.t_ns)
+            covered = np.concatenate(([self._waiting.covered], covered))
         if not len(commands.indices):
             return _NO_COMMANDS
         answers, answered = find_answers(commands, feedback)
@@ -245,9 +288,15 @@ class Pairing(Model):
         answerable = np.isin(commands.cmds, ANSWERABLE)
         overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
         waits = bool(answerable[-1] and not answered[-1] and not overdue)
-        self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
+        last = int(commands.cmds[-1]), int(commands.t_ns[-1]), bool(covered[-1])
+        self._waiting = _Waiting(*last) if waits else None
         unanswered = answerable & ~answered & (not self._port_lost)
         unanswered[-1] &= overdue
+        uncovered = commands.indices[unanswered & ~covered]
+        self.uncovered += len(uncovered)
+        if not self.has_start:
+            self._early_count += len(uncovered)
+        unanswered &= covered
         self.answered += int(answered.sum())
         self.unanswered += int(unanswered.sum())
         decided = answered | unanswered
@@ -257,6 +306,7 @@ class Pairing(Model):
             delays_ns[decided],
             ends_ns[decided],
             commands.t_ns[decided],
+            uncovered,
         )
 
 
@@ -432,9 +482,10 @@ class _Motor(Model):
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def observe(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
-        """Apply the commands to this motor and its feedback, by their indices in the batch."""
-        self._pair(rows, commands, feedback)
+    def observe(self, rows: Rows, found: MotorRows) -> None:
+        """Apply the commands to this motor and its feedback."""
+        self._pair(rows, found)
+        commands, feedback = found.commands[self.number], found.feedback[self.number]
         self.commands += len(commands)
         self.feedback += len(feedback)
         self._command_times.observe(_known_times(rows.t_ns[commands]))
@@ -451,10 +502,9 @@ class _Motor(Model):
         for name, flag_byte in self._flags.items():
             flag_byte.observe(rows.values(name, feedback), rows.t_ns[feedback])
 
-    def _pair(self, rows: Rows, commands: Ints, feedback: Ints) -> None:
+    def _pair(self, rows: Rows, found: MotorRows) -> None:
         open_cmd = self.pairing.waiting_cmd
-        frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-        decided = self.decided = self.pairing.decide(*frames, rows.t_ns)
+        decided = self.decided = self.pairing.observe(rows, found, self.number)
         if not len(decided.indices):
             return
         cmds = rows.cmds[decided.indices].astype(np.int64)
@@ -465,8 +515,8 @@ class _Motor(Model):
             if own.any():
                 answers.observe(decided.answered[own], decided.delays_ns[own])
 
-    def interrupt(self, port_lost: bool | None) -> None:
-        self.pairing.interrupt(port_lost)
+    def interrupt(self, gap: Gap | None) -> None:
+        self.pairing.interrupt(gap)
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
     def _set_target(self, rows: Rows, commands: Ints) -> None:
@@ -518,14 +568,14 @@ class Motors(Model):
         """Apply the next rows, in order of time; `found` is `motor_rows(rows)` if known."""
         found = found or motor_rows(rows)
         for motor in self._motors:
-            motor.observe(rows, found.commands[motor.number], found.feedback[motor.number])
+            motor.observe(rows, found)
         feedback = found.any_feedback
         self._online.observe(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
 
-    def interrupt(self, port_lost: bool | None = None) -> None:
-        """Rows are missing here: no answer and no rate spans the gap; see `Gap.port_lost`."""
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Rows are missing here: no answer and no rate spans the gap."""
         for motor in self._motors:
-            motor.interrupt(port_lost)
+            motor.interrupt(gap)
 
     @property
     def decided(self) -> Mapping[int, DecidedCommands]:

@@ -7,7 +7,7 @@ the first feedback of the motor with the same CMD before the motor's next comman
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -119,9 +119,10 @@ class AnswerState(Enum):
     UNANSWERED = "unanswered"
     """Another command to the motor, or the deadline, came first."""
     WAITING = "waiting"
-    """It is the last command to the motor, and no answer came yet."""
+    """No answer came yet, and the facts of its row are not known yet."""
     UNKNOWN = "unknown"
-    """Rows are missing after it, a port is lost, or `MOST_SEARCHED` rows do not decide it."""
+    """No feedback came before it, rows are missing after it, a port is lost, or `MOST_SEARCHED`
+    rows do not decide it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,19 +168,12 @@ _FrameBefore: TypeAlias = tuple[int, bytes] | None
 class RowRelations:
     """Finds the related rows of a store's rows, by index."""
 
-    def __init__(
-        self, store: RowStore, gaps: Sequence[int] = (), lost: Container[int] = ()
-    ) -> None:
-        """Relations of the rows of a store.
+    def __init__(self, store: RowStore, gaps: Sequence[int] = ()) -> None:
+        """Relations of the rows of a store; before the rows at the indices `gaps` rows are missing.
 
-        Args:
-            store: the rows.
-            gaps: the indices of the rows before which rows are missing, rising.
-            lost: those of them from which on a port is lost, until the next gap; 0 from the first
-                row on.
+        The indices rise.
         """
-        self._store = store
-        self._gaps, self._lost = gaps, lost
+        self._store, self._gaps = store, gaps
         self._far: dict[int, _FrameBefore] = {}
         """Frames before that were far away, by index of the row."""
         self._asked = -1
@@ -280,8 +274,7 @@ class RowRelations:
                 at = int(found[-1])
                 if not commands[at] or rows.cmds[at] != row.cmds[0]:
                     return None
-                found_command = self._paired(motor, start + at, rows[at : at + 1], index, row)
-                return found_command if found_command.answer is not None else None
+                return _paired(motor, start + at, rows[at : at + 1], index, row)
         return None
 
     def _answer(self, index: int, row: Rows, motor: int) -> CommandAnswer:
@@ -294,38 +287,26 @@ class RowRelations:
             found = np.flatnonzero(commands | feedback)
             if len(found):
                 at = int(found[0])
-                state = AnswerState.UNKNOWN if self._is_lost(index) else AnswerState.UNANSWERED
-                answer = CommandAnswer(motor, state, index)
-                if not commands[at]:
-                    answer = self._paired(motor, index, row, start + at, rows[at : at + 1])
-                self._decided[motor] = answer
-                return answer
+                own = rows[at : at + 1]
+                answer = None if commands[at] else _paired(motor, index, row, start + at, own)
+                if answer is not None:
+                    self._decided[motor] = answer
+                    return answer
+                break
+        else:
+            self._searched[motor] = max(end, index + 1)
+        return CommandAnswer(motor, self._without_answer(index, row, motor), index)
+
+    def _without_answer(self, index: int, row: Rows, motor: int) -> AnswerState:
+        """The state of a command without an answer in the store, by the facts of its row."""
         missed = int(row.unanswered[0])
         if missed != NO_FACT and missed >> motor_bit(motor) & 1:
-            return CommandAnswer(motor, AnswerState.UNANSWERED, index)
-        self._searched[motor] = max(end, index + 1)
-        waits = end == self._store.next and not self._is_lost(index)
-        state = AnswerState.WAITING if waits else AnswerState.UNKNOWN
-        return CommandAnswer(motor, state, index)
-
-    def _paired(
-        self, motor: int, command: int, asking: Rows, answer: int, answering: Rows
-    ) -> CommandAnswer:
-        asked_ns, answered_ns = int(asking.t_ns[0]), int(answering.t_ns[0])
-        if is_overdue(asked_ns, answering.t_ns):
-            return CommandAnswer(motor, AnswerState.UNANSWERED, command)
-        known = NO_TIME not in (asked_ns, answered_ns) and answered_ns >= asked_ns
-        delay_ns = answered_ns - asked_ns if known else None
-        return CommandAnswer(motor, AnswerState.ANSWERED, command, answer, delay_ns)
+            return AnswerState.UNANSWERED
+        return AnswerState.UNKNOWN if index < self._store.known else AnswerState.WAITING
 
     def _batch(self, index: int) -> Rows | None:
         """The row as a batch; None if it is not in the store."""
         return next(self._store.batches(index, index + 1), None) if index >= 0 else None
-
-    def _is_lost(self, index: int) -> bool:
-        """Whether a port is lost at that row."""
-        at = bisect_right(self._gaps, index)
-        return (self._gaps[at - 1] if at else 0) in self._lost
 
     def _end_after(self, index: int) -> int:
         """The end of the rows that may answer the one at an index."""
@@ -357,6 +338,18 @@ class RowRelations:
                 index -= len(rows)
                 yield index, rows
             step *= 2
+
+
+def _paired(
+    motor: int, command: int, asking: Rows, answer: int, answering: Rows
+) -> CommandAnswer | None:
+    """A command and its answer; None if that came after the deadline."""
+    asked_ns, answered_ns = int(asking.t_ns[0]), int(answering.t_ns[0])
+    if is_overdue(asked_ns, answering.t_ns):
+        return None
+    known = NO_TIME not in (asked_ns, answered_ns) and answered_ns >= asked_ns
+    delay_ns = answered_ns - asked_ns if known else None
+    return CommandAnswer(motor, AnswerState.ANSWERED, command, answer, delay_ns)
 
 
 def _frames_of(rows: Rows, motor: int, cmd: int) -> tuple[Bools, Bools]:

@@ -54,7 +54,7 @@ class StatisticsSummary(RowModel):
         """Apply a change before the next rows."""
         self.statistics.observe_change(change)
         if isinstance(change, Gap):
-            self.answers.interrupt(change.port_lost)
+            self.answers.interrupt(change)
         if self.findings is not None:
             self.findings.observe_change(change)
 

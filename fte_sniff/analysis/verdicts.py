@@ -107,7 +107,7 @@ class RuleCheck(RowModel):
             if change.kind is GapKind.NOT_SHOWN:
                 self.unseen += change.rows or 0
             for measure in self._measures:
-                measure.interrupt(change.port_lost)
+                measure.interrupt(change)
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Add port events."""

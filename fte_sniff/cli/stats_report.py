@@ -289,8 +289,9 @@ def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
     if not summary.in_order:
         return [*counts, *[UNKNOWN] * 6]
     delays = one.delays
+    unanswered = UNKNOWN if one.unanswered is None else f"{one.unanswered:,}"
     return [
-        *(*counts, f"{one.pairing.answered:,}", f"{one.pairing.unanswered:,}", f"{one.neither:,}"),
+        *(*counts, f"{one.pairing.answered:,}", unanswered, f"{one.neither:,}"),
         *(span_text(delays.percentile_ns(50)), span_text(delays.percentile_ns(99))),
         span_text(delays.longest_ns),
     ]

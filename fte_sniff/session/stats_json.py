@@ -133,7 +133,7 @@ def _stream(stream: StreamStats) -> Json:
 
 
 def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
-    def known(number: int) -> int | None:
+    def known(number: int | None) -> int | None:
         return number if in_order else None
 
     return {
@@ -141,7 +141,7 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
         "commands": answers.commands,
         "feedback": answers.feedback,
         "answered": known(answers.pairing.answered),
-        "unanswered": known(answers.pairing.unanswered),
+        "unanswered": known(answers.unanswered),
         "neither": known(answers.neither),
         "delay": _durations(answers.delays if in_order else type(answers.delays)()),
         "error_bits": [

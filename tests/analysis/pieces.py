@@ -70,7 +70,8 @@ def captures(draw: st.DrawFn) -> list[Step]:
         elif what == "damage":
             steps.append(Damage(port, 10 * number, b"\x01\x02", at, (Fault.NOISE,)))
         elif what == "gap":
-            steps.append(Gap(GapKind.PORT, port=draw(st.sampled_from([None, *PORTS]))))
+            kind = draw(st.sampled_from([GapKind.PORT, GapKind.OTHER_RECORDING]))
+            steps.append(Gap(kind, port=draw(st.sampled_from([None, *PORTS]))))
         else:
             steps.append(BaudChange(port, draw(st.sampled_from([9600, 115_200]))))
     return steps

@@ -180,12 +180,14 @@ def test_filter_with_previous_selects_the_same_rows_in_a_store(
 
 def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None]]:
     """`answer_ns` and `unanswered` of every row, by the text of docs/stats.md."""
-    found, lost = list[tuple[int | None, bool | None]](), False
+    found, lost, covered = list[tuple[int | None, bool | None]](), False, False
     for at, row in enumerate(steps):
         if not isinstance(row, Frame | Damage):
-            if isinstance(row, Gap) and row.port_lost is not None:
-                lost = row.port_lost
+            if isinstance(row, Gap):
+                lost = lost if row.port_lost is None else row.port_lost
+                covered = covered and row.kind is not GapKind.OTHER_RECORDING
             continue
+        covered |= isinstance(row, Frame) and row.direction is Direction.FEEDBACK
         if (
             not isinstance(row, Frame)
             or row.kind is None
@@ -197,7 +199,7 @@ def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None
         motors = [row.values["motor"]] if row.kind.names_motor else [*MOTORS]
         each = [answer_by_hand(steps, at, row, motor) for motor in motors]
         if False in [one[0] for one in each]:
-            found.append((None, None if lost else True))
+            found.append((None, True if covered and not lost else None))
         elif None in [one[0] for one in each]:
             found.append((None, None))
         else:
@@ -264,9 +266,20 @@ def test_answers_are_those_of_a_search_by_hand(steps: list[Step]) -> None:
 def test_a_command_is_answered_before_the_next_one_and_the_deadline(
     rows: list[Row], answers: list[tuple[int | None, bool | None]]
 ) -> None:
-    found = [(one.answer_ns, one.unanswered) for one in fed(rows)]
-    controls = [pair for pair, row in zip(found, rows, strict=True) if row.raw[0] == 0xAA]
+    found = [(one.answer_ns, one.unanswered) for one in fed([answer(4, None), *rows])]
+    controls = [pair for pair, row in zip(found[1:], rows, strict=True) if row.raw[0] == 0xAA]
     assert controls == answers
+
+
+def test_nothing_is_unanswered_before_the_first_feedback_of_a_recording() -> None:
+    """The wire of the answers may not be recorded."""
+    commands = [command(1, 0), command(1, 5), command(1, 9), command(1, 2000)]
+    assert [row.unanswered for row in fed(commands)] == [None] * 4
+    found = fed([*commands[:2], answer(2, 7), *commands[2:]])
+    assert [row.unanswered for row in found] == [None, None, None, True, None]
+    for kind, missed in ((GapKind.OTHER_RECORDING, None), (GapKind.DAMAGE, True)):
+        found = fed([answer(2, 0), Gap(kind), *commands])
+        assert [row.unanswered for row in found[1:-1]] == [missed] * 3
 
 
 def test_a_command_to_all_motors_has_the_slowest_answer() -> None:
@@ -274,13 +287,15 @@ def test_a_command_to_all_motors_has_the_slowest_answer() -> None:
     answers = [Frame("p", 0, one.raw[:1] + b"\3" + one.raw[2:], one.t_ns) for one in answers]
     assert fed([frame("mecanum", 0, 0), *answers])[0].answer_ns == 4 * MS
     assert fed([frame("mecanum", 0, 0), *answers[:3]])[0].unanswered is None
-    assert fed([frame("mecanum", 0, 0), *answers[:3], answer(1, 2000)])[0].unanswered is True
+    late = [answer(4, -5), frame("mecanum", 0, 0), *answers[:3], answer(1, 2000)]
+    assert fed(late)[1].unanswered is True
 
 
 def test_nothing_is_unanswered_while_a_port_is_lost() -> None:
     lost, found = (Gap(GapKind.PORT, port_lost=one) for one in (True, False))
-    rows = fed([lost, command(1, 0), command(1, 5), found, command(1, 9), command(1, 10)])
-    assert [row.unanswered for row in rows] == [None, None, True, None]
+    first = answer(1, -5)
+    rows = fed([first, lost, command(1, 0), command(1, 5), found, command(1, 9), command(1, 10)])
+    assert [row.unanswered for row in rows[1:]] == [None, None, True, None]
 
 
 def test_rows_without_times_wait_for_a_bounded_number_of_rows() -> None:

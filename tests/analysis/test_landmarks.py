@@ -113,15 +113,6 @@ def test_a_gap_is_a_landmark_unless_an_event_reports_it_or_nothing_is_before_it(
     assert landmarks.gaps == [3, 6]
 
 
-def test_a_port_is_lost_up_to_the_gap_where_it_is_found() -> None:
-    landmarks = Landmarks(store_of(10))
-    gaps = [(0, True), (2, None), (4, False), (5, None), (7, True), (7, False), (8, True)]
-    changes = [StreamChange(at, Gap(GapKind.PORT, port_lost=lost)) for at, lost in gaps]
-    landmarks.add([], changes[:3])
-    landmarks.add([], changes[3:])
-    assert landmarks.lost == {0, 2, 8}
-
-
 def test_landmarks_leave_with_their_rows() -> None:
     store = RowStore(bound=5, block_rows=2)
     landmarks = Landmarks(store)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.motors import MotorFrames, Motors, MotorState, Pairing
+from fte_sniff.analysis.motors import ANSWERABLE, Motors, MotorState, Pairing, motor_rows
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
-from fte_sniff.protocol.rows import NO_TIME, Codebook, Rows
+from fte_sniff.protocol.rows import Codebook, Rows
 
 SECOND = 1_000_000_000
 SMALL = st.integers(-300, 300)
@@ -157,63 +156,67 @@ def test_rates_and_delays(rate: int) -> None:
     assert (state.answered, state.unanswered) == (4 * rate, 0)
 
 
-COMMAND, FEEDBACK = True, False
-EXCHANGES = st.lists(
-    st.tuples(st.sampled_from([COMMAND, FEEDBACK]), st.sampled_from([0, 1, 1, 2, 3, 9])),
-    max_size=40,
-)
+@st.composite
+def exchanges(draw: st.DrawFn) -> list[Row]:
+    """Commands and feedback of two motors, one time unit apart."""
+    rows = list[Row]()
+    for t_ns in range(draw(st.integers(0, 40))):
+        kind = draw(st.sampled_from([kind for kind in KINDS if kind.cmds]))
+        values = {one.name: 0 for one in kind.fields if one.default is None}
+        if kind.names_motor:
+            values["motor"] = draw(st.sampled_from([1, 1, 2]))
+        rows.append(Frame("p", 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), t_ns))
+    return rows
 
 
-def pair_in_batches(pairing: Pairing, events: list[tuple[bool, int]], begin: int = 0) -> None:
-    """Events one time unit apart."""
-
-    def moments(side: bool) -> MotorFrames:
-        places = [place for place, (kind, _) in enumerate(events) if kind is side]
-        cmds = [events[place][1] for place in places]
-        times = [begin + place for place in places]
-        return MotorFrames(*(np.array(part, np.int64) for part in (places, cmds, times)))
-
-    pairing.observe(moments(COMMAND), moments(FEEDBACK))
+def observe(pairing: Pairing, rows: list[Row], motor: int = 1) -> None:
+    batch = Rows.from_rows(rows)
+    pairing.observe(batch, motor_rows(batch), motor)
 
 
-def paired_by_hand(events: list[tuple[bool, int]]) -> tuple[list[int], int, bool]:
-    """The delays of what is answered, how many are not, and whether the last one waits."""
+def paired_by_hand(rows: list[Row]) -> tuple[list[int], int, int, bool]:
+    """For motor 1: the delays of what is answered, how many commands are not answered, how many of
+    them before the first feedback of any motor, and whether the last one waits."""
     delays: list[int] = []
-    unanswered = 0
-    asked: tuple[int, int] | None = None
-    for at, (side, cmd) in enumerate(events):
-        if side is COMMAND:
-            unanswered += asked is not None
-            asked = (cmd, at) if cmd in (1, 2, 3) else None
-        elif asked is not None and asked[0] == cmd:
-            delays.append(at - asked[1])
+    unanswered = {True: 0, False: 0}
+    covered = False
+    asked: tuple[int, int, bool] | None = None
+    for t_ns, row in enumerate(rows):
+        covered |= isinstance(row, Frame) and row.direction is Direction.FEEDBACK
+        if _commands(row, 1):
+            if asked is not None:
+                unanswered[asked[2]] += 1
+            asked = (row.raw[1], t_ns, covered) if row.raw[1] in ANSWERABLE else None
+        elif asked is not None and _tells(row, 1) and row.raw[1] == asked[0]:
+            delays.append(t_ns - asked[1])
             asked = None
-    return delays, unanswered, asked is not None
+    return delays, unanswered[True], unanswered[False], asked is not None
 
 
-@given(EXCHANGES, st.lists(st.integers(0, 40), max_size=4))
-def test_pairing_in_batches_of_any_size_follows_the_rule(
-    events: list[tuple[bool, int]], cuts: list[int]
-) -> None:
-    pairing = Pairing()
-    edges = [0, *sorted(min(cut, len(events)) for cut in cuts), len(events)]
-    for start, end in pairwise(edges):
-        pair_in_batches(pairing, events[start:end], begin=start)
-    delays, unanswered, waits = paired_by_hand(events)
-    assert pairing.delays.values.tolist() == delays
-    assert (pairing.answered, pairing.unanswered) == (len(delays), unanswered)
-    assert pairing.waiting is waits
-    asked = sum(side is COMMAND and cmd in (1, 2, 3) for side, cmd in events)
-    assert pairing.answered + pairing.unanswered + pairing.waiting == asked
+@given(exchanges(), st.lists(st.integers(0, 40), max_size=4))
+def test_pairing_in_batches_of_any_size_follows_the_rule(rows: list[Row], cuts: list[int]) -> None:
+    whole = Pairing()
+    edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
+    pieces = [Pairing() for _ in edges[1:]]
+    for piece, (start, end) in zip(pieces, pairwise(edges), strict=True):
+        observe(whole, rows[start:end])
+        observe(piece, rows[start:end])
+    for piece in pieces[1:]:
+        pieces[0].merge(piece)
+    delays, unanswered, uncovered, waits = paired_by_hand(rows)
+    for pairing in (whole, pieces[0]):
+        assert pairing.answered == len(delays)
+        assert (pairing.unanswered, pairing.uncovered) == (unanswered, uncovered)
+        assert pairing.waiting is waits
+    assert whole.delays.values.tolist() == delays
 
 
 def test_pairs_without_times_are_counted_but_not_measured() -> None:
     pairing = Pairing()
-    one = np.array([0]), np.array([1]), np.array([NO_TIME])
-    other = np.array([1]), np.array([1]), np.array([NO_TIME])
-    pairing.observe(MotorFrames(*one), MotorFrames(*other))
+    command, feedback = (_row(name, None, motor=1, rpm=5) for name in ("speed", "speed_feedback"))
+    observe(pairing, [command, feedback])
     assert pairing.answered == 1
     assert pairing.delays.percentile(50) is None
-    pairing.observe(MotorFrames(*one), MotorFrames(*(part[:0] for part in other)))
+    observe(pairing, [command])
     assert pairing.waiting
     assert pairing.waiting_since_ns is None

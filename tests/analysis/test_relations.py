@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.relations import (
     MOST_SEARCHED,
     UNCHANGED,
@@ -29,6 +33,8 @@ from fte_sniff.protocol import (
     Direction,
     Fault,
     Frame,
+    Gap,
+    GapKind,
     Row,
     encode,
 )
@@ -105,44 +111,46 @@ def is_from(row: Row, motor: int) -> bool:
     return kind is not None and kind.direction is Direction.FEEDBACK and row.raw[2] == motor
 
 
-def simple_answer(rows: list[Row], number: int, motor: int, end: int) -> CommandAnswer:
+def store_of(rows: list[Row], gaps: Mapping[int, bool] = MappingProxyType({})) -> RowStore:
+    """A store of the rows and their facts; by index, gaps and whether a port is lost from there."""
+    store, facts = RowStore(block_rows=7), Facts()
+    batch = Rows.from_rows(rows)
+    store.append(batch)
+    changes = [StreamChange(at, Gap(GapKind.PORT, port_lost=lost)) for at, lost in gaps.items()]
+    store.fill(facts.feed(batch, changes))
+    store.fill(facts.interrupt())
+    return store
+
+
+def simple_answer(
+    rows: list[Row], number: int, motor: int, end: int, without: AnswerState
+) -> CommandAnswer:
+    """The answer by a search; `without` is the state of a command that another one follows."""
     for n in range(number + 1, end):
         if is_to(rows[n], motor):
-            return CommandAnswer(motor, AnswerState.UNANSWERED, number)
+            return CommandAnswer(motor, without, number)
         if is_from(rows[n], motor) and rows[n].raw[1] == rows[number].raw[1]:
             state, delay_ns = AnswerState.ANSWERED, 1000 * (n - number)
             return CommandAnswer(motor, state, number, n, delay_ns)
-    state = AnswerState.WAITING if end == len(rows) else AnswerState.UNKNOWN
-    return CommandAnswer(motor, state, number)
+    return CommandAnswer(motor, AnswerState.UNKNOWN, number)
 
 
-@given(
-    ROWS,
-    st.lists(st.integers(1, 60), unique=True, max_size=3).map(sorted),
-    st.lists(st.integers(0, 3), unique=True),
-)
-def test_answers_are_those_of_a_search_row_by_row(
-    rows: list[Row], gaps: list[int], which: list[int]
-) -> None:
-    store = RowStore(block_rows=7)
-    store.append(Rows.from_rows(rows))
-    gaps = [gap for gap in gaps if gap < len(rows)]
-    lost = {gap for number, gap in enumerate([0, *gaps]) if number in which}
-    relations = RowRelations(store, gaps, lost)
+@given(ROWS, st.dictionaries(st.integers(0, 59), st.booleans(), max_size=3))
+def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], lost: dict[int, bool]) -> None:
+    gaps = {at: lost[at] for at in sorted(lost) if at < len(rows)}
+    relations = RowRelations(store_of(rows, gaps), list(gaps))
     answered: dict[int, CommandAnswer] = {}
     for number, row in enumerate(rows):
         end = next((gap for gap in gaps if gap > number), len(rows))
+        is_lost = [is_lost for gap, is_lost in gaps.items() if gap <= number][-1:] == [True]
+        covered = any(is_from(before, motor) for before in rows[:number] for motor in MOTORS)
+        unknown = is_lost or not covered
+        without = AnswerState.UNKNOWN if unknown else AnswerState.UNANSWERED
         wanted = [
-            simple_answer(rows, number, motor, end)
+            simple_answer(rows, number, motor, end, without)
             for motor in MOTORS
             if is_to(row, motor) and row.raw[1] != 0
         ]
-        if max(gap for gap in [0, *gaps] if gap <= number) in lost:
-            unknown = (AnswerState.UNANSWERED, AnswerState.WAITING)
-            wanted = [
-                replace(one, state=AnswerState.UNKNOWN) if one.state in unknown else one
-                for one in wanted
-            ]
         assert relations.answers(number) == wanted
         answered |= {one.answer: one for one in wanted if one.answer is not None}
     for number in range(len(rows)):
@@ -151,9 +159,7 @@ def test_answers_are_those_of_a_search_row_by_row(
 
 @given(ROWS)
 def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> None:
-    store = RowStore()
-    store.append(Rows.from_rows(rows))
-    relations, pairs = RowRelations(store), answer_pairs(Rows.from_rows(rows))
+    relations, pairs = RowRelations(store_of(rows)), answer_pairs(Rows.from_rows(rows))
     found = [one for number in range(len(rows)) for one in relations.answers(number)]
     wanted = {(one.command, one.answer) for one in found if one.answer is not None}
     assert set(zip(*(own.tolist() for own in pairs), strict=True)) == wanted
@@ -161,12 +167,10 @@ def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> No
 
 @given(ROWS, st.sets(st.integers(0, 59), max_size=20))
 def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown: set[int]) -> None:
-    store = RowStore(block_rows=7)
-    store.append(Rows.from_rows(rows))
     batch = Rows.from_rows(rows)
     ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
     indices = sorted(index for index in shown if index < len(rows))
-    relations = RowRelations(store)
+    relations = RowRelations(store_of(rows))
     pasts = relations.pasts(indices)
     assert list(pasts) == indices
     for index, past in pasts.items():
@@ -190,18 +194,29 @@ def test_a_frame_before_is_found_far_away(away: int, found: bool) -> None:
 
 
 def test_a_search_ends_after_many_rows() -> None:
-    store = RowStore()
     command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     answer = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
     other = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
-    store.append(
-        Rows.from_rows(
-            [Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)]
-        )
-    )
+    rows = [Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)]
+    store = store_of(rows)
     [found] = RowRelations(store).answers(0)
     assert found.state is AnswerState.UNKNOWN
     assert RowRelations(store).command(store.next - 1) is None
+
+
+def test_command_waits_until_its_facts_are_known() -> None:
+    """On the screen those of the last second are not known yet."""
+    answer, command = (
+        Frame("p", 0, encode(KIND_BY_NAME[kind], {"motor": 1, "rpm": 5}), 0)
+        for kind in ("speed_feedback", "speed")
+    )
+    store, facts, batch = RowStore(), Facts(), Rows.from_rows([answer, command, command])
+    store.append(batch)
+    relations = RowRelations(store)
+    assert relations.answers(1)[0].state is AnswerState.WAITING
+    store.fill(facts.feed(batch))
+    assert relations.answers(1)[0].state is AnswerState.UNANSWERED
+    assert relations.answers(2)[0].state is AnswerState.WAITING
 
 
 @pytest.mark.parametrize("index", [-1, 5])

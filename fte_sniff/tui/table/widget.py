@@ -133,7 +133,7 @@ class RowTable(ScrollView):
         super().__init__()
         self.viewport = Viewport()
         self.landmarks = Landmarks(store)
-        self.relations = RowRelations(store, self.landmarks.gaps, self.landmarks.lost)
+        self.relations = RowRelations(store, self.landmarks.gaps)
         self.view = view
         self.marks = RowMarks()
         self._overview = OverviewBar(store, self.landmarks, self.marks)
