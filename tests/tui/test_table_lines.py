@@ -203,7 +203,7 @@ def test_changed_bytes_fade(feed: Any) -> None:
 
 def test_a_command_and_its_answer_belong_together(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(exchange())
+        feed.give([*exchange(), frame("speed", 40, motor=2, rpm=100)])
         await settle(app, pilot)
         await press(app, pilot, "g", "i")
         await settle(app, pilot)
@@ -216,9 +216,11 @@ def test_a_command_and_its_answer_belong_together(feed: Any) -> None:
         assert "answers the command in row 1, 5 ms later" in page(app)
         await press(app, pilot, "R")
         assert table(app).viewport.cursor == 0
-        await press(app, pilot, "j", "R")
-        assert "unanswered: the next command to the motor came first" in page(app)
-        assert "this row is neither a command with an answer" in page(app)
+        await press(app, pilot, "G", "k", "R")
+        await settle(app, pilot)
+        reason = "unanswered: the motor's next command, or the deadline, came first"
+        # In the pane, and below as the reason why R leads nowhere.
+        assert page(app).count(reason) == 2
 
     play(feed, scenario, size=(100, 40))
 
