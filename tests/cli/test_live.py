@@ -42,6 +42,8 @@ from tests.slow import first
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 SILENT = "sim://?host=off&wire=control"
+KEPT = ("--keep-recording", "--duration", "15 min")
+"""Its end is for a test that is killed: nothing else would end the capture."""
 
 
 def test_count_ends_it_and_the_recording_holds_just_that(run, tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def test_rows_that_nobody_reads_end_a_capture_without_a_recording_quietly(
 
 def test_recording_that_is_kept_goes_on_without_a_reader(environment, tmp_path: Path) -> None:
     file = tmp_path / "x.mcap"
-    words = ("live", "sim://?rate=1000", "-o", str(file), "--keep-recording", "--format", "jsonl")
+    words = ("live", "sim://?rate=1000", "-o", str(file), *KEPT, "--format", "jsonl")
     with started(environment, tmp_path, *words) as process:
         until(process, b"speed_feedback")
         process.stdout.close()
@@ -498,7 +500,7 @@ def test_three_ports_are_refused(run) -> None:
 def test_a_kept_recording_outlives_its_view(run, environment, tmp_path: Path, number: int) -> None:
     file = tmp_path / "x.mcap"
     with started(
-        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", "--keep-recording"
+        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", *KEPT
     ) as process:
         said = stderr_until(process, "ends it then")
         (capture,) = holding(file)
@@ -517,7 +519,7 @@ def test_a_kept_recording_outlives_its_view(run, environment, tmp_path: Path, nu
 
 def test_a_kept_recording_ends_when_its_view_asks(run, environment, tmp_path: Path) -> None:
     with started(
-        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", "--keep-recording"
+        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", *KEPT
     ) as process:
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)

@@ -313,7 +313,8 @@ def test_a_recording_that_is_kept_goes_on_without_its_terminal(
     run, environment, tmp_path: Path, session: Callable[[], None]
 ) -> None:
     recording = tmp_path / "x.mcap"
-    arguments = (*LIVE, "--keep-recording")
+    # Its end is for a test that is killed: nothing else would end the capture.
+    arguments = (*LIVE, "--keep-recording", "--duration", "15 min")
     with terminal(environment, tmp_path, *arguments, size=(200, 60), session=session) as screen:
         draws_much(screen)
         screen.close()

@@ -15,6 +15,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.python_readers import mcap_lines, rerun_lines
 from tests.recording.conftest import START, some_rows
+from tests.slow import first
 from tests.support.columns import in_columns
 
 HERE = Path(__file__).parent
@@ -121,7 +122,7 @@ def _record(path: Path, count: int, flush_every: int, ports: tuple[str, ...]) ->
     return path, rows, events
 
 
-@pytest.fixture(params=["empty", "short", "many chunks", "two wires", "under way"])
+@pytest.fixture(params=first(4, ["empty", "short", "two wires", "under way", "many chunks"]))
 def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Recorded:
     """A recording, and what went into it."""
     path = tmp_path / "recorded.mcap"

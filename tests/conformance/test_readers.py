@@ -41,7 +41,7 @@ PORT = PortFacts("/dev/ttyUSB0", 115_200)
 
 
 def _write_bulk(folder: Path) -> None:
-    batches = (Rows.from_rows(some_rows(40_000, start=START + n * 10**12)) for n in range(3))
+    batches = (Rows.from_rows(some_rows(15_000, start=START + n * 10**12)) for n in range(3))
     write_recording(folder / "x.mcap", [PORT], batches)
 
 
