@@ -302,7 +302,7 @@ def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
     if not summary.in_order:
         yield Text("the inputs overlap in time: answers cannot be matched to commands")
     elif any(one.neither for one in summary.answers.stats()):
-        yield Text("neither: resets, which need no answer, and commands still open where rows end")
+        yield Text("neither: resets; commands before the first feedback, or open where rows end")
     if not any(one.feedback for one in summary.answers.stats()):
         return
     warnings = list(flag_texts(summary.flags.stats(), when, in_order=summary.in_order))
