@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import findings
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.statistics import POINTER, StatisticsPane
 from tests.tui.conftest import NOON_NS, page, play, press, settle, table, type_line, until
 
 SECOND_NS = 1_000_000_000
@@ -162,6 +164,10 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
         await press(app, pilot, key)
         await settle(app, pilot)
         assert "enter: its rows" in page(app)
+        shown = str(app.query_one(StatisticsPane).query_one(Static).content).splitlines()
+        pointer = next(line for line in shown if POINTER in line)
+        faults = next(line for line in shown if "truncated" in line)
+        assert faults[pointer.index(POINTER)] == "█", "the chosen cell can still be read"
         start, end = app._panes.chosen_span or (0, 0)
         assert start <= (rows[max(damaged)].t_ns or 0) < end, "the fullest is first"
         await press(app, pilot, "h", "l", "enter")
