@@ -168,7 +168,7 @@ class Overview:
         end = min(block.count, self._store.next - block.start)
         matching = block.matching if view.filter is not None else block.count
         known = self._blocks.get(block.start)
-        key = (view.filter, bucket, first, end, matching)
+        key = (view.filter, bucket, first, end, matching, block.known)
         if known is not None and known.key == key:
             return known
         offsets = view.offsets(block)

@@ -30,8 +30,10 @@ class RowNote(IntEnum):
 
     NONE = 0
     RAISED = 1
-    SUSPECT = 2
-    MALFORMED = 3
+    UNANSWERED = 2
+    """Known later than the others, and for some rows never."""
+    SUSPECT = 3
+    MALFORMED = 4
 
 
 _NOTES: Final = {
@@ -42,7 +44,7 @@ _NOTES: Final = {
 
 
 def row_notes(rows: Rows) -> Codes:
-    """The `RowNote` of each row."""
+    """The `RowNote` of each row, without those that a fact gives."""
     by_faults = np.array([_NOTES[status_of(one)] for one in rows.codebook.faults], np.uint8)
     notes: Codes = by_faults[rows.faults]
     notes[(notes == RowNote.NONE) & rows.raised()] = RowNote.RAISED
@@ -76,7 +78,7 @@ class Block:
         self.matching = 0
         self._matches: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
         self._packed_notes: Codes | None = None
-        """Two bits a row, once the block is full."""
+        """Three bits a row, once the block is full; without those that a fact gives."""
 
     @property
     def free(self) -> int:
@@ -101,7 +103,7 @@ class Block:
         self.raised = self.raised or bool(rows.raised().any())
         if not self.free:
             notes = row_notes(self.rows)
-            self._packed_notes = np.packbits((notes >> 1, notes & 1), axis=1)
+            self._packed_notes = np.packbits((notes >> 2, notes >> 1 & 1, notes & 1), axis=1)
 
     def fill(self, facts: Rows) -> None:
         """Store the facts of the next rows, not more than there are."""
@@ -113,10 +115,14 @@ class Block:
 
     def notes(self) -> Codes:
         """The `RowNote` of each row, also where the rows are not in memory."""
+        notes: Codes
         if self._packed_notes is None:
-            return row_notes(self.rows[: self.count])
-        high, low = np.unpackbits(self._packed_notes, axis=1, count=self.count)
-        notes: Codes = 2 * high + low
+            notes = row_notes(self.rows[: self.count])
+        else:
+            high, middle, low = np.unpackbits(self._packed_notes, axis=1, count=self.count)
+            notes = 4 * high + 2 * middle + low
+        missed = self._facts["unanswered"][: self.count] > 0
+        notes[missed & (notes < RowNote.UNANSWERED)] = RowNote.UNANSWERED
         return notes
 
     def drop(self) -> None:

@@ -379,6 +379,7 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     in_bar = [
         (SHADES, _(FAULTY_CELL)),
         (BAR_RAISED, _(RAISED)),
+        (Sign.UNANSWERED.value, _(Sign.UNANSWERED.meaning)),
         (BAR_MARKED, _(Sign.MARKED.meaning)),
     ]
     in_bar.append((BAR_EVENT, _(EVENT_MEANING)))

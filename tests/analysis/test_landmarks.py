@@ -24,13 +24,18 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.rows import Rows
 
 SOUND = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
+COMMAND = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
 RAISED = encode(KIND_BY_NAME["speed_feedback"], {"motor": 2, "rpm": 5, "error": 4})
 EXAMPLES: dict[RowNote, Row] = {
     RowNote.NONE: Frame("p", 0, SOUND, 0),
     RowNote.RAISED: Frame("p", 0, RAISED, 0),
+    RowNote.UNANSWERED: Frame("p", 0, COMMAND, 0, unanswered=True),
     RowNote.SUSPECT: Frame("p", 0, SOUND, 0, (Fault.AMBIGUOUS,)),
     RowNote.MALFORMED: Damage("p", 0, b"\x01", 0, (Fault.NOISE,)),
 }
+FILLED = 17
+"""Rows whose facts become known at once."""
+
 NOTE_LISTS = st.lists(st.sampled_from(RowNote), max_size=120)
 
 
@@ -43,10 +48,12 @@ def test_cells_show_the_worst_rows_of_their_share(
         store.view.set_filter(RowFilter.parse("motor = 1"))
     overview = Overview(store)
     for note in notes:
-        store.append(Rows.from_rows([EXAMPLES[note]]))
+        row = Rows.from_rows([EXAMPLES[note]])
+        store.append(row)
+        store.fill(row)
     shown = notes[-bound:]
     if filtered:
-        shown = [note for note in shown if note in (RowNote.NONE, RowNote.SUSPECT)]
+        shown = [note for note in shown if note not in (RowNote.RAISED, RowNote.MALFORMED)]
     per_cell = -(-len(shown) // cells) if shown else 1
     shares = [shown[at : at + per_cell] for at in range(0, len(shown), per_cell)]
     # A share of less than eight rows is counted exactly.
@@ -64,16 +71,19 @@ def test_cells_show_the_worst_rows_of_their_share(
     st.integers(1, 60),
     st.booleans(),
 )
-def test_cells_are_those_of_the_rows_that_are_played(
+def test_cells_are_those_of_the_rows_that_are_played_and_whose_facts_are_known(
     notes: list[RowNote], limits: list[int | None], cells: int, filtered: bool
 ) -> None:
     store = RowStore(block_rows=64)
     if filtered:
         store.view.set_filter(RowFilter.parse("motor = 1"))
-    store.append(Rows.from_rows([EXAMPLES[note] for note in notes]))
+    rows = Rows.from_rows([EXAMPLES[note] for note in notes])
+    store.append(rows)
     overview = Overview(store)
     for limit in (None, *limits):
+        assert overview.cells(cells) == Overview(store).cells(cells)
         store.limit = limit
+        store.fill(rows[store.known : store.known + FILLED])
         assert overview.cells(cells) == Overview(store).cells(cells)
 
 

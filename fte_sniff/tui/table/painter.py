@@ -368,6 +368,7 @@ BAR_RAISED: Final = "▲"
 BAR_MARKED: Final = "◄"
 BAR_EVENT: Final = "═"
 
+_BAR_SIGNS: Final = {RowNote.RAISED: BAR_RAISED, RowNote.UNANSWERED: Sign.UNANSWERED.value}
 _STATUSES: Final = {RowNote.SUSPECT: Status.SUSPECT, RowNote.MALFORMED: Status.MALFORMED}
 
 
@@ -395,10 +396,11 @@ class OverviewBar:
         """The signs by cell, for a bar of `height` cells."""
         self._height, self._rows = height, self._store.view.count
         found, cells = {}, self._overview.cells(height)
-        fullest = max((cell.share for cell in cells), default=0.0)
+        fullest = max((cell.share for cell in cells if cell.worst in _STATUSES), default=0.0)
         for at, cell in enumerate(cells):
-            if cell.worst is RowNote.RAISED:
-                found[at] = BarSign(BAR_RAISED, Style(color=palette.raised.color))
+            if cell.worst in _BAR_SIGNS:
+                text = _BAR_SIGNS[cell.worst]
+                found[at] = BarSign(text, Style(color=palette.raised.color))
             elif cell.worst:
                 color = palette.statuses[_STATUSES[cell.worst]].color
                 found[at] = BarSign(shade(cell.share, fullest), Style(color=color))

@@ -256,7 +256,7 @@ class RowTable(ScrollView):
     def _draw_overview(self) -> None:
         """Update the signs in the scroll bar; while rows come, once a second."""
         store, height, palette = self._store, self.scrollable_size.height, self.palette
-        rows = (store.first, store.next, store.view.count)
+        rows = (store.first, store.next, store.known, store.view.count)
         wanted = (store.view.filter, height, tuple(self.marks), palette, len(self.landmarks))
         if (wanted, rows) == self._overview_drawn or self._overview_timer is not None:
             return
