@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -56,6 +58,13 @@ def run(tmp_path: Path, environment: dict[str, str], program: Program) -> Run:
         return subprocess.CompletedProcess(words, ended.code, output, errors)
 
     return run
+
+
+def decoded(run: Run, name: str) -> list[dict[str, Any]]:
+    """The rows of a file, which `decode` writes as JSON lines."""
+    done = run("decode", name, "--format", "jsonl")
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 @pytest.fixture

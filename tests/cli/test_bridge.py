@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import signal
@@ -15,6 +14,7 @@ import serial
 
 from fte_sniff.protocol import byte_time_ns
 from fte_sniff.recording.reader import RecordingReader
+from tests.cli.conftest import decoded
 from tests.cli.processes import (
     BOUND_S,
     Process,
@@ -57,12 +57,6 @@ def talk(host: serial.Serial, far: int) -> None:
     assert heard == SPEED
     os.write(far, ANSWER)
     assert host.read(len(ANSWER)) == ANSWER
-
-
-def decoded(run, name: str) -> list[dict]:
-    done = run("decode", name, "--format", "jsonl")
-    assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_path: Path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import select
 import shutil
@@ -21,6 +20,7 @@ import pytest
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
 from tests.beside import Work, running, server_socket
+from tests.cli.conftest import decoded
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -293,12 +293,6 @@ def test_a_working_folder_that_is_gone_is_one_line(environment, tmp_path: Path) 
     assert b"the working folder is gone" in done.stderr
 
 
-def decoded(run, name: str) -> list[dict]:
-    done = run("decode", name, "--format", "jsonl")
-    assert done.returncode == 0
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
 FEEDBACK = bytes.fromhex("550101000000000000EE")
 
 
@@ -331,12 +325,6 @@ def adapter(tmp_path: Path) -> Iterator[Adapter]:
     adapter.pull()
 
 
-def rows_of(run, file: str) -> list[dict]:
-    done = run("decode", file, "--format", "jsonl")
-    assert done.returncode == 0
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
 def test_a_lost_port_is_waited_for_and_found_again(
     run, environment, tmp_path: Path, adapter: Adapter
 ) -> None:
@@ -356,7 +344,7 @@ def test_a_lost_port_is_waited_for_and_found_again(
         code, _, errors = ended(process)
     assert code == 0
     assert "port events: lost 1, found_again 1" in errors
-    rows = rows_of(run, "x.mcap")
+    rows = decoded(run, "x.mcap")
     # The frame that was cut in two is two pieces, and no byte is missing.
     pieces = [row["raw"] for row in rows if row["faults"]]
     assert pieces == [FRAME[:6].hex().upper(), FRAME[6:].hex().upper()]
@@ -386,7 +374,7 @@ def test_the_end_while_it_waits_comes_at_once(
         code, _, errors = ended(process)
     assert code == 0
     assert "recorded to x.mcap" in errors
-    assert rows_of(run, "x.mcap")
+    assert decoded(run, "x.mcap")
 
 
 def test_a_duration_ends_it_while_it_waits(environment, tmp_path: Path, adapter: Adapter) -> None:
@@ -409,7 +397,7 @@ def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Ad
         code, _, errors = ended(process)
     assert code == 3
     assert "adapter was lost" in errors
-    assert rows_of(run, "x.mcap")
+    assert decoded(run, "x.mcap")
 
 
 def test_a_server_that_goes_and_comes_is_found_again(environment, tmp_path: Path) -> None:
@@ -462,7 +450,7 @@ def test_two_wires_are_one_time_line(run, environment, tmp_path: Path) -> None:
         code, _, errors = ended(process)
     assert code == 0
     assert "port events" not in errors
-    rows = rows_of(run, "x.mcap")
+    rows = decoded(run, "x.mcap")
     assert [row["time"] for row in rows] == sorted(row["time"] for row in rows)
     for _, name in wires:
         own = [row for row in rows if row["port"] == name]

@@ -6,11 +6,30 @@ from random import Random
 
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Direction, Fault, Field, FrameKind
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KINDS,
+    Chunk,
+    Direction,
+    Fault,
+    Field,
+    FrameKind,
+    Framer,
+    Row,
+)
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
 from fte_sniff.protocol.spec import FTE_FORMAT, NUM_OFFSET, FrameFormat
 from tests.protocol.oracle import LINES, UNLEARNED, Oracle
 from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
+
+
+def rows_of(stream: bytes, size: int | None = None) -> list[Row]:
+    """The rows of a stream that comes at once, or in chunks of this size."""
+    framer, step = Framer("p"), size or max(1, len(stream))
+    chunks = (stream[at : at + step] for at in range(0, len(stream), step))
+    rows = [row for chunk in chunks for row in framer.feed(Chunk("p", None, chunk))]
+    return rows + framer.flush()
+
 
 _CALM_LINE = tuple(
     map(

@@ -32,7 +32,7 @@ from fte_sniff.protocol.readings import (
 from tests.examples import examples
 from tests.protocol.framer.test_decoder import EXAMPLE, FRAME, PAGE
 from tests.protocol.oracle import IS_HEADER, LINES, Oracle, noise_score
-from tests.protocol.streams import imitating, raw_bytes
+from tests.protocol.streams import imitating, raw_bytes, rows_of
 from tests.support.faults import damaged_stream
 
 Segments = tuple[SpanSegment, ...]
@@ -116,11 +116,6 @@ def test_the_probabilities_of_all_readings_add_up_to_1(
 
 
 # Rows of streams
-
-
-def rows_of(stream: bytes) -> list[Row]:
-    framer = Framer("p")
-    return framer.feed(Chunk("p", None, stream)) + framer.flush()
 
 
 def segment_texts(reading: str) -> list[str]:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, Chunk, Fault, Frame, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, Fault, Frame
 from fte_sniff.protocol.framer import FrameTables
 from fte_sniff.protocol.framer.candidates import CandidateSet
 from fte_sniff.protocol.framer.decoder import (
@@ -42,7 +42,7 @@ from fte_sniff.protocol.framer.tables import FAULT_SETS
 from tests.examples import examples
 from tests.protocol import oracle
 from tests.protocol.oracle import LINES, UNLEARNED, ZERO, Oracle
-from tests.protocol.streams import near_frames, unambiguous_frame
+from tests.protocol.streams import near_frames, rows_of, unambiguous_frame
 from tests.slow import first
 from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
 from tests.support.score import labels, score
@@ -128,11 +128,6 @@ def decoded_alone(data: bytes, end: int, line: Oracle, *, calm: bool) -> list[Pa
 def clear_damage_at(data: bytes, at: int, line: Oracle = ZERO) -> Part | None:
     segment = clear_damage(line.tables, data, at)
     return None if segment is None else parts_of([segment])[0]
-
-
-def rows_of(stream: bytes) -> list[Row]:
-    framer = Framer("p")
-    return framer.feed(Chunk("p", None, stream)) + framer.flush()
 
 
 # Scores and segmentation

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Chunk, Fault, Frame, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Chunk, Fault, Frame, Framer
 from fte_sniff.protocol.framer import FTE_TABLES
 from fte_sniff.protocol.framer.reserve import (
     CONTRADICTION,
@@ -21,6 +21,7 @@ from fte_sniff.protocol.framer.reserve import (
 from fte_sniff.protocol.framer.tables import LEARNING
 from fte_sniff.protocol.spec import FTE_FORMAT
 from tests.examples import examples
+from tests.protocol.streams import rows_of
 from tests.support.faults import PAYLOADS, RESERVES, damaged_stream
 from tests.support.score import score
 
@@ -29,13 +30,6 @@ RESET, SPEED = 0, 1
 
 FRAMES = 6000
 """Frames in each stream of the bar."""
-
-
-def rows_of(stream: bytes, size: int | None = None) -> list[Row]:
-    framer, step = Framer("p"), size or max(1, len(stream))
-    chunks = (stream[at : at + step] for at in range(0, len(stream), step))
-    rows = [row for chunk in chunks for row in framer.feed(Chunk("p", None, chunk))]
-    return rows + framer.flush()
 
 
 def speed(reserve: str, motor: int = 1, rpm: int = 1000) -> bytes:
