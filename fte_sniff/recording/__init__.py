@@ -3,7 +3,6 @@
 Modules:
 
     batch_reader   Reading of batches by several threads; ranges of time and of rows.
-    disk_wait      Time that writing waits for the disk.
     file_identity  Deletion of a file only if it is still ours.
     file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.

@@ -20,7 +20,6 @@ from typing import Final
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
 from fte_sniff.platform import POSIX, open_flags
-from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.file_identity import FileIdentity, delete_own, sync_folder
 from fte_sniff.recording.file_lock import in_use, lock, locked
 from fte_sniff.recording.mcap.append_file import (
@@ -289,10 +288,10 @@ class StreamOutput:
     is_gone = is_deleted = False
     """Unused: writing to a stream without a reader fails."""
 
-    def __init__(self, path: Path, wait: DiskWait | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         """Open it; raises FileError if it cannot be opened, or is a terminal."""
         self.path = path
-        self._pipe = NamedPipe(path, wait) if path != STDOUT and path.is_fifo() else None
+        self._pipe = NamedPipe(path) if path != STDOUT and path.is_fifo() else None
         self._descriptor = -1
         if self._pipe is not None:
             self.target: Stream = self._pipe
@@ -309,7 +308,7 @@ class StreamOutput:
                 f"{path} is a terminal, which cannot show a recording; name a file with -o, or "
                 "redirect standard output to a program or a file"
             )
-        self.target = Stream(self._descriptor, wait)
+        self.target = Stream(self._descriptor)
 
     @property
     def waits_for_reader(self) -> bool:
@@ -340,15 +339,13 @@ def is_stream(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
-def open_output(
-    path: Path, existing: Existing, wait: DiskWait | None = None
-) -> tuple[OutputPath | StreamOutput, AppendTarget]:
-    """Open the output of a recording, and the target of its bytes; `wait` counts its waits.
+def open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
+    """Open the output of a recording, and the target of its bytes.
 
     Raises FileError as `OutputPath` and `StreamOutput`.
     """
     if is_stream(path):
-        stream = StreamOutput(path, wait)
+        stream = StreamOutput(path)
         return stream, stream.target
     output = OutputPath(path, existing)
-    return output, AppendFile(output.descriptor, wait)
+    return output, AppendFile(output.descriptor)

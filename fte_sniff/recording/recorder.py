@@ -21,7 +21,6 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, iso_time
 from fte_sniff.protocol.rows import NO_ROWS, Rows
-from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.metadata import (
     END_NAME,
     GAP_NAME,
@@ -120,8 +119,6 @@ class Recorder:
         Raises FileError if the file cannot be made, or the disk has too little space for it.
         """
         self._options = options or RecordingOptions()
-        self.disk_wait = DiskWait()
-        """How long writing has waited for the disk."""
         self._ports, self._facts = tuple(ports), dict(facts or {})
         window = self._options.trigger_window
         self._trigger = Trigger(select, window) if select and window else None
@@ -287,7 +284,7 @@ class Recorder:
 
     def _open(self, path: Path, existing: Existing, facts: Mapping[str, str]) -> RecordingWriter:
         facts = self._facts | dict(facts)
-        return RecordingWriter(path, self._ports, facts, existing=existing, wait=self.disk_wait)
+        return RecordingWriter(path, self._ports, facts, existing=existing)
 
     def _open_next(self) -> RecordingWriter:
         path, existing = self._files.next_path()

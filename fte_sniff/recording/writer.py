@@ -22,7 +22,6 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
-from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
@@ -114,7 +113,6 @@ class RecordingWriter:
         facts: Mapping[str, str] | None = None,
         *,
         existing: Existing = Existing.REFUSE,
-        wait: DiskWait | None = None,
     ) -> None:
         """Create the file, with the schemas and channels of all ports in it.
 
@@ -124,7 +122,6 @@ class RecordingWriter:
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
-            wait: counts how long writing waits for the disk.
 
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
@@ -146,7 +143,7 @@ class RecordingWriter:
         """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
         self._last_of_port: dict[str, int] = {}
         self._metadata: list[Metadata] = []
-        self._output, target = open_output(path, existing, wait)
+        self._output, target = open_output(path, existing)
         self._closed = False
         try:
             self._file = RecordingFile(target, ports, facts or {})

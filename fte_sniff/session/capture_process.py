@@ -233,8 +233,8 @@ class CaptureLoop:
         self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
         self._now_ns = self._drain_ns = self._flush_ns = 0
         self._lost: PortEvent | None = None
-        self._writing: tuple[float, float] | None = None
-        """When the write under way began, and how long writing had waited for the disk by then."""
+        self._writing_since_s: float | None = None
+        """When the write under way began."""
         self._is_ending = False
         self._turns = 0
         outbox.progress = self._progress
@@ -352,25 +352,20 @@ class CaptureLoop:
     def _record(self, do: Callable[[Recorder], None]) -> None:
         if self._recorder is None:
             return
-        self._writing = time.monotonic(), self._recorder.disk_wait.seconds
+        self._writing_since_s = time.monotonic()
         try:
             do(self._recorder)
         finally:
-            self._writing = None
+            self._writing_since_s = None
         if changes := self._recorder.changes():
             self._outbox.put(changes=changes)
 
     def _progress(self) -> WriteProgress:
-        writing, recorder = self._writing, self._recorder
-        took_s = waited_s = 0.0
-        if writing is not None and recorder is not None:
-            took_s = time.monotonic() - writing[0]
-            waited_s = recorder.disk_wait.seconds - writing[1]
+        since_s, recorder = self._writing_since_s, self._recorder
         return WriteProgress(
             recorder.unflushed_rows if recorder is not None else 0,
             self._source.waiting,
-            took_s >= SLOW_S,
-            0 < took_s / 2 <= waited_s,
+            since_s is not None and time.monotonic() - since_s >= SLOW_S,
             self._is_ending or self._source.end is not None,
             recorder.size if recorder is not None else 0,
             recorder.fired if recorder is not None else None,

@@ -48,8 +48,6 @@ class WriteProgress:
     """Bytes that were read and are in no row yet."""
     is_slow: bool = False
     """Whether a write takes long."""
-    waits_for_disk: bool = False
-    """Whether that is because of the disk, and not of a busy processor."""
     is_end: bool = False
     bytes: int = 0
     """Size of all files."""
@@ -199,10 +197,10 @@ class CaptureState:
     def backlog(self) -> str | None:
         """What the end waits for; None if nothing."""
         if self.is_write_slow:
-            what = self.progress.remaining
-            if self.progress.waits_for_disk:
-                return TranslatableText("the disk is slow: {what} are not written yet", what=what)
-            return TranslatableText("the processor is busy: {what} are not written yet", what=what)
+            return TranslatableText(
+                "writing is slow, as the disk or the processor is busy: {what} are not written yet",
+                what=self.progress.remaining,
+            )
         if self.leftover:
             return TranslatableText(
                 "writing received data: {bytes:,} bytes left", bytes=self.leftover

@@ -35,7 +35,6 @@ from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.platform import POSIX, open_flags, read_at, sync_data, write_at
-from fte_sniff.recording.disk_wait import DiskWait
 from fte_sniff.recording.mcap.records import DATA_END_LENGTH, END_LENGTH, HEAD, MAGIC
 
 _SECTOR = 512
@@ -138,12 +137,9 @@ class AppendFile:
     If an append fails, the file is restored to its previous state where the disk permits.
     """
 
-    def __init__(self, descriptor: int, wait: DiskWait | None = None) -> None:
-        """Take an empty file, open for reading and writing; the caller closes it.
-
-        `wait` counts how long writing waits.
-        """
-        self._descriptor, self._wait = descriptor, wait or DiskWait()
+    def __init__(self, descriptor: int) -> None:
+        """Take an empty file, open for reading and writing; the caller closes it."""
+        self._descriptor = descriptor
         self._end = 0
         self._tail: Tail | None = None
         self._tail_length = 0
@@ -158,11 +154,7 @@ class AppendFile:
 
         Raises CutOffError, NotRestoredError, or another OSError after which the file is restored.
         """
-        with self._wait.call():
-            self._append(data, tail())
-
-    def _append(self, data: bytes, new_tail: Tail) -> None:
-        end = self._end + len(data)
+        new_tail, end = tail(), self._end + len(data)
         tail_bytes = new_tail.at(end)
         stop = end + len(tail_bytes)
         guard, guard_end = 0, 0
@@ -191,8 +183,7 @@ class AppendFile:
         if self._tail != tail:
             self.append(b"", lambda: tail)
         self._check_end()
-        with self._wait.call():
-            sync_data(self._descriptor)
+        sync_data(self._descriptor)
 
     def _check_end(self) -> None:
         """Raise CutOffError if the tail is not where it was written."""
@@ -241,12 +232,9 @@ class AppendFile:
 class Stream:
     """A pipe, or another file that is written in sequence: the tail is written at the end."""
 
-    def __init__(self, descriptor: int, wait: DiskWait | None = None) -> None:
-        """Take a descriptor, open for writing; the caller closes it.
-
-        `wait` counts how long writing waits.
-        """
-        self._descriptor, self._wait = descriptor, wait or DiskWait()
+    def __init__(self, descriptor: int) -> None:
+        """Take a descriptor, open for writing; the caller closes it."""
+        self._descriptor = descriptor
         self._size = 0
 
     @property
@@ -265,8 +253,7 @@ class Stream:
     def _write(self, data: bytes) -> None:
         view = memoryview(data)
         while view:
-            with self._wait.call():
-                written = os.write(self._descriptor, view)
+            written = os.write(self._descriptor, view)
             self._size += written
             view = view[written:]
 
@@ -281,9 +268,9 @@ MAX_UNREAD = 64 * 1024 * 1024
 class NamedPipe(Stream):
     """A named pipe; appended data stays in memory until a program opens the pipe for reading."""
 
-    def __init__(self, path: Path, wait: DiskWait | None = None) -> None:
-        """Take an existing named pipe; `wait` counts how long writing waits."""
-        super().__init__(-1, wait)
+    def __init__(self, path: Path) -> None:
+        """Take an existing named pipe."""
+        super().__init__(-1)
         self._path = path
         self._unread = bytearray()
 
