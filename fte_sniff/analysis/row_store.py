@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import Row, Status, status_of
-from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_TIME, Array, Codebook, Codes, Rows
+from fte_sniff.protocol.rows import NO_TIME, Codebook, Codes, Rows, no_facts
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -51,17 +51,13 @@ def row_notes(rows: Rows) -> Codes:
     return notes
 
 
-def _no_facts(rows: int) -> dict[str, Array]:
-    return {name: np.full(rows, NO_FACT, np.dtype(code)) for name, code in FACTS.items()}
-
-
 class Block:
     """A run of consecutive rows; `start` is the index of the first."""
 
     def __init__(self, start: int, capacity: int, codebook: Codebook) -> None:
         self.start = start
         self.capacity = capacity
-        self._facts = _no_facts(capacity)
+        self._facts = {name: np.asarray(own) for name, own in no_facts(capacity).items()}
         self.rows = Rows.allocate(codebook, capacity).with_facts(self._facts)
         self.dropped = False
         """Whether the rows are not in memory; everything else stays."""

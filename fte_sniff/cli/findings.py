@@ -10,7 +10,7 @@ import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.cli.output import print_json
+from fte_sniff.cli.output import print_json, text_or_json_option
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import finding_json
@@ -21,14 +21,7 @@ if TYPE_CHECKING:
 
 @click.command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
 @input_options
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="Text for people, or one JSON object (docs/findings.md).",
-)
+@text_or_json_option("docs/findings.md")
 @jobs_options
 def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
     """Find the spans of time in which something is wrong, all files together, best first.

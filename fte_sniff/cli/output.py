@@ -37,6 +37,18 @@ def format_option(
     )
 
 
+def text_or_json_option(page: str) -> Decorator:
+    """The `--format` option of a command that prints text, or the JSON object of a page."""
+    return click.option(
+        "--format",
+        "form",
+        type=click.Choice(["text", "json"]),
+        default="text",
+        show_default=True,
+        help=f"Text for people, or one JSON object ({page}).",
+    )
+
+
 def print_json(value: Any) -> None:
     """Print indented JSON on standard output, without a copy of the whole text."""
     encoder = json.JSONEncoder(ensure_ascii=False, indent=2)

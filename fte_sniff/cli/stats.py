@@ -8,21 +8,14 @@ import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.cli.output import print_json
+from fte_sniff.cli.output import print_json, text_or_json_option
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.stats_json import statistics_json
 
 
 @click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
 @input_options
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="Text for people, or one JSON object (docs/stats.md).",
-)
+@text_or_json_option("docs/stats.md")
 @jobs_options
 def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
