@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import Settings
-    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.reading_pass import TimeRange
 
 
 _HELP = (
@@ -84,7 +84,7 @@ def time_range(
     """
     if since is None and until is None:
         return None
-    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.reading_pass import TimeRange
 
     zone = zone or UTC
     bounds = cache(lambda: _bounds(times))

@@ -87,23 +87,6 @@ class _Row:
     readings: tuple[Reading, ...] | None = None
     """The best two readings of a damaged or ambiguous row; None if they were not computed."""
 
-    def __reduce__(self) -> tuple[type[_Row], tuple[object, ...]]:
-        """Pickle for another process, faster than dataclasses do."""
-        return type(self), (
-            self.port,
-            self.offset,
-            self.raw,
-            self.t_ns,
-            self.faults,
-            self.read_delay_ns,
-            self.order_uncertain,
-            self.answer_ns,
-            self.unanswered,
-            self.motor_hint,
-            self.previous,
-            self.readings,
-        )
-
     @property
     def status(self) -> Status:
         """The status by the faults."""
@@ -899,26 +882,6 @@ def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
         return np.empty(0, wire.newbyteorder("="))
     found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
     return found.astype(wire.newbyteorder("="))
-
-
-class RowBuffer:
-    """A large container that is reserved part by part, so that parts need not be copied."""
-
-    def __init__(self, codebook: Codebook, rows: int) -> None:
-        self._whole = Rows.allocate(codebook, rows)
-        self._used = 0
-
-    def reserve(self, rows: int) -> Rows:
-        """The next part to fill in; a separate one where the buffer is full."""
-        start = self._used
-        self._used += rows
-        if self._used > len(self._whole):
-            return Rows.allocate(self._whole.codebook, rows)
-        return self._whole[start : self._used]
-
-    def filled(self) -> Rows | None:
-        """All reserved parts as one; None if the buffer could not hold them all."""
-        return self._whole[: self._used] if self._used <= len(self._whole) else None
 
 
 class LineErrorMarker:

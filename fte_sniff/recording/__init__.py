@@ -2,7 +2,6 @@
 
 Modules:
 
-    batch_reader   Reading of batches by several threads; ranges of time and of rows.
     file_identity  Deletion of a file only if it is still ours.
     file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.
@@ -11,6 +10,7 @@ Modules:
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    Path choice, existing files, pipes, refusals.
     reader         RecordingReader: read one recording, also while it grows.
+    reading_pass   ReadingPass: one pass over a recording, decoded by several threads.
     recorder       Recorder: rows in, files out, gaps on write errors, rotation.
     repair         Repair a damaged recording.
     retention      Rotation and size limits; which old files are deleted.

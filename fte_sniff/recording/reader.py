@@ -31,9 +31,8 @@ from mcap.records import Channel, Header, Metadata, Statistics
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import read_at
-from fte_sniff.protocol import Gap, PortEvent, Row, iso_time
+from fte_sniff.protocol import Gap, Row, iso_time
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
 from fte_sniff.recording.file_lock import is_locked
 from fte_sniff.recording.mcap.reader import (
     LostBytes,
@@ -74,6 +73,7 @@ from fte_sniff.recording.metadata import (
     part_of,
     selection_from_metadata,
 )
+from fte_sniff.recording.reading_pass import EVERYTHING, ReadingPass, RowRange, TimeRange
 
 _BUFFER = 128 * 1024
 """Bytes read ahead: enough for the message indexes between two chunks."""
@@ -97,15 +97,6 @@ _EDGE = 64
 """Bytes before the tail by which an overwritten file is recognised."""
 
 
-class _Pass:
-    """One pass over a file; that over a growing file goes on as long as the file grows."""
-
-    def __init__(self, channels: ChannelReaders, reader: BatchReader, span: TimeRange) -> None:
-        self.channels, self.reader, self.span = channels, reader, span
-        self.position = 0
-        """Offset of the first record that was not read."""
-
-
 class RecordingReader:
     """Reader of one recording; each iteration reads the file anew, up to its last complete record
     while it grows. `added` goes on where it ended. `ending` and `losses` are those of all so far.
@@ -122,7 +113,7 @@ class RecordingReader:
         if growing:
             _check_kind(path)
         self.path = path
-        self._pass: _Pass | None = None
+        self._pass: ReadingPass | None = None
         """The pass of `added`."""
         self._grows = growing
         """Whether a pass ends at `_complete`, and not at the end of the file."""
@@ -244,10 +235,6 @@ class RecordingReader:
         """
         return (row for rows in self.batches() for row in rows)
 
-    def events(self) -> Iterator[PortEvent]:
-        """The port events, in file order; raises as iteration over rows does."""
-        return (event for rows in self.batches() for event in rows.events)
-
     def batches(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
     ) -> Iterator[Rows]:
@@ -281,12 +268,11 @@ class RecordingReader:
         while self._grows and current.position < self._complete:
             yield from self._read(current)
 
-    def _new_pass(self, codebook: Codebook, span: TimeRange, share: int) -> _Pass:
+    def _new_pass(self, codebook: Codebook, span: TimeRange, share: int) -> ReadingPass:
         channels, counts = self._known_channels(), self._summary is None
-        reader = BatchReader(channels, codebook, span, count_sequences=counts, share=share)
-        return _Pass(channels, reader, span)
+        return ReadingPass(channels, codebook, span, count_sequences=counts, share=share)
 
-    def _read(self, current: _Pass) -> Iterator[tuple[RowRange, Rows]]:
+    def _read(self, current: ReadingPass) -> Iterator[tuple[RowRange, Rows]]:
         """The rows from the position of a pass to the end, or the last complete record."""
         stop = self._complete if self._grows else None
         if stop is not None and current.position >= stop:
@@ -299,32 +285,30 @@ class RecordingReader:
                 stream, self._summary, wanted, self._found, first=current.position, stop=stop
             )
             try:
-                yield from current.reader.read(records)
+                yield from current.read(records)
             finally:
-                self._damage |= dict.fromkeys((*records.losses, *current.reader.found.lost))
+                self._damage |= dict.fromkeys((*records.losses, *current.found.lost))
             if current is self._pass and stop is not None:
                 current.position = stop
                 # It names the records of the first pass only.
                 self._summary = None
-                self.times = current.reader.found.times or self.times
+                self.times = current.found.times or self.times
                 self._advance(stream)
         if stop is None:
-            self._finish(current.reader, current.channels, records, whole=current.span.everything)
-            cut = bool(records.ending or records.losses)
-            self._check_topics(current.reader, current.channels, cut=cut)
+            self._finish(current, records)
+            self._check_topics(current, cut=bool(records.ending or records.losses))
 
     def read(self, rows: RowRange) -> Rows:
         """Read a range of rows again, with a codebook of its own.
 
         Raises FileError if the file cannot be read any more, or has changed.
         """
-        channels = self._channel_readers(rows.definitions)
-        reader = BatchReader(channels, Codebook(), rows.span)
+        again = ReadingPass(self._channel_readers(rows.definitions), Codebook(), rows.span)
         try:
             records = list(self._records_of(rows))
         except RecordError as error:
             raise self._changed() from error
-        batches = list(reader.read_again(records))
+        batches = [own for _, own in again.read(records)]
         end = rows.skipped + rows.count
         if sum(map(len, batches)) < end:
             raise self._changed()
@@ -522,22 +506,21 @@ class RecordingReader:
             return ChannelReaders(self._port_name, known)
         return ChannelReaders(self._port_name, known, self._lost.get)
 
-    def _finish(
-        self, reader: BatchReader, channels: ChannelReaders, records: RecordStream, *, whole: bool
-    ) -> None:
-        found = reader.found
+    def _finish(self, done: ReadingPass, records: RecordStream) -> None:
+        """Report what a pass found, at its end."""
+        found, whole = done.found, done.span.everything
         self._ending = records.ending or (None if whole else self._ending)
         self._losses = found.losses.lines
         if self._lost is not None:
-            defined = {channel.id: channel for channel in channels.channels}
+            defined = {channel.id: channel for channel in done.channels.channels}
             self._losses += tuple(self._lost.doubts(defined))
-        self.nothing_read = self._nothing_read(reader, records, whole=whole)
+        self.nothing_read = self._nothing_read(done, records)
         if not whole:
             return
         self.times = found.times or self.times
         count = self.count
-        if count is None and reader.statistics is not None:
-            count = _count_in(reader.statistics)
+        if count is None and done.statistics is not None:
+            count = _count_in(done.statistics)
         sequences = [(end, n) for end, n in found.sequences.values() if end < _SEQUENCES]
         skipped = sum(max(0, end - n) for end, n in sequences)
         self.least_lost_messages = skipped + found.unreadable
@@ -552,12 +535,11 @@ class RecordingReader:
             )
             self._losses += (text,)
 
-    def _nothing_read(
-        self, reader: BatchReader, records: RecordStream, *, whole: bool
-    ) -> FileError | None:
+    def _nothing_read(self, done: ReadingPass, records: RecordStream) -> FileError | None:
         """See `nothing_read`; of a part of the file, only if nothing else was skipped."""
-        found, is_indexed = reader.found, self._summary is not None and self._summary.guarded
-        if found.rows or (not whole and (is_indexed or found.times is not None)):
+        found, is_indexed = done.found, self._summary is not None and self._summary.guarded
+        is_part = not done.span.everything
+        if found.rows or (is_part and (is_indexed or found.times is not None)):
             return None
         if self.count is not None:
             has_lost = found.messages - found.unreadable < self.count
@@ -573,15 +555,15 @@ class RecordingReader:
             why=why,
         )
 
-    def _check_topics(self, reader: BatchReader, channels: ChannelReaders, *, cut: bool) -> None:
+    def _check_topics(self, done: ReadingPass, *, cut: bool) -> None:
         """Refuse a file of which nothing could be read, at the end of a pass."""
-        if reader.found.times is not None:
+        if done.found.times is not None:
             return
-        for channel in channels.channels:
-            why = channels.get(channel.id)
-            if isinstance(why, str) and why in reader.found.losses:
+        for channel in done.channels.channels:
+            why = done.channels.get(channel.id)
+            if isinstance(why, str) and why in done.found.losses:
                 raise FileError("{path}: {why}", path=self.path, why=why)
-        topics = [channel.topic for channel in channels.channels]
+        topics = [channel.topic for channel in done.channels.channels]
         ours = self._is_ours or any(topic in TOPIC_BY_NAME for topic in topics)
         if not ours and (topics or not cut):
             raise self._without_our_topics(topics)
@@ -783,9 +765,10 @@ def row_times(reader: RecordingReader) -> tuple[int, int] | None:
 
     Raises FileError if the file cannot be read.
     """
-    first_ns = next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
-    if first_ns is None:
+    first = next(iter(reader), None)
+    if first is None or first.t_ns is None:
         return None
+    first_ns = first.t_ns
     latest_ns = _latest_ns(reader, first_ns)
     if reader.damage:
         reader.count_times_from(first_ns, latest_ns)

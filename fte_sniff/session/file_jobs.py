@@ -29,8 +29,8 @@ from fte_sniff.session.inputs import Input, Progress, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.verdicts import Verdict
-    from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part
+    from fte_sniff.recording.reading_pass import TimeRange
 
 
 Model = TypeVar("Model", bound=RowModel)

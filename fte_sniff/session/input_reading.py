@@ -20,8 +20,8 @@ from fte_sniff.session.save import ExportSource
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol.rows import Ints, Rows
-    from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part, Selection
+    from fte_sniff.recording.reading_pass import TimeRange
     from fte_sniff.session.fact_stage import FactStage
     from fte_sniff.session.merge import Slice, Taken
 

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from fte_sniff.formats.log_reader import LogReader
     from fte_sniff.formats.parquet import ParquetRows
     from fte_sniff.protocol.rows import Ints
-    from fte_sniff.recording.batch_reader import RowRange, TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
+    from fte_sniff.recording.reading_pass import RowRange, TimeRange
 
 
 @dataclass(slots=True)
@@ -258,9 +258,10 @@ class RecordingInput(Input):
         if self.reader.times is not None:
             return self.reader.times[0]
         try:
-            return next((int(rows.t_ns[0]) for rows in self.reader.batches() if len(rows)), None)
+            first = next(iter(self.reader), None)
         except FileError:
             return None  # raised again by `batches`
+        return None if first is None else first.t_ns
 
     @property
     def ports(self) -> Sequence[PortFacts]:
@@ -302,7 +303,7 @@ class RecordingInput(Input):
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        from fte_sniff.recording.batch_reader import EVERYTHING
+        from fte_sniff.recording.reading_pass import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False

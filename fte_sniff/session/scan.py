@@ -20,7 +20,6 @@ from fte_sniff.analysis.motors import DEADLINE_NS
 from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.reader import (
     FileVersion,
     RecordingReader,
@@ -28,6 +27,7 @@ from fte_sniff.recording.reader import (
     recordings_in,
     start_of,
 )
+from fte_sniff.recording.reading_pass import TimeRange
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import RecordingInput
 

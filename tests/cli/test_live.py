@@ -39,6 +39,7 @@ from tests.cli.processes import (
 from tests.cli.terminals import terminal
 from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
 from tests.slow import first
+from tests.support.recorded_rows import events_in
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 SILENT = "sim://?host=off&wire=control"
@@ -352,7 +353,7 @@ def test_a_lost_port_is_waited_for_and_found_again(
         sum(row["length"] for row in rows[:number]) for number in range(len(rows))
     ]
     assert rows[-1]["raw"] == SPEED.hex().upper()
-    events = [event.kind for event in RecordingReader(tmp_path / "x.mcap").events()]
+    events = [event.kind for event in events_in(RecordingReader(tmp_path / "x.mcap"))]
     assert events == [
         PortEventKind.OPENED,
         PortEventKind.LOST,

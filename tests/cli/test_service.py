@@ -25,6 +25,7 @@ from tests.cli.processes import (
     stderr_until,
     wait_until,
 )
+from tests.support.recorded_rows import events_in
 
 LINE = "sim://?rate=500"
 SILENT = "sim://?host=off&wire=control"
@@ -56,7 +57,7 @@ def test_a_capture_of_some_rows_records_that_its_port_was_closed(run, tmp_path: 
     done = run("live", LINE, "--headless", "--count", "20", "-o", "x.mcap")
     assert done.returncode == 0
     assert rows_in(tmp_path / "x.mcap") == 20
-    events = RecordingReader(tmp_path / "x.mcap").events()
+    events = events_in(RecordingReader(tmp_path / "x.mcap"))
     assert [str(event.kind) for event in events] == ["opened", "closed"]
 
 

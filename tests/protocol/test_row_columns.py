@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
 from fte_sniff.protocol import rows as rows_module
-from fte_sniff.protocol.rows import COLUMNS, NO_KIND, Codebook, RowBuffer, Rows
+from fte_sniff.protocol.rows import COLUMNS, NO_KIND, Codebook, Rows
 from tests.analysis import conftest as _row_strategies  # noqa: F401
 from tests.protocol.streams import raw_bytes
 from tests.support.faults import damaged_stream
@@ -73,18 +73,6 @@ def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
     batch.assign(0, Rows.from_rows(one, codebook))
     batch.assign(len(one), Rows.from_rows(two, codebook))
     assert facts(batch) == facts(one + two)
-
-
-def test_a_buffer_is_one_batch_only_if_all_that_was_reserved_fits() -> None:
-    buffer = RowBuffer(Codebook(), 10)
-    for start, end in ((0, 4), (4, 10)):
-        buffer.reserve(end - start).t_ns[:] = range(start, end)
-    whole = buffer.filled()
-    assert whole is not None
-    assert whole.t_ns.tolist() == list(range(10))
-    assert len(buffer.reserve(3)) == 3
-    assert buffer.filled() is None
-    assert whole.t_ns.tolist() == list(range(10))
 
 
 @given(ROWS)

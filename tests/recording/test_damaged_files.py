@@ -19,13 +19,13 @@ from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
-from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.mcap.records import LARGEST, keep_freed_memory
 from fte_sniff.recording.messages.encode import encode_event, encode_row
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reading_pass import EVERYTHING, TimeRange
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import Work
@@ -34,6 +34,7 @@ from tests.cli.forked import Ended, Program
 from tests.examples import examples
 from tests.recording.conftest import START, some_rows, unprivileged
 from tests.support.columns import in_columns
+from tests.support.recorded_rows import events_in
 from tests.torture.damage import MAGIC
 from tests.torture.damage import records as _records
 
@@ -687,7 +688,7 @@ def test_a_pipe_is_read_as_often_as_wanted(
     feeder.ended()
     assert list(reader) == recorded[1]
     assert list(reader) == recorded[1]
-    assert list(reader.events()) == recorded[2]
+    assert events_in(reader) == recorded[2]
     assert (reader.ending, reader.losses) == ("", ())
 
 

@@ -29,17 +29,18 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.protocol.rows import NO_TIME, Rows
-from fte_sniff.recording.batch_reader import JOB, TimeRange
 from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reading_pass import JOB, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
 from tests.recording.conftest import entries_in
 from tests.support.columns import in_columns
+from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -119,7 +120,7 @@ def test_rows_and_events_are_read_back_as_written(
         reader = RecordingReader(path)
         found = entries_in(path)
         read = list(reader)
-        read_events = list(reader.events())
+        read_events = events_in(reader)
         assert (reader.ending, reader.losses) == ("", ())
         with path.open("rb") as file:
             log_times = [
@@ -463,7 +464,7 @@ def test_other_writers_files_are_read(
     found = list(reader)
     assert found == recorded[1]
     assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in recorded[1]]
-    assert list(reader.events()) == recorded[2]
+    assert events_in(reader) == recorded[2]
     assert (reader.ending, reader.losses) == ("", ())
     batches = list(reader.batches())
     assert [row for batch in batches for row in batch] == recorded[1]
@@ -500,7 +501,7 @@ def test_a_schema_without_a_needed_field_is_a_loss(
     path.write_bytes(replaced(path.read_bytes(), b"offset", b"beside"))
     reader = RecordingReader(path)
     assert list(reader) == []
-    assert list(reader.events()) == recorded[2]
+    assert events_in(reader) == recorded[2]
     assert any(
         "/fte/control/motor1: its messages (fte.MotorControl) have no offset" in loss
         for loss in reader.losses

@@ -36,6 +36,7 @@ from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindo
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, file_size_limit, some_rows, unprivileged
 from tests.support.columns import in_columns
+from tests.support.recorded_rows import events_in
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
 ALL = RecordingOptions(min_free_bytes=0)
@@ -534,7 +535,7 @@ def test_a_trigger_keeps_exactly_its_window(
         if any(t - before * STEP <= (row.t_ns or 0) <= t + after * STEP for t in picked)
     ]
     assert _rows(path) == wanted
-    assert list(RecordingReader(path).events()) == [event]
+    assert events_in(RecordingReader(path)) == [event]
     reported = _named(path, LEFT_OUT_NAME)
     assert sum(int(one["rows"]) for one in reported) == len(rows) - len(wanted)
 

@@ -26,6 +26,7 @@ from fte_sniff.recording.repair import FileDamage, Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import is_whole, some_rows
 from tests.support.columns import in_columns
+from tests.support.recorded_rows import events_in
 from tests.torture.damage import METADATA, records
 
 Spans = list[tuple[int, int, list[Row]]]
@@ -346,7 +347,7 @@ def test_events_are_kept_too(
     path.write_bytes(content[:-20])
     damage = repair(path, tmp_path / "repaired.mcap", Existing.REFUSE)
     reader = RecordingReader(tmp_path / "repaired.mcap")
-    assert list(reader.events()) == events
+    assert events_in(reader) == events
     assert (damage.messages, damage.lost_messages) == (len(rows) + len(events), 0)
 
 

@@ -37,6 +37,7 @@ from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
 from tests.beside import running
 from tests.recording.conftest import file_size_limit, some_rows, unprivileged
 from tests.support.columns import in_columns
+from tests.support.recorded_rows import events_in
 from tests.support.recording_kill import kill_one
 from tests.torture.damage import CHUNK, METADATA, records
 
@@ -232,7 +233,7 @@ def test_text_that_utf8_cannot_hold_is_escaped(tmp_path: Path) -> None:
         writer.write(in_columns(PortEvent(6, port, PortEventKind.LOST, "\udc80")))
     reader = RecordingReader(path)
     assert [row.port for row in reader] == ["tty\\udcff"]
-    assert [event.detail for event in reader.events()] == ["\\udc80"]
+    assert [event.detail for event in events_in(reader)] == ["\\udc80"]
 
 
 @pytest.mark.parametrize("t_ns", [None, -1])

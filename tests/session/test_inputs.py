@@ -20,9 +20,9 @@ from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reading_pass import TimeRange
 from fte_sniff.session import save
 from fte_sniff.session.inputs import InputBatch, LogInput, RecordingInput
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks

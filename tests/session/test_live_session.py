@@ -38,6 +38,7 @@ from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import holding
 from tests.examples import examples
 from tests.recording.conftest import file_size_limit
+from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S, wait_until, while_waiting
 
 SIM = "sim://?seed=1&rate=1000"
@@ -118,7 +119,7 @@ def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
         for update in updates(session):
             events += update.events
     assert [event.kind for event in events] == [PortEventKind.OPENED, PortEventKind.CLOSED]
-    assert list(RecordingReader(tmp_path / "x.mcap").events()) == events
+    assert events_in(RecordingReader(tmp_path / "x.mcap")) == events
 
 
 def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:

@@ -1,14 +1,23 @@
-"""Rows of two wires at full line rate."""
+"""Rows of two wires at full line rate; the events of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KIND_BY_NAME,
+    Frame,
+    PortEvent,
+    Row,
+    byte_time_ns,
+    encode,
+)
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import BulkWriter
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
@@ -16,6 +25,11 @@ START_NS = 1_770_000_000_000_000_000
 _FRAME_NS = FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD)
 _SECOND_NS = 1_000_000_000
 _KINDS = {PORTS[0]: ("speed", "position", "mecanum"), PORTS[1]: ("speed_feedback",) * 3}
+
+
+def events_in(reader: RecordingReader) -> list[PortEvent]:
+    """The port events, in file order."""
+    return [event for rows in reader.batches() for event in rows.events]
 
 
 def rows_of(first: int, count: int) -> list[Row]:

@@ -91,11 +91,6 @@ def field_view(packed: Array, offset: int, kind: str | np.dtype[Any]) -> Array:
     return found
 
 
-def message_count(indexes: Sequence[bytes]) -> int:
-    """The number of messages in the message index records of a chunk."""
-    return sum(len(body) for body in indexes) // (2 * _ENTRY.itemsize)
-
-
 def indexed_starts(indexes: Sequence[bytes], size: int) -> Array | None:
     """The starts in the message index records of a chunk, rising; None if they are impossible.
 

@@ -247,8 +247,6 @@ class DecodedColumns:
     """Number of messages, of any topic."""
     times: tuple[int, int] | None
     """First and last log time of fte-sniff's messages."""
-    in_place: bool
-    """Whether the columns are those given to `decode_columns`, without long rows and events."""
     losses: Losses
 
 
@@ -297,8 +295,7 @@ class _Decoder:
         self._kept[[row for row, _ in self._events]] = False
         whole = bool(self._kept.all())
         columns = self._columns.select(slice(None) if whole else self._kept, events)
-        in_place = whole and not columns.long
-        return DecodedColumns(columns, len(self._messages), times, in_place, self._losses)
+        return DecodedColumns(columns, len(self._messages), times, self._losses)
 
     def _fill(self) -> None:
         """Fill the columns as if every message fitted a template."""

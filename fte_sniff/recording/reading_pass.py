@@ -1,4 +1,4 @@
-"""Reading of batches by several threads; ranges of time and of rows.
+"""ReadingPass: one pass over a recording, decoded by several threads; ranges of time and of rows.
 
 Threads unpack and decode chunks ahead, with the definitions known at the time; zstd, CRC and numpy
 release the interpreter lock. A chunk that changes the definitions is decoded again with them when
@@ -21,16 +21,14 @@ from mcap.records import Statistics
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.protocol.rows import Array, Codebook, RowBuffer, Rows
+from fte_sniff.protocol.rows import Array, Codebook, Rows
 from fte_sniff.recording.mcap.chunk_index import (
     CHANNEL_OFFSET,
-    MESSAGE_HEAD,
     SEQUENCE_OFFSET,
     Definition,
     MessageIndex,
     index_messages,
     indexed_starts,
-    message_count,
 )
 from fte_sniff.recording.mcap.reader import LostBytes, RawRecord, RecordStream
 from fte_sniff.recording.mcap.records import (
@@ -134,9 +132,6 @@ _PIECE = 1024 * 1024
 """Unpacked bytes that are decoded at once, at least: enough rows for numpy, and few enough for a
 core's cache."""
 
-_MOST_RESERVED = 2 * JOB // MESSAGE_HEAD
-"""Rows that memory is reserved for at most, whatever a message index says."""
-
 _MOST_SPLITS = 500
 """Batches that end at a loss; after more losses, rows before and after one share a batch."""
 
@@ -215,7 +210,14 @@ class _SectionRun:
 
     after_loss: bool
     ranges: list[ByteRange] = field(default_factory=list)
+    pieces: list[Rows] = field(default_factory=list)
+    """Rows of the next batch."""
     batches: list[Rows] = field(default_factory=list)
+
+    def end_batch(self, span: TimeRange) -> None:
+        if self.pieces:
+            self.batches.append(span.select(Rows.concat(self.pieces)))
+            self.pieces = []
 
 
 @dataclass(slots=True)
@@ -294,8 +296,8 @@ if hasattr(os, "register_at_fork"):  # not on Windows
     os.register_at_fork(after_in_child=_threads.cache_clear)
 
 
-class BatchReader:
-    """One pass over a recording, in batches."""
+class ReadingPass:
+    """One pass over a recording, in batches; over a growing file it goes on as the file grows."""
 
     def __init__(
         self,
@@ -312,7 +314,7 @@ class BatchReader:
         and what is decoded ahead.
         """
         keep_freed_memory()
-        self._channels, self._codebook, self._span = channels, codebook, span
+        self.channels, self.span, self._codebook = channels, span, codebook
         self._count_sequences = count_sequences
         self._definitions: tuple[int, Definitions] = -1, {}
         self._jobs: deque[_Job] = deque()
@@ -323,8 +325,10 @@ class BatchReader:
         """What was found so far; `sequences` only if they are counted."""
         self.statistics: Statistics | None = None
         """Those at the end of the file, checked by no checksum."""
+        self.position = 0
+        """Offset of the first record that was not read."""
 
-    def read(self, records: RecordStream) -> Iterator[tuple[RowRange, Rows]]:
+    def read(self, records: Iterable[RawRecord]) -> Iterator[tuple[RowRange, Rows]]:
         """The rows and events of the records, in their order, with the range of each batch."""
         first = True
         try:
@@ -333,25 +337,19 @@ class BatchReader:
                     # The first rows come sooner if the next job does not share the cores.
                     first = False
                     yield from self._finished(
-                        sections, self._decode(sections, self._channels.version)
+                        sections, self._decode(sections, self.channels.version)
                     )
                     continue
                 size = sum(section.load for section in sections)
                 while self._jobs and not self._has_room(size):
                     yield from self._next_batches()
-                result = _threads().submit(self._decode, sections, self._channels.version)
+                result = _threads().submit(self._decode, sections, self.channels.version)
                 self._jobs.append(_Job(sections, size, result))
             while self._jobs:
                 yield from self._next_batches()
         finally:
             for job in self._jobs:
                 job.result.cancel()
-
-    def read_again(self, records: Iterable[RawRecord]) -> Iterator[Rows]:
-        """The rows and events of a few records, in their order, without threads."""
-        for sections in self._sections_of_jobs(records):
-            decoded = self._decode(sections, self._channels.version)
-            yield from (rows for _, rows in self._finished(sections, decoded))
 
     def _next_batches(self) -> Iterator[tuple[RowRange, Rows]]:
         job = self._jobs.popleft()
@@ -411,7 +409,7 @@ class BatchReader:
 
     def _define(self, definition: Definition, *, trusted: bool) -> None:
         try:
-            self._channels.update(*definition, trusted=trusted)
+            self.channels.update(*definition, trusted=trusted)
         except RecordError as error:
             self.found.losses.append(error.message)
 
@@ -420,34 +418,32 @@ class BatchReader:
     ) -> Iterator[tuple[RowRange, Rows]]:
         for definition, trusted in decoded.definitions:
             self._define(definition, trusted=trusted)
-        if decoded.version != self._channels.version:
-            decoded = self._decode(sections, self._channels.version)
+        if decoded.version != self.channels.version:
+            decoded = self._decode(sections, self.channels.version)
         self.found.include(decoded.found)
-        if self._definitions[0] != self._channels.version:
-            self._definitions = self._channels.version, self._channels.definitions
+        if self._definitions[0] != self.channels.version:
+            self._definitions = self.channels.version, self.channels.definitions
         for run in decoded.runs:
             skipped, ranges = 0, _merged(run.ranges)
             for rows in run.batches:
                 count, after_loss = len(rows), run.after_loss and not skipped
                 self.found.rows += count
                 definitions = self._definitions[1]
-                yield RowRange(definitions, ranges, self._span, skipped, count, after_loss), rows
+                yield RowRange(definitions, ranges, self.span, skipped, count, after_loss), rows
                 skipped += count
 
     def _decode(self, sections: list[_Section], version: int) -> _Decoded:
         """Decode sections, in a thread."""
-        reserved = sum(message_count(section.indexes) for section in sections)
-        rows = _RowCollector(self._codebook, min(reserved, _MOST_RESERVED), self._span)
         run = _SectionRun(sections[0].after_loss)
         decoded = _Decoded(version, [run])
         counts = decoded.found
         for found in _indexed(sections):
             if isinstance(found, LostBytes):
                 counts.lost.append(found)
-                if not (run.batches or rows.pieces) or not self._splits():
+                if not (run.batches or run.pieces) or not self._splits():
                     run.after_loss = True
                     continue
-                rows.end_batch(run.batches)
+                run.end_batch(self.span)
                 run = _SectionRun(after_loss=True)
                 decoded.runs.append(run)
                 continue
@@ -457,22 +453,22 @@ class BatchReader:
                 decoded.definitions.append((definition, found.sections[0].trusted))
             slices = list(found.messages.slices(2 * JOB, JOB // 4))
             for messages in slices:
-                columns = rows.reserve(len(messages))
-                piece = decode_columns(messages, self._channels.get, columns, found.budget)
-                rows.pieces.append(piece)
+                columns = Rows.allocate(self._codebook, len(messages))
+                piece = decode_columns(messages, self.channels.get, columns, found.budget)
+                run.pieces.append(piece.columns)
                 counts.count(piece)
                 run.after_loss |= bool(piece.losses)
                 if self._count_sequences:
                     counts.count_sequences(_sequences(messages))
                 if len(slices) > 1:
-                    rows.end_batch(run.batches)
+                    run.end_batch(self.span)
             if found.messages.without_head:
                 text = TranslatableText("a message without its header")
                 counts.losses.append(text, found.messages.without_head)
                 counts.unreadable += found.messages.without_head
             # Free this piece first: the next is then unpacked into cached memory.
             del found, slices
-        rows.end_batch(run.batches)
+        run.end_batch(self.span)
         if run.after_loss and not run.batches:
             run.batches.append(Rows.allocate(self._codebook, 0))
         return decoded
@@ -482,28 +478,6 @@ def _both(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[i
     if one is None or other is None:
         return one or other
     return min(one[0], other[0]), max(one[1], other[1])
-
-
-class _RowCollector:
-    """Decodes pieces into one batch after the other."""
-
-    def __init__(self, codebook: Codebook, reserved: int, span: TimeRange) -> None:
-        self._codebook, self._span = codebook, span
-        self._buffer = RowBuffer(codebook, reserved)
-        self.pieces: list[DecodedColumns] = []
-
-    def reserve(self, rows: int) -> Rows:
-        """Columns for the next piece."""
-        return self._buffer.reserve(rows)
-
-    def end_batch(self, batches: list[Rows]) -> None:
-        if not self.pieces:
-            return
-        rows = self._buffer.filled() if all(piece.in_place for piece in self.pieces) else None
-        if rows is None:
-            rows = Rows.concat([piece.columns for piece in self.pieces])
-        batches.append(self._span.select(rows))
-        self.pieces, self._buffer = [], RowBuffer(self._codebook, 0)
 
 
 def _sequences(messages: MessageIndex) -> dict[int, tuple[int, int]]:
