@@ -1,8 +1,8 @@
 """The program in processes of its own that need not load it: forked from one that has.
 
 Each has its own streams, folder, environment and exit code, runs `fte_sniff/__main__.py` from its
-first line, and ends as an interpreter does. What a start itself does does not concern this file;
-tests of that start the program anew, as `processes.py` does.
+first line, and ends as an interpreter does, but for freeing what was loaded. What a start itself
+does does not concern this file; tests of that start the program anew, as `processes.py` does.
 
     test           Program             loaded once        the program
      | --streams, request--> | ------------fork-------------> |
@@ -12,6 +12,7 @@ tests of that start the program anew, as `processes.py` does.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import json
 import os
@@ -197,7 +198,31 @@ def _main() -> None:
         if request["code"] is not None:
             exec(request["code"], {"__name__": "__main__"})
         else:
-            runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+            _run_program()
+
+
+def _run_program() -> None:
+    codes: list[object] = []
+    atexit.register(_end_at_once, codes)
+    try:
+        runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+        codes.append(0)
+    except SystemExit as end:
+        codes.append(end.code)
+        raise
+
+
+def _end_at_once(codes: list[object]) -> None:
+    """End where the exit code is a number, after all that the program does at its end.
+
+    What this leaves out, freeing all modules, takes as long as a short command.
+    """
+    # The interpreter reports what cannot be written.
+    with suppress(AttributeError, OSError, ValueError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        if codes and isinstance(codes[0], int):
+            os._exit(codes[0] & 0xFF)
 
 
 if __name__ == "__main__":
