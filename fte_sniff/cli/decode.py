@@ -77,7 +77,10 @@ def command(
     is_named = output is not None and output.suffix
     form = form or (OutputFormat.CSV if columns and not is_named else _format_for(output))
     if columns and form not in CHOOSABLE:
-        raise UsageError(f"--columns chooses those of csv and jsonl; {form} has its own")
+        raise UsageError(
+            f"--columns chooses among those of csv and jsonl, and {form} has its own: leave"
+            " --columns out, or use --format csv or jsonl"
+        )
     if why and form is not OutputFormat.JSONL:
         raise UsageError(f"--why adds to JSON lines, not to {form}; use --format jsonl")
     if following is not None and form is OutputFormat.PARQUET:
@@ -113,8 +116,12 @@ def _columns(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in COLUMN_BY_NAME:
+            from difflib import get_close_matches
+
             known = ", ".join(COLUMN_BY_NAME)
-            raise UsageError(f"--columns: unknown column {printable(name)!r}; use {known}")
+            near = get_close_matches(name.lower(), COLUMN_BY_NAME, 1)
+            fix = f"did you mean {near[0]}?" if near else f"use {known}"
+            raise UsageError(f"--columns: there is no column {printable(name)!r}; {fix}")
         if names.count(name) > 1:
             raise UsageError(f"--columns names {name} twice")
     return names
