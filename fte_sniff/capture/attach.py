@@ -232,7 +232,7 @@ class AttachSource(ThreadedSource):
             if not detached and self._end_due():
                 detached = True
                 self._strace.detach()
-        if self._rest:
+        if b'"' in self._rest:  # else a call that waits, and has moved no bytes
             self._put_unreadable(self._rest, TranslatableText("strace ended within a line"))
         code = self._strace.close()
         if detached:

@@ -349,6 +349,37 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
             Attachment(pty.device).open(Clock.tied())
 
 
+@pytest.mark.parametrize(
+    ("line", "wires"),
+    [
+        (r'write(3, "\xaa\x01\x', (HOST,)),
+        (r'<... read resumed>"\x55\x0', ("port",)),
+        ("read(3, ", ()),
+    ],
+)
+def test_line_of_strace_that_is_cut_is_a_gap_of_its_wire(
+    pty, tmp_path, monkeypatch, line: str, wires: tuple[str, ...]
+) -> None:
+    """A program in its place writes a line whose end never comes."""
+    script = tmp_path / "strace"
+    script.write_text(
+        "#!/bin/sh\necho 'strace: Process 7 attached' >&2\n"
+        'while [ "$1" != -o ]; do shift; done\n'
+        f"printf '%s' '7 1700.000100 {line}' > \"$2\"\n"
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with held(pty.near):
+        wait_until(lambda: holders_of(pty.device))
+        with attached(pty.device, reconnect=False) as seen:
+            seen.ended()
+    for wire in (HOST, "port"):
+        events = seen.events(HOST if wire == HOST else pty.device)
+        lost = [e.detail for e in events if e.kind is PortEventKind.OVERRUN]
+        reason = "bytes may be lost: strace ended within a line"
+        assert lost == ([reason] if wire in wires else [])
+
+
 def ns(seconds: int, micros: int) -> int:
     return seconds * 10**9 + micros * 1000
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import select
 import shutil
 import signal
@@ -720,18 +721,21 @@ def test_a_socket_is_given_no_byte(environment, tmp_path: Path):
                 assert client.recv(100) == b""
 
 
+ECHO = """
+import os, sys
+line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+while True: os.write(line, os.read(line, 64))
+"""
+"""A host program that returns what it reads."""
+
+
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 def test_attached_capture_records_both_directions_of_another_program(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
-    code = (
-        "import os, sys\n"
-        "line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
-        "while True: os.write(line, os.read(line, 64))\n"
-    )
     with (
         wire() as (far, device),
-        running([sys.executable, "-c", code, device]) as host,
+        running([sys.executable, "-c", ECHO, device]) as host,
         started(environment, tmp_path, "live", "--attach", device, "-o", "x.mcap") as capture,
     ):
         stderr_until(capture, "wiring: times are those of system calls")
@@ -748,6 +752,44 @@ def test_attached_capture_records_both_directions_of_another_program(
         "host": 5 * FRAME,
     }
     assert "mmap and io_uring are not seen" in str(reader.metadata)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("killed", ["strace", "target"])
+def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
+    run, environment: dict[str, str], tmp_path: Path, killed: str
+) -> None:
+    file = tmp_path / "x.mcap"
+
+    def echoed(far: int, rows: int) -> None:
+        os.write(far, FRAME)
+        wait_until(lambda: file.exists() and rows_in(file) == rows)
+
+    with wire() as (far, device), running([sys.executable, "-c", ECHO, device]) as host:
+        words = ["live", "--attach", device, "-o", "x.mcap"]
+        words += ["--pid", str(host.pid)] if killed == "target" else []
+        with started(environment, tmp_path, *words) as capture:
+            stderr_until(capture, "wiring: times are those of system calls")
+            echoed(far, 2)
+            if killed == "strace":
+                status = Path(f"/proc/{host.pid}/status").read_text()
+                os.kill(int(re.findall(r"TracerPid:\t(\d+)", status)[0]), signal.SIGKILL)
+                lost = stderr_until(capture, f"{device} found again: attached")
+                assert f"{device} lost: strace was ended by SIGKILL; waiting for a" in lost
+                assert lost.count("\n") == 2
+                echoed(far, 4)
+                capture.send_signal(signal.SIGINT)
+            else:
+                host.kill()
+            code, _, errors = ended(capture)
+    assert code == 0
+    if killed == "strace":
+        assert "port events: wiring 1, lost 1, found_again 1\n" in errors
+    else:
+        assert errors.count(f"(pid {host.pid}) ended") == 1
+    rows = decoded(run, "x.mcap")
+    assert {row["raw"] for row in rows} == {FRAME.hex().upper()}
+    assert len(rows) == (4 if killed == "strace" else 2)
 
 
 @pytest.mark.parametrize(
