@@ -216,9 +216,30 @@ alert_option = click.option(
 DEFAULT_ADDRESS: Final = "127.0.0.1:8765"
 """Where viewers look if the user names no other."""
 
+
+def _host_and_port(text: str, option: str) -> tuple[str, int]:
+    """Host and port of `HOST:PORT` or `PORT`; raises UsageError for other texts."""
+    name, colon, number = text.rpartition(":")
+    is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
+    if is_number and (colon or number == text):
+        return name, int(number)
+    example = "--udp 127.0.0.1:9870"
+    if option == "--serve":
+        example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
+    raise UsageError(f"{option} {printable(text)} is not HOST:PORT or PORT; write {example}")
+
+
+def _checked(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
+    """Refuse a port or file behind `--serve`, which click takes as its value."""
+    if text is not None and not context.resilient_parsing:
+        _host_and_port(text, "--serve")
+    return text
+
+
 serve_option = click.option(
     "--serve",
     is_flag=False,
+    callback=_checked,
     flag_value=DEFAULT_ADDRESS,
     metavar="[[HOST:]PORT]",
     help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
@@ -243,17 +264,10 @@ def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
     import ipaddress
     import socket
 
-    name, colon, number = text.rpartition(":")
+    name, number = _host_and_port(text, option)
     shown = f"{option} {printable(text)}"
-    if not (colon or text.isdecimal()) or not (
-        number.isdecimal() and number.isascii() and int(number) < 1 << 16
-    ):
-        example = "--udp 127.0.0.1:9870"
-        if option == "--serve":
-            example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
-        raise UsageError(f"{shown} is not HOST:PORT or PORT; write {example}")
     try:
-        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
+        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", number)
     except (OSError, UnicodeError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
         raise UsageError(f"{shown}: the host is not known ({reason})") from None
@@ -263,7 +277,7 @@ def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
             f"{shown} is not this machine: anyone in that network could read; add --network if they"
             " may"
         )
-    return host, int(number)
+    return host, number
 
 
 def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None:

@@ -220,6 +220,15 @@ def test_address_that_is_not_of_this_machine_is_refused(run, where: str, told: s
     assert told in done.stderr
 
 
+@pytest.mark.parametrize("words", [("live",), ("view",)])
+def test_port_or_file_behind_serve_is_not_its_address(run, samples, words) -> None:
+    file = str(samples / "clean.mcap")
+    done = run(*words, "--serve", file)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert f"--serve {file} is not HOST:PORT or PORT; write" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) -> None:
     hidden = tmp_path / "hidden"
     hidden.mkdir()
