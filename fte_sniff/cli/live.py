@@ -74,7 +74,7 @@ def command(
     if pid is not None and not attach:
         raise UsageError("--pid works with --attach; add it")
     if attach:
-        _check_attached(ports)
+        check_attached(ports)
 
     def wiring(settings: PortSettings) -> Wiring:
         if attach:
@@ -88,7 +88,7 @@ def command(
     run_capture(wiring, ports, settings, **options)
 
 
-def _check_attached(ports: tuple[str, ...]) -> None:
+def check_attached(ports: tuple[str, ...]) -> None:
     """Raise UsageError for what strace cannot watch."""
     if sys.platform != "linux":
         raise UsageError("--attach needs Linux; `fte-sniff bridge PORT` records both directions")

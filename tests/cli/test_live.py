@@ -18,6 +18,8 @@ from time import monotonic
 
 import pytest
 
+from fte_sniff.cli.live import check_attached
+from fte_sniff.errors import UsageError
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
 from tests.beside import Work, running, server_socket
@@ -752,6 +754,27 @@ def test_attached_capture_records_both_directions_of_another_program(
         "host": 5 * FRAME,
     }
     assert "mmap and io_uring are not seen" in str(reader.metadata)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_screen_shows_both_wires_of_an_attached_port_and_what_it_does_not_see(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    with wire() as (far, device), running([sys.executable, "-c", ECHO, device]):
+        words = ("live", "--attach", device, "--no-record")
+        with terminal(environment, tmp_path, *words, size=(200, 24)) as screen:
+            screen.until("times are those of system calls, not of the wire")
+            os.write(far, FRAME)
+            screen.until("host", "reset")
+            screen.type("Q")
+            assert screen.ended() == 0
+
+
+def test_attach_on_another_system_names_the_bridge(monkeypatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(UsageError, match=r"--attach needs Linux; `fte-sniff bridge PORT` records"):
+        check_attached(("/dev/ttyUSB0",))
 
 
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
