@@ -9,7 +9,7 @@ import signal
 import struct
 from contextlib import ExitStack
 from pathlib import Path
-from socket import SO_RCVBUF, SOL_SOCKET, socket
+from socket import SHUT_RDWR, SO_RCVBUF, SOL_SOCKET, socket
 from typing import Any, NamedTuple
 
 import pytest
@@ -178,6 +178,7 @@ def test_viewer_that_reads_too_slowly_loses_messages_and_is_named(capsys) -> Non
             Viewer(slow)
             wait_until(lambda: channels.send(rows, []) or channels.slow)
             channels.close()
+            narrow.shutdown(SHUT_RDWR)  # or the client waits for the end that it does not read
     said = capsys.readouterr().err
     assert said.startswith(f"1 viewer read too slowly and lost messages ({name}); how many,")
     assert said.count("\n") == 1
