@@ -11,6 +11,7 @@ import socket
 from collections.abc import Iterator, Sequence
 from math import inf
 from queue import Empty, SimpleQueue
+from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,6 +35,9 @@ MOST_WAITING: Final = 4096
 
 
 _MOST_NAMED: Final = 3
+
+_HANG_UP_S: Final = 1.0
+"""How long viewers may take to read the last messages at the end, seconds."""
 
 _FULL: Final = re.compile(r"outbox for client (\S+) full")
 
@@ -144,7 +148,10 @@ class ServedChannels:
 
     def close(self) -> None:
         """Hang up, and report the viewers that were too slow."""
-        self.server.stop()
+        # The library waits for viewers to read what they have not read.
+        stop = Thread(target=self.server.stop, name="hangs up", daemon=True)
+        stop.start()
+        stop.join(_HANG_UP_S)
         if slow := self.slow:
             names = ", ".join(slow[:_MOST_NAMED]) + (", ..." if len(slow) > _MOST_NAMED else "")
             print_err(
