@@ -606,7 +606,7 @@ def test_zone_changes_the_times_of_text_only(run, samples: Path) -> None:
         (("decode", "--format", "csv"), "2026-01-31T21:00:00.029484529+09:00"),
         (("stats",), "first      2026-01-31T21:00:00.029484529+09:00"),
         (("stats",), "until 21:00:16.529;"),
-        (("findings",), "1. unanswered, motor 3, 21:00:29 to 21:01:00"),
+        (("findings",), "1. unanswered, motor 3, 21:00:30 to 21:00:59"),
         (
             ("check", "--expect", "count(unanswered) == 0"),
             "first at 2026-01-31T21:00:30.089133026+09",
