@@ -319,7 +319,7 @@ if (sys.argv[0] == "-c") == {in_capture}:
             (False, (289,), (*LIVE, "sim://")),
             (True, (289,), ("bridge", "sim://?host=off", *LIVE[1:])),
             (True, (147,), (*CHECK, "--jobs", "2")),
-            (False, range(5, 560, 71), (*DECODE, "--filter", "rpm = 1", "-o", "x.csv", "--force")),
+            (False, range(5, 560, 71), (*DECODE, "--filter", "motor=1", "-o", "x.csv", "--force")),
             (False, (289, 360), ("stats", DECODE[1])),
             (False, (502, 573, 644), ("report", DECODE[1], "-o", "x.html", "--force")),
             (False, (289, 360), (*CHECK, "--jobs", "2")),
