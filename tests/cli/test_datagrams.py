@@ -7,7 +7,6 @@ import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +17,9 @@ from fte_sniff.errors import UsageError
 from fte_sniff.protocol import Damage, Fault, Rows, iso_time
 from fte_sniff.recording.messages.encode import topic_of
 from fte_sniff.recording.reader import RecordingReader
+from tests.cli.conftest import decoded
 from tests.recording.conftest import some_rows
+from tests.support.columns import without_facts
 from tests.waiting import BOUND_S
 
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
@@ -37,18 +38,12 @@ def address(receiver: socket.socket) -> str:
     return f"127.0.0.1:{receiver.getsockname()[1]}"
 
 
-def without_facts(line: str) -> dict[str, Any]:
-    """A row without what later rows decide, which a capture does not know yet."""
-    row: dict[str, Any] = json.loads(line)
-    return {name: row[name] for name in [*row][: [*row].index("raw") + 1]}
-
-
 def test_json_lines_of_a_capture_are_those_of_its_recording(run) -> None:
     done = run("live", SIM, "--count", "100", "-o", "x.mcap", "--format", "jsonl")
     assert done.returncode == 0
-    printed = [without_facts(line) for line in done.stdout.splitlines()]
-    recorded = run("decode", "x.mcap", "--format", "jsonl").stdout
-    assert printed == [without_facts(line) for line in recorded.splitlines()]
+    # A capture does not know yet what later rows decide.
+    printed = without_facts(map(json.loads, done.stdout.splitlines()))
+    assert printed == without_facts(decoded(run, "x.mcap"))
     assert len(printed) == 100
 
 

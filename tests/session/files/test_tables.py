@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
 from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
-from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
@@ -29,7 +28,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.scan import read, scan, time_bounds
 from tests.examples import examples
 from tests.recording.conftest import some_rows
-from tests.support.columns import in_columns
+from tests.support.columns import in_columns, without_facts
 from tests.support.recorded_rows import write_recording
 from tests.torture.damage import CHUNK, records
 from tests.waiting import BOUND_S
@@ -49,10 +48,6 @@ def _rows(path: Path) -> list[Row]:
     """The rows with their facts."""
     facts = Facts()
     return [*facts.feed(Rows.from_rows(RecordingReader(path))), *facts.interrupt()]
-
-
-def _without_facts(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{k: v for k, v in one.items() if k not in DERIVED} for one in records]
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
@@ -209,12 +204,12 @@ def test_a_damaged_recording_is_read_with_a_warning_that_names_the_loss(tmp_path
     flipped.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
     for path in (cut, flipped):
         reader = RecordingReader(path)
-        rows = _without_facts(record(row) for row in reader)
+        rows = without_facts(record(row) for row in reader)
         assert len(rows) < len(_rows(SAMPLES / "clean.mcap"))
         lost = [*reader.losses, reader.ending]
         for use in (fte_sniff.read, lambda file: fte_sniff.scan(file).collect()):
             with pytest.warns(fte_sniff.RecordingWarning) as caught:
-                assert _without_facts(_records(use(path))) == rows
+                assert without_facts(_records(use(path))) == rows
             (reported,) = (str(warning.message) for warning in caught)
             assert reported.startswith(f"{path}: ")
             assert len(reported.splitlines()) == 1
@@ -349,7 +344,7 @@ def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None
     content[content.index(b"zstd") + 40] ^= 0xFF
     path.write_bytes(content)
     found = fte_sniff.scan(path).filter(_time >= start).collect()
-    assert _without_facts(_records(found)) == _without_facts(map(record, rows[500:]))
+    assert without_facts(_records(found)) == without_facts(map(record, rows[500:]))
     with pytest.warns(fte_sniff.RecordingWarning):
         fte_sniff.scan(path).filter(_time <= start).collect()
 
