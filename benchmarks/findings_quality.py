@@ -4,8 +4,10 @@
 
 The generator is independent of the program's simulator. A recording has 20 minutes of a host that
 polls four motors, and one episode: answers of one motor are lost or late, frames of one direction
-are damaged, a flag is set, a motor is stuck or silent, or the host's commands are irregular. Hosts
-and controllers differ in rate, order, jitter, delay and pauses; 0.1 % of all frames are damaged.
+are damaged, a flag is set for a while or for a second, a motor is stuck (at a speed or a position)
+or silent, the host's commands are irregular, bits of one motor's values flip, the UART reports
+errors, or the port is lost. Hosts and controllers differ in rate, order, jitter, delay, pauses, and
+in whether they set speeds or positions; 0.1 % of all frames are damaged, a third of them unseen.
 An episode is found if one of the first five findings has its cause and motor, and the span of that
 finding and that of the episode have half of their union in common.
 """
@@ -24,7 +26,7 @@ import numpy.typing as npt
 from fte_sniff.analysis.findings import Cause, Finding, Findings
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
-from fte_sniff.protocol import DEFAULT_BAUD, Fault
+from fte_sniff.protocol import DEFAULT_BAUD, Fault, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Codebook, Rows
 
 START_NS = 1_700_000_000 * 10**9
@@ -33,7 +35,10 @@ MINUTES = 20
 FIRST = 5
 """Findings among which an episode must be."""
 
-EPISODES = ("lost", "late", "damage", "error", "offline", "stuck", "silent", "irregular")
+EPISODES = (
+    *("lost", "late", "damage", "error", "offline", "brief_error", "brief_offline"),
+    *("stuck", "stuck_position", "silent", "irregular", "jumps", "line_errors", "port_lost"),
+)
 
 CAUSES = {
     "lost": {Cause.UNANSWERED},
@@ -41,10 +46,21 @@ CAUSES = {
     "damage": {Cause.DAMAGE},
     "error": {Cause.ERROR_FLAG},
     "offline": {Cause.OFFLINE},
+    "brief_error": {Cause.ERROR_FLAG},
+    "brief_offline": {Cause.OFFLINE},
     "stuck": {Cause.OFF_TARGET},
+    "stuck_position": {Cause.OFF_TARGET},
     "silent": {Cause.SILENCE},
     "irregular": {Cause.IRREGULAR_COMMANDS},
+    "jumps": {Cause.JUMP},
+    "line_errors": {Cause.PORT},
+    "port_lost": {Cause.PORT},
 }
+
+LENGTHS = {"silent": 12.0, "brief_error": 1.2, "brief_offline": 1.2}
+"""Seconds of episodes that do not have 20 to 180."""
+
+OF_ALL_MOTORS = ("damage", "irregular", "line_errors", "port_lost")
 
 
 @dataclass(frozen=True)
@@ -62,8 +78,8 @@ class Episode:
 
 
 def episode(rng: np.random.Generator, kind: str, seconds: float) -> Episode:
-    """An episode of 20 to 180 s, or 12 s of silence."""
-    length = 12 if kind == "silent" else rng.uniform(20, 180)
+    """An episode of 20 to 180 s, or as `LENGTHS` says."""
+    length = LENGTHS.get(kind) or rng.uniform(20, 180)
     start = rng.uniform(30, seconds - 30 - length)
     share = rng.uniform(0.15, 0.6)
     return Episode(
@@ -85,8 +101,12 @@ def recording(rng: np.random.Generator, seconds: float, what: Episode | None) ->
         asked += rng.normal(0, jitter * period / 16, len(asked))
         asked = np.maximum.accumulate(asked)
     delay = 0.0012 + 0.002 * rng.random() + rng.exponential(rng.uniform(0.0001, 0.0015), len(asked))
-    targets = _targets(rng, asked, motors)
-    present = _present(rng, asked, motors, targets, what)
+    is_position = what.kind == "stuck_position" if what is not None else rng.random() < 0.3
+    if is_position:
+        targets, present = _positions(rng, asked, motors, what)
+    else:
+        targets = _targets(rng, asked, motors)
+        present = _present(rng, asked, motors, targets, what)
     inside = np.zeros(len(asked), np.bool_)
     if what is not None:
         inside = (asked >= what.start_s) & (asked < what.end_s)
@@ -104,14 +124,22 @@ def recording(rng: np.random.Generator, seconds: float, what: Episode | None) ->
             delay = np.where(own & hit, np.minimum(late, 0.9 * period), delay)
         elif what.kind == "silent":
             answered &= ~own
-        elif what.kind == "error":
+        elif what.kind in ("error", "brief_error"):
             errors[own] = 1 << int(rng.integers(8))
-        elif what.kind == "offline":
+        elif what.kind in ("offline", "brief_offline"):
             online[inside] &= ~np.uint8(1 << (what.motor - 1))
-    control = _frames(0xAA, motors, targets, None, None)
-    feedback = _frames(0x55, motors, present, errors, online)
+        elif what.kind == "jumps":
+            flips = 1 << rng.integers(8, 15, len(asked))
+            present = np.where(
+                own & (hit & (rng.random(len(asked)) < 0.3)), present ^ flips, present
+            )
+    control = _frames(0xAA, motors, targets, None, None, is_position)
+    feedback = _frames(0x55, motors, present, errors, online, is_position)
     t = np.concatenate((asked, (asked + delay)[answered]))
     raw = np.concatenate((control, feedback[answered]))
+    if what is not None and what.kind == "port_lost":
+        kept = (t < what.start_s) | (t >= what.end_s)
+        t, raw = t[kept], raw[kept]
     order = np.argsort(t, kind="stable")
     return _damaged(rng, t[order], raw[order], what)
 
@@ -169,16 +197,65 @@ def _present(
     return found
 
 
+def _positions(
+    rng: np.random.Generator,
+    t: npt.NDArray[np.float64],
+    motors: npt.NDArray[np.int64],
+    what: Episode | None,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Positions that are set every few seconds, and are approached at a limited speed."""
+    every, speed = rng.uniform(4, 20), rng.uniform(1500, 6000)
+    steps = (t / every).astype(np.int64) * 7919 + motors * 104_729
+    targets = (steps * 2_654_435_761 % 4001 - 2000) // 10 * 10
+    present = np.zeros(len(t), np.int64)
+    for motor in range(1, 5):
+        own = np.flatnonzero(motors == motor)
+        reach = speed * np.diff(t[own], prepend=t[own[0]])
+        stuck = np.zeros(len(own), np.bool_)
+        if what is not None and what.kind == "stuck_position" and what.motor == motor:
+            stuck = (t[own] >= what.start_s) & (t[own] < what.end_s)
+        value, values = 0.0, np.zeros(len(own))
+        for at, target in enumerate(targets[own].tolist()):
+            if not stuck[at]:
+                value += float(np.clip(target - value, -reach[at], reach[at]))
+            values[at] = value
+        present[own] = np.rint(values)
+    return targets, present
+
+
+def port_events(rng: np.random.Generator, what: Episode) -> list[PortEvent]:
+    """What the port reports in an episode."""
+    start, end = (START_NS + int(one * SECOND) for one in (what.start_s, what.end_s))
+    if what.kind == "port_lost":
+        return [
+            PortEvent(start, "bus", PortEventKind.LOST, ""),
+            PortEvent(end, "bus", PortEventKind.FOUND_AGAIN, ""),
+        ]
+    if what.kind != "line_errors":
+        return []
+    count = int(rng.integers(5, 60))
+    times = np.sort(rng.integers(start, end, count)).tolist()
+    return [PortEvent(t_ns, "bus", PortEventKind.LINE_ERROR, "") for t_ns in times]
+
+
 def _frames(
     head: int,
     motors: npt.NDArray[np.int64],
-    speeds: npt.NDArray[np.int64],
+    values: npt.NDArray[np.int64],
     errors: npt.NDArray[np.uint8] | None,
     online: npt.NDArray[np.uint8] | None,
+    is_position: bool,
 ) -> npt.NDArray[np.uint8]:
     raw = np.zeros((len(motors), 10), np.uint8)
     raw[:, 0], raw[:, 1], raw[:, 2], raw[:, 9] = head, 1, motors, 0xEE
-    raw[:, 3], raw[:, 4] = speeds >> 8 & 0xFF, speeds & 0xFF
+    if is_position:
+        at = 5 if head == 0xAA else 3
+        raw[:, 1] = 2
+        raw[:, at : at + 4] = values.astype(">i4").view(np.uint8).reshape(-1, 4)
+        if head == 0xAA:
+            raw[:, 4] = 200
+    else:
+        raw[:, 3], raw[:, 4] = values >> 8 & 0xFF, values & 0xFF
     if errors is not None:
         raw[:, 7] = errors
     if online is not None:
@@ -208,7 +285,7 @@ def _damaged(
     bad = np.flatnonzero(hit)
     unseen = rng.random(len(bad)) < 0.3
     flips = bad[unseen]
-    rows.raw[flips, rng.integers(3, 5, len(flips))] ^= (1 << rng.integers(0, 8, len(flips))).astype(
+    rows.raw[flips, rng.integers(3, 9, len(flips))] ^= (1 << rng.integers(0, 8, len(flips))).astype(
         np.uint8
     )
     cut, noise = bad[~unseen][::2], bad[~unseen][1::2]
@@ -220,9 +297,10 @@ def _damaged(
     return rows
 
 
-def find(rows: Rows, batch: int = 65_536) -> list[Finding]:
+def find(rows: Rows, batch: int = 65_536, events: Sequence[PortEvent] = ()) -> list[Finding]:
     """The findings of the rows."""
     findings = Findings()
+    findings.observe_events(events)
     for start in range(0, len(rows), batch):
         findings.observe(rows[start : start + batch])
     return findings.found()
@@ -234,7 +312,7 @@ def is_found(findings: Sequence[Finding], what: Episode) -> bool:
         start, end = ((t_ns - START_NS) / SECOND for t_ns in (one.first_ns, one.last_ns))
         common = min(end, what.end_s) - max(start, what.start_s)
         union = max(end, what.end_s) - min(start, what.start_s)
-        motor = what.kind in ("damage", "irregular") or one.motor == what.motor
+        motor = what.kind in OF_ALL_MOTORS or one.motor == what.motor
         if one.cause in CAUSES[what.kind] and motor and common >= union / 2:
             return True
     return False
@@ -254,7 +332,8 @@ def main() -> None:
     for number in range(options.recordings):
         kind = EPISODES[number % len(EPISODES)]
         what = episode(rng, kind, 60.0 * MINUTES)
-        findings = find(recording(rng, 60.0 * MINUTES, what))
+        rows = recording(rng, 60.0 * MINUTES, what)
+        findings = find(rows, events=port_events(rng, what))
         tried[kind] += 1
         found[kind] += is_found(findings, what)
         if options.misses and not is_found(findings, what):
@@ -263,8 +342,8 @@ def main() -> None:
                 start, end = ((t - START_NS) / SECOND for t in (one.first_ns, one.last_ns))
                 print(f"   {one.cause} {one.motor} {start:.0f} to {end:.0f}: {one.text}")
     for kind in EPISODES:
-        print(f"{kind:10} {found[kind]} of {tried[kind]}")
-    print(f"{'all':10} {found.total()} of {tried.total()}")
+        print(f"{kind:14} {found[kind]} of {tried[kind]}")
+    print(f"{'all':14} {found.total()} of {tried.total()}")
     false = list[Finding]()
     for _ in range(options.hours):
         false += find(recording(rng, 3600.0, None))

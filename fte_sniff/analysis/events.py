@@ -8,8 +8,8 @@ merged: a column of counts then needs no more memory, whatever the length of the
                1 column a range      targets and present values of a motor; times of its events
     streams    first and last values of a flag, a period, a value
 
-Some events depend on the values beside them, such as a flag that is raised in three frames in a
-row. Two parts of a stream join by the values on both sides of the cut.
+Some events depend on the values beside them, such as a flag that is set in three frames in a row.
+Two parts of a stream join by the values on both sides of the cut.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
-from fte_sniff.protocol.rows import NO_FACT, Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_FACT, Bools, Codes, Ints, Rows
 from fte_sniff.protocol.spec import FrameKind, Role, motor_bit
 
 SHIFT: Final = 30
@@ -42,7 +42,7 @@ SHIFT: Final = 30
 MOST_WINDOWS: Final = 1 << 14
 
 RUNNING: Final = 3
-"""Frames in a row with a raised flag from which on it is not a flipped bit."""
+"""Frames in a row with a flag from which on it is not a flipped bit."""
 
 GRADES: Final = 24
 """Grades of a value: half octaves."""
@@ -51,20 +51,31 @@ _MOST_WAITING: Final = 8192
 """Rows that wait to be counted together: a few rows at a time would cost more."""
 
 
+_MOST_ADDED: Final = 8192
+"""Windows of batches that wait to be merged."""
+
+_Columns: TypeAlias = dict[tuple[Keep, str], Ints]
+"""Counts, lowest or highest values by window."""
+
+
 class Windows(Model):
     """Counts and ranges by window, in named columns; only windows with rows take memory."""
 
     def __init__(self) -> None:
         self.shift = SHIFT
         self._keys: Ints = np.zeros(0, np.int64)
-        self._columns: dict[tuple[Keep, str], Ints] = {}
+        self._columns: _Columns = {}
+        self._added: list[tuple[Ints, _Columns]] = []
+        """Keys and columns of batches that are not merged yet."""
 
     def __len__(self) -> int:
+        self._settle()
         return len(self._keys)
 
     @property
     def starts_ns(self) -> Ints:
         """The start of each window, rising."""
+        self._settle()
         return self._keys << self.shift
 
     @property
@@ -73,6 +84,7 @@ class Windows(Model):
         return 1 << self.shift
 
     def _column(self, keep: Keep, name: str) -> Ints:
+        self._settle()
         found = self._columns.get((keep, name))
         return keep.empty(len(self)) if found is None else found
 
@@ -82,6 +94,7 @@ class Windows(Model):
 
     def names(self) -> list[str]:
         """The columns of counts."""
+        self._settle()
         return [name for keep, name in self._columns if keep is Keep.TOTAL]
 
     def range_of(self, name: str) -> tuple[Ints, Ints, Bools]:
@@ -91,15 +104,33 @@ class Windows(Model):
 
     def add(self, batch: Batch) -> None:
         """Add what a batch counted."""
-        self._merge(batch.keys, batch.columns)
+        self._added.append((batch.keys, batch.columns))
+        if sum(len(keys) for keys, _ in self._added) >= _MOST_ADDED:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Merge the batches, which is slow one by one: each merge copies all columns."""
+        if not self._added:
+            return
+        added, self._added = self._added, []
+        ends = np.cumsum([len(keys) for keys, _ in added]).tolist()
+        together: _Columns = {}
+        for (keys, columns), end in zip(added, ends, strict=True):
+            for (keep, name), column in columns.items():
+                if (keep, name) not in together:
+                    together[keep, name] = keep.empty(ends[-1])
+                together[keep, name][end - len(keys) : end] = column
+        self._merge(np.concatenate([keys for keys, _ in added]), together)
 
     def merge(self, other: Windows) -> None:
         """Add the windows of other rows."""
+        self._settle()
+        other._settle()
         while self.shift < other.shift:
             self._halve()
         self._merge(other._keys >> (self.shift - other.shift), other._columns)
 
-    def _merge(self, keys: Ints, columns: dict[tuple[Keep, str], Ints]) -> None:
+    def _merge(self, keys: Ints, columns: _Columns) -> None:
         if not len(keys):
             return
         # Windows before all new ones stay as they are: most rows come in the order of time.
@@ -128,7 +159,8 @@ class Windows(Model):
 
     def since(self, first_ns: int) -> Windows:
         """The windows from a time on."""
-        found, own = Windows(), self.starts_ns + self.width_ns > first_ns
+        own = self.starts_ns + self.width_ns > first_ns
+        found = Windows()
         found.shift, found._keys = self.shift, self._keys[own]
         found._columns = {name: column[own] for name, column in self._columns.items()}
         return found
@@ -140,27 +172,38 @@ class Batch:
     def __init__(self, t_ns: Ints, shift: int) -> None:
         self.t_ns = t_ns
         self.keys, self._at = np.unique(t_ns >> shift, return_inverse=True)
-        self.columns: dict[tuple[Keep, str], Ints] = {}
+        self.columns: _Columns = {}
 
-    def _add(self, keep: Keep, name: str, rows: Ints | Bools, values: Ints | int) -> None:
-        at = self._at[rows]
-        if len(at):
-            column = self.columns.setdefault((keep, name), keep.empty(len(self.keys)))
-            keep.add(column, at, values)
+    def _column(self, keep: Keep, name: str) -> Ints:
+        return self.columns.setdefault((keep, name), keep.empty(len(self.keys)))
 
-    def count(self, name: str, rows: Ints | Bools) -> None:
-        """Count rows, by a mask or by indices."""
-        self._add(Keep.TOTAL, name, rows, 1)
+    def count(self, name: str, rows: Ints) -> None:
+        """Count rows, by indices."""
+        at, starts = self._runs(rows)
+        if len(starts):
+            counts = np.diff(starts, append=len(rows))
+            Keep.TOTAL.add(self._column(Keep.TOTAL, name), at, counts)
 
     def range(self, name: str, rows: Ints, values: Ints) -> None:
         """Extend a range by the values of rows, by indices."""
-        self._add(Keep.LOW, name, rows, values)
-        self._add(Keep.HIGH, name, rows, values)
+        at, starts = self._runs(rows)
+        if len(starts):
+            low, high = (one.reduceat(values, starts) for one in (np.minimum, np.maximum))
+            Keep.LOW.add(self._column(Keep.LOW, name), at, low)
+            Keep.HIGH.add(self._column(Keep.HIGH, name), at, high)
 
     def events(self, name: str, rows: Ints) -> None:
         """Count rows, by indices, and extend the range of their times."""
         self.count(name, rows)
         self.range(name, rows, self.t_ns[rows])
+
+    def _runs(self, rows: Ints) -> tuple[Ints, Ints]:
+        """The windows of runs of rows in one window, and where in `rows` the runs begin."""
+        at = self._at[rows]
+        is_first = np.ones(len(at), np.bool_)
+        np.not_equal(at[1:], at[:-1], out=is_first[1:])
+        starts = np.flatnonzero(is_first)
+        return at[starts], starts
 
 
 def grade_of(values: Ints) -> Ints:
@@ -200,12 +243,11 @@ _LEAST_JUMP: Final = 64
 
 
 def _running(_t_ns: Ints, values: Ints) -> Ints:
-    """Values other than 0 among at least `RUNNING` such in a row; one grade."""
+    """Values in which a bit is set that at least `RUNNING` values in a row have; one grade."""
     grades = np.full(len(values), _NO_EVENT)
     if len(values) >= RUNNING and values.any():
-        raised = values != 0
-        beside = np.lib.stride_tricks.sliding_window_view(raised, RUNNING)
-        runs: Bools = np.logical_and.reduce(beside, axis=1)
+        beside = np.lib.stride_tricks.sliding_window_view(values, RUNNING)
+        runs = np.bitwise_and.reduce(beside, axis=1) != 0
         for by in range(RUNNING):
             grades[by : by + len(runs)][runs] = 0
     return grades
@@ -306,11 +348,17 @@ def _events_between(name: str, before: _Stream, after: _Stream) -> tuple[Ints, I
     return joint[0, new], joint[1, new], found[new]
 
 
+def _occurring(codes: Ints | Codes) -> list[int]:
+    """The codes that occur, which are small."""
+    found: list[int] = np.flatnonzero(np.bincount(codes)).tolist()
+    return found
+
+
 def _count_hits(batch: Batch, name: str, rows: Ints, values: Ints, grades: Ints) -> None:
     """Count the events of a stream, which are these rows of the batch."""
     kind = name.split(" ", 1)[0]
     if kind in _GRADED:
-        for grade in np.unique(grades).tolist():
+        for grade in _occurring(grades):
             batch.events(f"{name} {grade}", rows[grades == grade])
         return
     batch.events(name, rows)
@@ -399,21 +447,23 @@ class Events(Model):
         for port, windows in later._ports.items():
             self._ports.setdefault(port, Windows()).merge(windows)
         self._port_events += later._port_events
-        for name in {**self._streams, **later._streams}:
-            self._join(name, later._streams.get(name, _Stream(interrupted=later._interrupted)))
+        names = dict.fromkeys((*self._streams, *later._streams))
+        missing = _Stream(interrupted=later._interrupted)
+        self._join({name: later._streams.get(name, missing) for name in names})
         self._interrupted |= later._interrupted
 
-    def _join(self, name: str, later: _Stream) -> None:
-        """Add the values of a stream that follow."""
-        before = self._streams.get(name, _Stream(interrupted=self._interrupted))
-        self._streams[name] = before.followed_by(later)
-        t_ns, values, grades = _events_between(name, before, later)
-        if len(t_ns):
-            kind, port = name.split(" ", 1)
-            windows = self._ports[port] if kind == "burst" else self._windows
-            batch = Batch(t_ns, windows.shift)
-            _count_hits(batch, name, np.arange(len(t_ns)), values, grades)
-            windows.add(batch)
+    def _join(self, streams: dict[str, _Stream]) -> None:
+        """Add the values of streams that follow."""
+        for name, later in streams.items():
+            before = self._streams.get(name, _Stream(interrupted=self._interrupted))
+            self._streams[name] = before.followed_by(later)
+            t_ns, values, grades = _events_between(name, before, later)
+            if len(t_ns):
+                kind, port = name.split(" ", 1)
+                windows = self._ports[port] if kind == "burst" else self._windows
+                batch = Batch(t_ns, windows.shift)
+                _count_hits(batch, name, np.arange(len(t_ns)), values, grades)
+                windows.add(batch)
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows, which have facts."""
@@ -440,8 +490,7 @@ class Events(Model):
         for name, own, values in _counted_motors(batch, rows):
             streams[name] = _followed(batch, name, own, values)
         self._windows.add(batch)
-        for name, stream in streams.items():
-            self._join(name, stream)
+        self._join(streams)
 
     def _count_damage(self, port: str, rows: Rows, own: Ints) -> dict[str, _Stream]:
         windows = self._ports.setdefault(port, Windows())
@@ -498,7 +547,7 @@ def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]
             yield f"error {motor}", feedback, rows.values(Role.ERRORS, feedback)
         if len(found.any_feedback):
             yield f"offline {motor}", found.any_feedback, ~online >> bit & 1
-        for code in np.unique(rows.kinds[commands]).tolist():
+        for code in _occurring(rows.kinds[commands]):
             if NAMES_MOTOR[code] or motor == MOTORS[0]:
                 own = commands[rows.kinds[commands] == code]
                 yield f"ratio {motor} {KINDS[code].name}", own, rows.t_ns[own]
@@ -518,10 +567,10 @@ def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]
 def _count_delays(batch: Batch, rows: Rows, commands: Ints, motor: int) -> None:
     known = commands[rows.answer_ns[commands] != NO_FACT]
     known = known[NAMES_MOTOR[rows.kinds[known]]]
-    for code in np.unique(rows.kinds[known]).tolist():
+    for code in _occurring(rows.kinds[known]):
         own = known[rows.kinds[known] == code]
         grades = grade_of(rows.answer_ns[own] // DELAY_UNIT_NS)
-        for grade in np.unique(grades).tolist():
+        for grade in _occurring(grades):
             batch.events(f"delay {motor} {KINDS[code].name} {grade}", own[grades == grade])
 
 

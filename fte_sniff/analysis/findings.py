@@ -35,7 +35,7 @@ from fte_sniff.analysis.events import (
 from fte_sniff.analysis.facts import MOST_HELD, Facts
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.model import Model, RowModel
-from fte_sniff.analysis.motors import DEADLINE_NS
+from fte_sniff.analysis.motors import DEADLINE_NS, first_feedback
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (
@@ -248,8 +248,9 @@ _WHOLE_DAMAGE: Final = 0.05
 
 _LEAST_EVENTS: Final = 20
 
-_EPISODE_NS: Final = 10_000_000_000
-"""Events that are sure, and no further apart, are of one span."""
+_FLAG_PAUSE_NS: Final = 10_000_000_000
+_ERROR_PAUSE_NS: Final = 60_000_000_000
+"""Flags, or errors of a port, that are no further apart are of one span."""
 
 _CHANCE: Final = 0.001
 """Share of rows that bear an event by chance, where one event alone says nothing."""
@@ -311,30 +312,30 @@ class _Series:
     senders: Direction = Direction.CONTROL
     sure: int = 0
     """Events that are a finding wherever they are; 0 if their frequency decides."""
+    pause_ns: int = _FLAG_PAUSE_NS
+    """Pause between sure events from which on they are of several spans."""
     whole_share: float | None = None
     """Share of events from which on all of them are a finding; None if they never are."""
     least_share: float = 0.02
     """Share of rows that are events in a finding."""
 
 
-def _sure_spans(counted: _Counted, least: int) -> Iterator[tuple[int, int, float]]:
+def _sure_spans(series: _Series) -> Iterator[tuple[int, int, float]]:
     """The spans of events that need no comparison, at most `_MOST_SPANS`."""
+    counted = series.counted
     hits = np.flatnonzero(counted.events)
     pauses = counted.first_ns[hits[1:]] - counted.last_ns[hits[:-1]]
     longest = np.argsort(-pauses, kind="stable")[: _MOST_SPANS - 1]
-    cuts = np.sort(longest[pauses[longest] > _EPISODE_NS]) + 1
+    cuts = np.sort(longest[pauses[longest] > series.pause_ns]) + 1
     for own in np.split(hits, cuts) if len(hits) else ():
         events = int(counted.events[own].sum())
-        if events >= least:
+        if events >= series.sure:
             yield int(own[0]), int(own[-1]), -events * log(_CHANCE)
 
 
 def _examined(events: Events, windows: Windows, series: _Series, alpha: float) -> Iterator[Finding]:
     counted, exposed = series.counted, series.rows > 0
-    if series.sure:
-        spans = list(_sure_spans(counted, series.sure))
-    else:
-        spans = spans_of(counted.events, exposed, alpha)
+    spans = list(_sure_spans(series)) if series.sure else spans_of(counted.events, exposed, alpha)
     total = int(counted.events.sum())
     outside = np.ones(len(exposed), np.bool_)
     for start, end, _ in spans:
@@ -404,7 +405,9 @@ class _Opening(Model):
         """Add the next rows, and those that are decided now; returns those to count."""
         self.rows = _joined(self.rows, rows)
         self._decided = known = _joined(self._decided, known)
-        count = _end_of_second(self.rows, 0)
+        # No command before the first feedback is unanswered, unless rows before have feedback.
+        feedback = min(first_feedback(self.rows), MOST_HELD)
+        count = max(_end_of_second(self.rows, 0), feedback)
         end = _end_of_second(self.rows, count)
         self.is_open = end >= len(self.rows) or len(known) < count
         if self.is_open:
@@ -678,7 +681,15 @@ def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Ser
     for kind, meaning, shown, least in _PORT_EVENTS:
         own_filter = " AND ".join(filter(None, (shown, own_port)))
         describe = _sentence("{meaning}, {events} times", own_filter, meaning=meaning)
-        yield _Series(Cause.PORT, _Counted.of(windows, kind), rows, describe, port, sure=least)
+        yield _Series(
+            Cause.PORT,
+            _Counted.of(windows, kind),
+            rows,
+            describe,
+            port,
+            sure=least,
+            pause_ns=_ERROR_PAUSE_NS,
+        )
 
 
 def _prevailing(

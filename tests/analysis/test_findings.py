@@ -12,23 +12,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.findings_quality import (
+    CAUSES,
     EPISODES,
+    LENGTHS,
     SECOND,
     START_NS,
     Episode,
     find,
     is_found,
+    port_events,
     recording,
 )
 from fte_sniff.analysis.events import MOST_WINDOWS, Events
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.findings import Cause, Finding, Findings, spans_of
+from fte_sniff.analysis.series import Keep
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
     Fault,
     Frame,
+    Gap,
     PortEvent,
     PortEventKind,
     Row,
@@ -40,8 +45,8 @@ from tests.analysis import pieces
 COMMAND = bytes.fromhex("AA0101000000000000EE")
 
 
-def rows_with(kind: str, seed: int = 1, **changed: object) -> tuple[Rows, Episode]:
-    what = Episode(kind, 300, 312 if kind == "silent" else 400, 3, 0.4, feedback=True)
+def rows_with(kind: str, seed: int = 1) -> tuple[Rows, Episode]:
+    what = Episode(kind, 300, 300 + LENGTHS.get(kind, 100), 3, 0.4, feedback=True)
     return recording(np.random.default_rng(seed), 900, what), what
 
 
@@ -55,7 +60,8 @@ def findings_in(*parts: Rows) -> Findings:
 @pytest.mark.parametrize("kind", EPISODES)
 def test_an_episode_is_found_with_its_motor_and_span(kind: str) -> None:
     rows, what = rows_with(kind)
-    assert is_found(find(rows), what)
+    events = port_events(np.random.default_rng(1), what)
+    assert is_found(find(rows, events=events), what)
 
 
 def test_nothing_is_found_where_nothing_is_wrong() -> None:
@@ -86,7 +92,7 @@ def test_the_filter_of_a_finding_shows_its_events_from_the_first_to_the_last(kin
     assert (found.first_ns, found.last_ns) == (shown.t_ns.min(), shown.t_ns.max())
 
 
-@pytest.mark.parametrize("kind", EPISODES)
+@pytest.mark.parametrize("kind", [one for one in EPISODES if CAUSES[one] != {Cause.PORT}])
 def test_the_span_of_a_finding_begins_and_ends_with_rows(kind: str) -> None:
     rows, _ = rows_with(kind)
     times = set(rows.t_ns.tolist())
@@ -134,7 +140,7 @@ def test_a_flag_in_three_frames_in_a_row_is_a_finding(
 
 
 def test_flipped_bits_in_flags_are_not_a_finding() -> None:
-    rows = polled(600, lambda n, motor: {"error": 1 << n % 8 if n % 40 < 2 else 0})
+    rows = polled(600, lambda n, motor: {"error": 1 << n % 8 if n % 40 < 4 else 0})
     assert find(rows) == []
 
 
@@ -226,7 +232,13 @@ def test_any_parts_merge_to_the_events_of_a_single_pass(
         model = Findings()
         pieces.observe(model, part)
         merged.merge(model)
-    assert counts_in(merged.events) == counts_in(whole.events)
+    found, wanted = counts_in(merged.events), counts_in(whole.events)
+    if any(isinstance(one, Gap) for one in steps):
+        # After a gap, a part does not know whether feedback came before it.
+        for counts in (found, wanted):
+            for key in [one for one in counts if one[2].split()[0] in ("asked", "missed")]:
+                del counts[key]
+    assert found == wanted
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=4))
@@ -243,16 +255,16 @@ def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], cuts: 
     assert counted == sum(run for run in runs if run >= 3)
 
 
-def counts_in(events: Events) -> object:
+def counts_in(events: Events) -> dict[tuple[str, Keep, str], list[list[int]]]:
     """All counts and ranges, without the empty ones."""
-    return {
-        port: {
-            (str(keep), name): list(zip(windows.starts_ns[own], column[own], strict=True))
-            for (keep, name), column in windows._columns.items()
-            if (own := column != keep.value).any()
-        }
-        for port, windows in {**events.ports, "": events.windows}.items()
-    }
+    found = {}
+    for port, windows in {**events.ports, "": events.windows}.items():
+        starts_ns = windows.starts_ns
+        for (keep, name), column in windows._columns.items():
+            own = column != keep.value
+            if own.any():
+                found[port, keep, name] = [starts_ns[own].tolist(), column[own].tolist()]
+    return found
 
 
 def feedback(at_ns: int, motor: int = 1, error: int = 0, online: int = 15) -> Frame:
