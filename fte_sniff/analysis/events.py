@@ -291,7 +291,7 @@ at either end.
 """
 
 _GRADES: Final[dict[str, _Grades]] = {
-    "error": _running,
+    "raised": _running,
     "offline": _running,
     "burst": _after_another,
     "ratio": _period_changes,
@@ -362,7 +362,7 @@ def _count_hits(batch: Batch, name: str, rows: Ints, values: Ints, grades: Ints)
             batch.events(f"{name} {grade}", rows[grades == grade])
         return
     batch.events(name, rows)
-    if kind == "error":
+    if kind == "raised":
         raised = int(np.bitwise_or.reduce(values)) if len(values) else 0
         for bit in range(raised.bit_length()):
             if raised >> bit & 1:
@@ -544,7 +544,7 @@ def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]
         batch.count(f"free {motor}", commands[~NAMES_MOTOR[rows.kinds[commands]]])
         _count_delays(batch, rows, commands, motor)
         if len(feedback):
-            yield f"error {motor}", feedback, rows.values(Role.ERRORS, feedback)
+            yield f"raised {motor}", feedback, rows.values(Role.ERRORS, feedback)
         if len(found.any_feedback):
             yield f"offline {motor}", found.any_feedback, ~online >> bit & 1
         for code in _occurring(rows.kinds[commands]):

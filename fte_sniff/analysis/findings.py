@@ -561,7 +561,7 @@ class Findings(RowModel):
         return dict(_uncovered(self.events))
 
     def coverage(self, found: Sequence[Finding]) -> list[TranslatableText]:
-        """What was examined, if there are no findings; what could not be, with the reasons."""
+        """What was examined, where nothing was found; what could not be, with the reasons."""
         missing = self.not_covered()
         covered = [cause for cause in self.CAUSES if cause not in missing]
         texts: list[TranslatableText] = []
@@ -789,7 +789,7 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
         bits = sum(
             1 << bit
             for bit in range(8)
-            if windows.count(f"error {motor} bit {bit}")[seen.own].any()
+            if windows.count(f"raised {motor} bit {bit}")[seen.own].any()
         )
         text = TranslatableText(
             "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
@@ -809,7 +809,7 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
         (Cause.ERROR_FLAG, feedback, of_error),
         (Cause.OFFLINE, exposed, of_online),
     ):
-        name = "error" if cause is Cause.ERROR_FLAG else "offline"
+        name = "raised" if cause is Cause.ERROR_FLAG else "offline"
         counted = _Counted.of(windows, f"{name} {motor}")
         if rows.any():
             yield _Series(

@@ -121,7 +121,7 @@ def _columns(text: str) -> tuple[str, ...]:
             known = ", ".join(COLUMN_BY_NAME)
             near = get_close_matches(name.lower(), COLUMN_BY_NAME, 1)
             fix = f"did you mean {near[0]}?" if near else f"use {known}"
-            raise UsageError(f"--columns: there is no column {printable(name)!r}; {fix}")
+            raise UsageError(f"--columns: unknown column {printable(name)!r}; {fix}")
         if names.count(name) > 1:
             raise UsageError(f"--columns names {name} twice")
     return names

@@ -251,7 +251,7 @@ def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], cuts: 
         merged.merge(findings_in(rows[start:end]))
     assert merged.found() == findings_in(rows).found()
     runs = [len(run) for run in "".join("01"[one] for one in raised).split("0")]
-    counted = merged.events.windows.count("error 1").sum()
+    counted = merged.events.windows.count("raised 1").sum()
     assert counted == sum(run for run in runs if run >= 3)
 
 

@@ -975,9 +975,9 @@ def test_columns_are_chosen_and_ordered(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--columns", "time,speed"), "there is no column 'speed'; use time, port"),
-        (("--columns", "time,motr"), "there is no column 'motr'; did you mean motor?"),
-        (("--columns", ""), "there is no column ''; use time, port"),
+        (("--columns", "time,speed"), "unknown column 'speed'; use time, port"),
+        (("--columns", "time,motr"), "unknown column 'motr'; did you mean motor?"),
+        (("--columns", ""), "unknown column ''; use time, port"),
         (("--columns", "rpm,rpm"), "--columns names rpm twice"),
         (("--columns", "rpm", "-o", "x.parquet"), "parquet has its own"),
         (("--columns", "rpm", "--format", "table"), "table has its own"),
