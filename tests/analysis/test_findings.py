@@ -318,6 +318,28 @@ def test_commands_on_several_ports_leave_answers_unexamined() -> None:
     assert Cause.UNANSWERED in model.not_covered()
 
 
+def test_damage_on_one_of_four_ports_is_named_with_its_port() -> None:
+    what = Episode("damage", 100, 200, 3, 0.4, feedback=True)
+    several = [
+        recording(np.random.default_rng(20 + number), 400, what if number == 2 else None)
+        for number in range(4)
+    ]
+    codebook = several[0].codebook
+    codes = [codebook.port_code(name) for name in "abcd"]
+    rows = Rows.concat(
+        [
+            one.recoded(codebook).with_columns(port=np.full(len(one), code, np.uint16))
+            for one, code in zip(several, codes, strict=True)
+        ]
+    )
+    model = findings_in(rows.select(np.argsort(rows.t_ns, kind="stable")))
+    (found,) = model.found()
+    assert (found.cause, found.port, found.filter) == (
+        *(Cause.DAMAGE, "c"),
+        "malformed AND port = 'c'",
+    )
+
+
 def test_captures_of_other_ports_at_other_times_are_examined() -> None:
     rows, what = rows_with("lost")
     rows.codebook.port_code("other")
