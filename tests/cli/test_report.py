@@ -215,7 +215,7 @@ def test_tables_and_plots_are_in_the_zone(run, tmp_path, browser, samples) -> No
     assert "Times are UTC." in before
     assert "Times are UTC+09:00." in after
     for page, hour in ((before, 12), (after, 21)):
-        assert f"Motor 3, 2026-01-31 {hour}:00:29" in page
+        assert f"Motor 3, 2026-01-31 {hour}:00:30" in page
         assert f"<td>2026-01-31 {hour}:00:00.029</td>" in page
 
 
