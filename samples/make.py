@@ -210,7 +210,9 @@ def _content(path: Path) -> object:
         return path.read_bytes()
     reader = RecordingReader(path)
     facts = {key: value for key, value in reader.metadata["fte-sniff"].items() if key != "library"}
-    rows, events = [record(row) for row in reader], list(reader.events())
+    batches = list(reader.batches())
+    rows = [record(row) for batch in batches for row in batch]
+    events = [event for batch in batches for event in batch.events]
     return rows, events, facts, reader.ending, reader.losses
 
 
