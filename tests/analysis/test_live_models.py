@@ -139,7 +139,7 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
         expected, codebook = Motors(), Codebook()
         for row in range(look + 1):
             if row in places:
-                expected.interrupt(lost[row])
+                expected.interrupt(Gap(GapKind.PORT, port_lost=lost[row]))
             expected.observe(Rows.from_rows(rows[row : row + 1], codebook))
         motors = following.motors_at(look)
         assert motors is not None

@@ -624,7 +624,7 @@ def listens(process: Process) -> None:
 
 _END_BY = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _OPTIONS = (
-    "-o x.mcap --filter motor=1",
+    "-o x.mcap --filter cmd=0",
     "--dtr on --rts off --no-record",
     "--baud 9600 --no-record",
     "--baud 250000 --no-record",

@@ -538,7 +538,7 @@ def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
         assert f"<tr>{''.join(counts)}" in text
         for bit in motor["error_bits"]:
             assert f"Bit {bit['bit']} in {bit['frames']:,} of {motor['feedback']:,} frames" in text
-    assert "Neither: resets, which need no answer" in text
+    assert "Neither: resets; commands before the first feedback" in text
     heads = set(re.findall(r"<th[^>]*>([^<]*)</th>", text))
     assert {"Rows", "Bytes", "Fault", "Neither", "99 %"} <= heads
     assert all(head[0].isupper() for head in heads - {"99 %"})

@@ -13,7 +13,16 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import findings
 from fte_sniff.tui.options import StartOptions
@@ -231,8 +240,7 @@ def test_a_finding_is_shown_in_chinese(feed: Any) -> None:
     feed.give(session())
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "诊断结果" in page(app))
-        assert "电机3应答了" in page(app).replace(" ", "")
+        await until(app, pilot, lambda: "电机3应答了" in page(app).replace(" ", ""))
         assert "answered" not in page(app)
 
     play(feed, scenario, options=StartOptions(language="zh", zone=UTC))
@@ -255,5 +263,21 @@ def test_a_finding_of_a_capture_is_one_line_once(
         known = app._panes.models.known
         await until(app, pilot, lambda: app.findings._searched > known)
         assert "motor 3 answered" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_what_a_port_reports_is_shown_once_and_not_as_a_finding_too(
+    feed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(findings, "EVERY_NS", 0)
+    feed.give(session({}))
+    feed.emit(PortEvent(NOON_NS + SECOND_NS, "p", PortEventKind.LOST, "pulled out"))
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: app._panes.models.found)
+        await settle(app, pilot)
+        assert "pulled out" in page(app)
+        assert "lists the findings" not in page(app)
 
     play(feed, scenario)

@@ -20,7 +20,7 @@ from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import COLUMNS, TopView, columns_for
 from fte_sniff.tui.prompt import parse_filter
 from tests.slow import first
-from tests.tui.conftest import NOON_NS, lines, page, play, press, rush, settle, table
+from tests.tui.conftest import NOON_NS, lines, page, play, press, rush, settle, table, until
 
 MS = 1_000_000
 
@@ -248,6 +248,7 @@ def test_a_pause_freezes_the_lines(feed: Any) -> None:
         feed.give(drive())
         await settle(app, pilot)
         await open_top(app, pilot)
+        await until(app, pilot, lambda: keys(app))
         await press(app, pilot, "space")
         feed.give([frame(4000, "reset")])
         for _ in range(3):

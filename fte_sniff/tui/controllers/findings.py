@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from textual.worker import WorkType
 
-from fte_sniff.analysis.findings import Finding
+from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.tui.controllers.filters import FilterController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.panes.findings import FindingsPane, span_of
@@ -82,8 +82,10 @@ class FindingsController:
                 self._panes.toggle(FindingsPane.NAME)
 
     def _report(self, found: Sequence[Finding]) -> None:
-        """Show a new finding of a capture in one line, once."""
+        """Show a new finding of a capture in one line, once; events of ports were shown before."""
         for one in found:
+            if one.cause is Cause.PORT:
+                continue
             topic = (one.cause, one.port, one.motor)
             if topic not in self._reported:
                 self._reported.add(topic)
