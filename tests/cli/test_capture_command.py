@@ -116,7 +116,9 @@ def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
             code, _, errors = ended(process)
     assert code == 0, errors
     assert shown.count("bytes left") == 1
-    assert " were not yet written at the end" in errors
+    if " were not yet written at the end" not in errors:
+        # All was written before the second signal came: then no row is missing.
+        assert f"{len(list(RecordingReader(recording))):,} rows, " in errors
     decoded = run("decode", "x.mcap", "--filter", "noise")
     assert decoded.returncode == 0
     assert "reported overrun" in decoded.stderr
