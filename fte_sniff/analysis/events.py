@@ -50,9 +50,8 @@ GRADES: Final = 24
 _MOST_WAITING: Final = 8192
 """Rows that wait to be counted together: a few rows at a time would cost more."""
 
-
-_MOST_ADDED: Final = 8192
-"""Windows of batches that wait to be merged."""
+_MOST_ADDED: Final = 128
+"""Batches whose windows wait to be merged."""
 
 _Columns: TypeAlias = dict[tuple[Keep, str], Ints]
 """Counts, lowest or highest values by window."""
@@ -105,7 +104,7 @@ class Windows(Model):
     def add(self, batch: Batch) -> None:
         """Add what a batch counted."""
         self._added.append((batch.keys, batch.columns))
-        if sum(len(keys) for keys, _ in self._added) >= _MOST_ADDED:
+        if len(self._added) >= _MOST_ADDED:
             self._settle()
 
     def _settle(self) -> None:

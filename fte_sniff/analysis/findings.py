@@ -34,6 +34,7 @@ from fte_sniff.analysis.events import (
 )
 from fte_sniff.analysis.facts import MOST_HELD, Facts
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.model import Model, RowModel
 from fte_sniff.analysis.motors import DEADLINE_NS, first_feedback
 from fte_sniff.analysis.tally import RowCount
@@ -250,7 +251,7 @@ _LEAST_EVENTS: Final = 20
 
 _FLAG_PAUSE_NS: Final = 10_000_000_000
 _ERROR_PAUSE_NS: Final = 60_000_000_000
-"""Flags, or errors of a port, that are no further apart are of one span."""
+"""With a longer pause between them, flags, or errors of a port, belong to different spans."""
 
 _CHANCE: Final = 0.001
 """Share of rows that bear an event by chance, where one event alone says nothing."""
@@ -552,7 +553,7 @@ class Findings(RowModel):
     def not_covered(self) -> dict[str, TranslatableText]:
         """By cause, why it could not be examined."""
         if not self.total.rows:
-            return dict.fromkeys(self.CAUSES, TranslatableText("there is no row"))
+            return dict.fromkeys(self.CAUSES, TranslatableText("the input has no rows"))
         if not self.frames:
             text = TranslatableText("no row is a frame; is the baud rate right?")
             return dict.fromkeys(self.CAUSES, text)
@@ -587,11 +588,11 @@ def _uncovered(events: Events) -> Iterator[tuple[str, TranslatableText]]:
     feedback = int(windows.count("feedback").sum())
     answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET)
     if not commands:
-        text = TranslatableText("there is no command that awaits an answer")
+        text = TranslatableText("no command awaits an answer")
         yield from ((str(one), text) for one in answers)
-        yield str(Cause.IRREGULAR_COMMANDS), TranslatableText("there is no command")
+        yield str(Cause.IRREGULAR_COMMANDS), TranslatableText("commands are missing")
     elif not feedback:
-        text = TranslatableText("there is no feedback: only one wire was recorded")
+        text = TranslatableText("feedback is missing: only one wire was recorded")
         yield from ((str(one), text) for one in answers)
     elif _at_the_same_time(events, senders):
         text = TranslatableText(
@@ -600,7 +601,7 @@ def _uncovered(events: Events) -> Iterator[tuple[str, TranslatableText]]:
         yield from ((str(one), text) for one in answers)
     if not feedback:
         flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
-        yield from ((str(one), TranslatableText("there is no feedback")) for one in flags)
+        yield from ((str(one), TranslatableText("feedback is missing")) for one in flags)
 
 
 def _at_the_same_time(events: Events, ports: Sequence[str]) -> bool:
@@ -658,7 +659,7 @@ A few line errors alone may come from a plug.
 
 def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Series]:
     rows = windows.count("rows")
-    own_port = "port = '{}'".format(port.replace("'", "''")) if several else ""
+    own_port = f"port = {quoted(port)}" if several else ""
 
     def of_damage(seen: _Seen) -> tuple[TranslatableText, str]:
         motor = _prevailing(windows, seen, "hint", MOTORS)
@@ -805,16 +806,14 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
         motor=motor,
     )
     exposed = np.where(feedback.any(), any_feedback, 0)
-    for cause, rows, describe in (
-        (Cause.ERROR_FLAG, feedback, of_error),
-        (Cause.OFFLINE, exposed, of_online),
+    for cause, name, rows, describe in (
+        (Cause.ERROR_FLAG, "raised", feedback, of_error),
+        (Cause.OFFLINE, "offline", exposed, of_online),
     ):
-        name = "raised" if cause is Cause.ERROR_FLAG else "offline"
-        counted = _Counted.of(windows, f"{name} {motor}")
         if rows.any():
             yield _Series(
                 cause,
-                counted,
+                _Counted.of(windows, f"{name} {motor}"),
                 rows,
                 describe,
                 motor=motor,

@@ -356,7 +356,7 @@ def test_captures_of_other_ports_at_other_times_are_examined() -> None:
 @pytest.mark.parametrize(
     ("rows", "text"),
     [
-        ([], "nothing could be examined: there is no row"),
+        ([], "nothing could be examined: the input has no rows"),
         ([Frame("p", 0, COMMAND, START_NS)], "only one wire was recorded"),
         ([Frame("p", 0, COMMAND, None)] * 50, "no row has a time"),
         ([Damage("p", n, b"\x01", START_NS + n, (Fault.NOISE,)) for n in range(500)], "is a frame"),

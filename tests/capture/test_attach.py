@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,9 +21,8 @@ from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind
 from tests.beside import Process, Work, held, running
+from tests.support.tools import needs
 from tests.waiting import BOUND_S, wait_until
-
-needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 
 ECHO = """
 import os, sys, time
@@ -105,7 +103,7 @@ def is_traced(pid: int) -> bool:
     return "TracerPid:\t0\n" not in Path(f"/proc/{pid}/status").read_text()
 
 
-@needs_strace
+@needs("strace")
 def test_small_pieces_of_both_directions_are_seen_in_order(pty) -> None:
     chance = random.Random(1)
     sent, received = chance.randbytes(300), chance.randbytes(300)
@@ -134,7 +132,7 @@ def test_small_pieces_of_both_directions_are_seen_in_order(pty) -> None:
         assert str(LIMITS) in seen.source.capabilities[HOST]
 
 
-@needs_strace
+@needs("strace")
 def test_rows_have_the_order_of_the_calls_and_their_times(pty) -> None:
     """Answers that come faster than the default baud allows are not dated before their commands."""
     numbers = range(1, 4)
@@ -163,7 +161,7 @@ def test_rows_have_the_order_of_the_calls_and_their_times(pty) -> None:
     assert rows[-1].t_ns == rows[-2].t_ns
 
 
-@needs_strace
+@needs("strace")
 def test_time_of_a_read_is_its_return_and_of_a_write_its_start(pty) -> None:
     clock = Clock.tied()
     with host_at(pty.device) as host, attached(pty.device) as seen:
@@ -184,7 +182,7 @@ def test_time_of_a_read_is_its_return_and_of_a_write_its_start(pty) -> None:
         assert all(one.at_once for one in seen.items if isinstance(one, Chunk))
 
 
-@needs_strace
+@needs("strace")
 def test_forked_process_is_seen_too(pty) -> None:
     with host_at(pty.device) as host, attached(pty.device) as seen:
         host.does("pid = os.fork(); pid or (os.write(line, b'child'), os._exit(0))")
@@ -193,7 +191,7 @@ def test_forked_process_is_seen_too(pty) -> None:
         assert seen.data(HOST) == b"childparent"
 
 
-@needs_strace
+@needs("strace")
 def test_other_files_of_the_target_are_not_seen(pty, new_pty) -> None:
     other = new_pty()
     with host_at(pty.device) as host, attached(pty.device) as seen:
@@ -203,7 +201,7 @@ def test_other_files_of_the_target_are_not_seen(pty, new_pty) -> None:
         assert seen.data(HOST) == b"shown"
 
 
-@needs_strace
+@needs("strace")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_target_that_ends_is_reported_and_the_next_program_is_seen(pty, number: int) -> None:
     with host_at(pty.device) as first, attached(pty.device) as seen:
@@ -223,7 +221,7 @@ def test_target_that_ends_is_reported_and_the_next_program_is_seen(pty, number: 
     assert seen.kinds(pty.device) == ["opened", "wiring", "lost", "found_again", "closed"]
 
 
-@needs_strace
+@needs("strace")
 @pytest.mark.parametrize("options", [{"reconnect": False}, {"pid": True}])
 def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> None:
     with host_at(pty.device) as host:
@@ -238,7 +236,7 @@ def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> No
                 assert seen.events(wire)[-1].detail.endswith(f"(pid {host.pid}) ended")
 
 
-@needs_strace
+@needs("strace")
 def test_killed_strace_is_reported_and_the_target_goes_on(pty) -> None:
     with host_at(pty.device) as host, attached(pty.device, reconnect=False) as seen:
         seen.source._strace.process.kill()
@@ -250,7 +248,7 @@ def test_killed_strace_is_reported_and_the_target_goes_on(pty) -> None:
         assert not is_traced(host.pid)
 
 
-@needs_strace
+@needs("strace")
 def test_killed_strace_is_started_again(pty) -> None:
     with host_at(pty.device) as host, attached(pty.device) as seen:
         host.does("os.write(line, b'one')")
@@ -262,7 +260,7 @@ def test_killed_strace_is_started_again(pty) -> None:
         assert seen.kinds(pty.device)[-2:] == ["lost", "found_again"]
 
 
-@needs_strace
+@needs("strace")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_target_goes_on_however_the_capture_ends(pty, number: int) -> None:
     code = (
@@ -286,7 +284,7 @@ def test_target_goes_on_however_the_capture_ends(pty, number: int) -> None:
         assert host.process.poll() is None
 
 
-@needs_strace
+@needs("strace")
 def test_call_that_is_longer_than_strace_prints_is_counted(pty) -> None:
     size = LONGEST_CALL + 10
     with host_at(pty.device) as host, attached(pty.device) as seen:
@@ -303,7 +301,7 @@ def test_call_that_is_longer_than_strace_prints_is_counted(pty) -> None:
         assert len(seen.data(HOST)) <= LONGEST_CALL
 
 
-@needs_strace
+@needs("strace")
 def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypatch) -> None:
     def refused(device: str, **options: object) -> str:
         with pytest.raises(PortError) as error:

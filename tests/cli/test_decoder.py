@@ -14,6 +14,7 @@ from jsonschema import Draft202012Validator
 from fte_sniff.formats.decoders.tools import TOOLS
 from tests.cli.processes import PROGRAM
 from tests.slow import first
+from tests.support.tools import needs
 
 INSTALLED = {
     "sigrok": ".local/share/libsigrokdecode/decoders/fte/__init__.py",
@@ -49,7 +50,7 @@ def test_decoder_is_installed_and_replaced(run, home: Path, tool: str) -> None:
         path.write_text("old")
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+@needs("tshark")
 def test_tshark_finds_the_installed_dissector(run, home: Path, samples: Path) -> None:
     assert run("decoder", "wireshark", "--install").returncode == 0
     done = run("decode", samples / "damaged.mcap", "-o", home / "x.pcapng")
@@ -77,7 +78,7 @@ def test_tshark_finds_the_installed_dissector(run, home: Path, samples: Path) ->
     assert shown.stdout.splitlines() == expected
 
 
-@pytest.mark.skipif(shutil.which("sigrok-cli") is None, reason="sigrok-cli is not installed")
+@needs("sigrok-cli")
 def test_sigrok_finds_the_installed_decoder(run, home: Path) -> None:
     assert run("decoder", "sigrok", "--install").returncode == 0
     environment = {**os.environ, "HOME": str(home)}

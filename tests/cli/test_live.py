@@ -6,7 +6,6 @@ import itertools
 import os
 import re
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -43,6 +42,7 @@ from tests.cli.terminals import terminal
 from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
 from tests.slow import first
 from tests.support.recorded_rows import events_in
+from tests.support.tools import needs
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 SILENT = "sim://?host=off&wire=control"
@@ -731,7 +731,7 @@ while True: os.write(line, os.read(line, 64))
 """A host program that returns what it reads."""
 
 
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@needs("strace")
 def test_attached_capture_records_both_directions_of_another_program(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
@@ -756,8 +756,7 @@ def test_attached_capture_records_both_directions_of_another_program(
     assert "mmap and io_uring are not seen" in str(reader.metadata)
 
 
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@needs("strace")
 def test_screen_shows_both_wires_of_an_attached_port_and_what_it_does_not_see(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
@@ -777,7 +776,7 @@ def test_attach_on_another_system_names_the_bridge(monkeypatch) -> None:
         check_attached(("/dev/ttyUSB0",))
 
 
-@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@needs("strace")
 @pytest.mark.parametrize("killed", ["strace", "target"])
 def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
     run, environment: dict[str, str], tmp_path: Path, killed: str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -26,6 +25,7 @@ from tests.cli.processes import (
     wait_until,
 )
 from tests.support.recorded_rows import events_in
+from tests.support.tools import needs
 
 LINE = "sim://?rate=500"
 SILENT = "sim://?host=off&wire=control"
@@ -235,7 +235,7 @@ def test_contradictions_are_usage_errors(run, tmp_path: Path, words, message) ->
     assert not list(tmp_path.glob("*.mcap"))
 
 
-@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed")
+@needs("systemd-analyze")
 def test_systemd_accepts_the_unit_of_the_page(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "service.md").read_text("utf-8")
     (unit,) = re.findall(r"```ini\n(.*?)```", text, re.DOTALL)

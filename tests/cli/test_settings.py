@@ -466,7 +466,7 @@ finally:
 """
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads the baud of a terminal")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a pty has no baud")
 @pytest.mark.parametrize(("option", "baud"), [((), 9600), (("--baud", "57600"), 57_600)])
 def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
     environment, settings_file: Path, tmp_path: Path, option: tuple[str, ...], baud: int

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 import time
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
 from tests.slow import first
 from tests.support.recorded_rows import write_recording
+from tests.support.tools import needs
 from tests.waiting import BOUND_S
 
 
@@ -362,7 +362,7 @@ def asked(screen: Terminal, keys: str) -> bytes:
     return screen.drawn[start:]
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
+@needs("bash")
 @pytest.mark.parametrize("ends", first(1, ["kill", "Q", "late kill", "close"]))
 def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     run, environment, tmp_path: Path, ends: str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections import defaultdict
@@ -19,10 +18,9 @@ from fte_sniff.formats.decoders.sigrok import SETTLING_BYTES, decoder
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Frame, Row, encode, spaced_hex
 from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind
 from tests.recording.conftest import some_rows
+from tests.support.tools import needs
 
-pytestmark = pytest.mark.skipif(
-    shutil.which("sigrok-cli") is None, reason="sigrok-cli is not installed"
-)
+pytestmark = needs("sigrok-cli")
 
 SAMPLES_PER_BIT = 16
 BYTE = 10 * SAMPLES_PER_BIT

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,8 +25,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS
 from fte_sniff.recording.reader import RecordingReader
 from tests.recording.conftest import some_rows
-
-needs_tshark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+from tests.support.tools import needs
 
 FIELDS = {
     "time": "frame.time_epoch",
@@ -114,7 +112,7 @@ def every_byte_of_the_heads() -> list[Row]:
     return rows
 
 
-@needs_tshark
+@needs("tshark")
 @pytest.mark.parametrize("make", [some_rows, two_wires, every_byte_of_the_heads])
 def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, make) -> None:
     rows = make()
@@ -122,7 +120,7 @@ def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, 
     assert found == [shown(row) for row in rows]
 
 
-@needs_tshark
+@needs("tshark")
 @pytest.mark.parametrize("name", ["clean", "damaged", "midstream", "idle"])
 def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, name: str) -> None:
     rows = [
@@ -135,7 +133,7 @@ def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, na
     assert found == [shown(row) for row in rows]
 
 
-@needs_tshark
+@needs("tshark")
 def test_fields_can_be_filtered_and_faults_are_expert_infos(tmp_path: Path, tshark: Tshark) -> None:
     rows = some_rows(500)
     file = written(tmp_path, rows)
@@ -148,7 +146,7 @@ def test_fields_can_be_filtered_and_faults_are_expert_infos(tmp_path: Path, tsha
     assert tshark.count(file, "fte.fault.ambiguous") == len(ambiguous) > 0
 
 
-@needs_tshark
+@needs("tshark")
 def test_direction_comment_and_speed_of_the_line_are_in_the_file(
     tmp_path: Path, tshark: Tshark
 ) -> None:
@@ -165,7 +163,7 @@ def test_direction_comment_and_speed_of_the_line_are_in_the_file(
     assert facts.count("Name = ") == 2
 
 
-@needs_tshark
+@needs("tshark")
 def test_bytes_of_another_capture_are_dissected_frame_by_frame(
     tmp_path: Path, tshark: Tshark
 ) -> None:
