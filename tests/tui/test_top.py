@@ -16,6 +16,7 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.controllers import findings
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import COLUMNS, TopView, columns_for
 from fte_sniff.tui.prompt import parse_filter
@@ -243,14 +244,20 @@ def test_keys_about_rows_bring_the_table_back(feed: Any, key: str, stays: bool) 
     play(feed, scenario)
 
 
-def test_a_pause_freezes_the_lines(feed: Any) -> None:
+def test_a_pause_freezes_the_lines(feed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when a search for findings ends meanwhile, which draws the open pane."""
+    monkeypatch.setattr(findings, "EVERY_NS", 0)
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(drive())
         await settle(app, pilot)
         await open_top(app, pilot)
         await until(app, pilot, lambda: keys(app))
         await press(app, pilot, "space")
+        before = app.findings._searched
         feed.give([frame(4000, "reset")])
+        await until(app, pilot, lambda: app.findings._searched > before)
+        await app.workers.wait_for_complete()
         for _ in range(3):
             app._panes._drawn_at_ns.clear()
             await settle(app, pilot)

@@ -68,7 +68,7 @@ class FindingsController:
         finally:
             self._running = False
         models.found, models.coverage = tuple(found), tuple(findings.coverage(found))
-        self._panes.redraw()
+        self._panes.redraw_open()
         if live:
             self._report(recent)
         else:

@@ -163,7 +163,7 @@ class PaneSwitcher:
         """Choose another column of the open pane; False where it has none."""
         has_columns = self._open is not None and self._open.aside(by)
         if has_columns:
-            self.redraw()
+            self.redraw_open()
         return has_columns
 
     @property
@@ -185,7 +185,7 @@ class PaneSwitcher:
     def scroll(self, by: int) -> None:
         """Scroll the open pane by lines; choose another line of the findings."""
         if self._open is not None and self._open.scroll_lines(by):
-            self.redraw()
+            self.redraw_open()
 
     def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
         """Add port events, and gaps and baud changes between rows, to the models."""
@@ -293,6 +293,12 @@ class PaneSwitcher:
             self._update_models()
         for view in self._views:
             self._redraw_changed(view)
+
+    def redraw_open(self) -> None:
+        """Draw the open pane; a top view that a pause has frozen stays as it is."""
+        if self._open is not None:
+            self._drawn.pop(self._open, None)
+            self._redraw_changed(self._open)
 
     def top_time(self, *, live: bool) -> str:
         """The time that the top view shows; empty while it is closed."""
