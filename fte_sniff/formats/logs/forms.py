@@ -75,7 +75,9 @@ class _Known(dict[bytes, bytes]):
         return data
 
 
-def _by_pieces(known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | None]]) -> BytesOf:
+def _by_pieces(
+    known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | None]], *, is_hex: bool = False
+) -> BytesOf:
     """What returns the bytes of a text by those of its pieces, without a search for them.
 
     Pieces of a log mostly begin with the same character, so that a text can be split there.
@@ -84,14 +86,19 @@ def _by_pieces(known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | 
         known: the bytes of a piece; raises ValueError if it is not a whole one.
         searched: the bytes of a text by a search, and the character that pieces may begin with;
             none if a text is one piece, None to search the next text too.
+        is_hex: whether the texts are pairs of hexadecimal digits and what separates them; where
+            that is always one character, the digits without it are the bytes.
     """
     mark: bytes | None = None
+    are_digits = False
     following = _Known(lambda piece: known((mark or b"") + piece))
 
     def bytes_of(text: bytes) -> bytes:
-        nonlocal mark
+        nonlocal mark, are_digits
         if mark is not None:
             try:
+                if are_digits:
+                    return unhexlify(text.replace(mark, b""))
                 first, *others = text.split(mark) if mark else (text,)
                 data = known(first) if first else b""
                 return data + b"".join(map(following.__getitem__, others))
@@ -101,6 +108,7 @@ def _by_pieces(known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | 
         data, mark = searched(text)
         if mark != was:
             following.clear()
+        are_digits = is_hex and text.replace(mark or b"", b"").lower() == data.hex().encode()
         return data
 
     return bytes_of
@@ -110,7 +118,11 @@ def _by_pieces(known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | 
 def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
     """What returns the bytes of the text of a run of units."""
     unnamed = re.sub(rb"[?]P<[^>]+>", b"?:", unit)
-    units, whole, step = re.compile(unnamed).findall, re.compile(unit).fullmatch, -1 if swaps else 1
+    compiled = re.compile(unit)
+    units, whole, step = re.compile(unnamed).findall, compiled.fullmatch, -1 if swaps else 1
+    kinds = [name[0] for name in compiled.groupindex]
+    if unit.startswith(_NO_SEPARATOR) and len(kinds) == 1 and kinds[0] in _CODES:
+        return _bytes_of_codes(kinds[0])  # a run is one text
 
     def bytes_of_unit(text: bytes) -> bytes:
         found = whole(text)
@@ -127,7 +139,7 @@ def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
             return b"", None
 
     known = _Known(bytes_of_unit).__getitem__
-    return _by_pieces(known, searched)
+    return _by_pieces(known, searched, is_hex=kinds == ["x"] and not swaps)
 
 
 @cache
@@ -274,6 +286,10 @@ _FORMS: Final = (
     ("characters of od -c", _OD_CELL, "", "od -c, hexdump -c"),
 )  # fmt: skip
 """Name, unit, separator, programs."""
+
+
+_NO_SEPARATOR: Final = b"(?:)?"
+"""How the pattern of a unit begins if nothing separates units."""
 
 
 def _extractors() -> Iterator[Extractor]:

@@ -26,7 +26,7 @@ from fte_sniff.formats.logs.evidence import (
     runs_in_lanes,
 )
 from fte_sniff.formats.logs.layout import GAP, Found, Layout, without_bytes
-from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, masked
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, beside_times, masked
 
 _MOST_SHAPES: Final = 24
 """Of one length; also those that regular expressions read."""
@@ -260,6 +260,7 @@ class _Varying:
         self._layout, self._extractor = layout, layout.hypothesis.extractor
         self._common = layout.hypothesis.common
         self._run = re.compile(self._extractor.pattern)
+        self._beside_times = beside_times(self._extractor.pattern)
         above = {"above", "below"} & {layout.labelled, layout.times.where}
         self._has_headings = bool(above)
         self._is_tail_free = "after" not in (layout.labelled, layout.times.where)
@@ -300,15 +301,21 @@ class _Varying:
         """Which lines have nothing that is read."""
         if self._has_headings:
             return [False] * len(lines)
-        text, hypothesis = b"\n".join(lines), self._layout.hypothesis
-        text = masked(text) if self._extractor.masks_times else text
-        ends = [*accumulate(len(line) + 1 for line in lines)]
         # After a line with `*`, a dump leaves out lines like that before.
         are_foreign = [line.strip() != b"*" for line in lines]
-        for run, key in runs_in_lanes(text, self._extractor.runs(text), self._common):
+        extractor, hypothesis = self._extractor, self._layout.hypothesis
+        ends = [*accumulate(len(line) + 1 for line in lines)]
+        text, places = b"\n".join(lines), range(len(lines))
+        if extractor.masks_times:  # most lines have no numbers beside their time
+            found = self._beside_times.finditer(text)
+            places = [bisect(ends, one.start()) for one in found]
+            lines = [lines[at] for at in places]
+            ends = [*accumulate(len(line) + 1 for line in lines)]
+            text = masked(b"\n".join(lines))
+        for run, key in runs_in_lanes(text, extractor.runs(text), self._common):
             size = len(run.data)
             if size >= LIKE_BYTES or hypothesis.cut_of(key, size) is not None:
-                are_foreign[bisect(ends, run.start)] = False
+                are_foreign[places[bisect(ends, run.start)]] = False
         return are_foreign
 
     def _alike(

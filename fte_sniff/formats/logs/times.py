@@ -126,6 +126,16 @@ def masked(text: bytes) -> bytes:
     return first.sub(lambda found: found[1] + b"~" * len(found[2]), text)
 
 
+def beside_times(pattern: bytes) -> re.Pattern[bytes]:
+    """Finds each line of a text that may match a pattern once its first time is `masked`.
+
+    It is faster than to hide the times. A time is passed over at the start of a line, if white
+    space follows, so that the rest matches as it would after a hidden time.
+    """
+    time = rb"[\[({<]?(?>%b)[\])}>]?(?=\s)" % _ANY.encode()
+    return re.compile(rb"(?m)^(?:%b)?+.*?%b" % (time, pattern))
+
+
 @dataclass(slots=True)
 class TimeRule:
     """Where the lines of a log have their times, and how they are read.

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.formats.logs import forms
 from fte_sniff.formats.logs.forms import EXTRACTORS, Extractor
+from fte_sniff.formats.logs.times import beside_times, masked
 from tests.examples import examples
 from tests.formats.logs.test_property import FORMS
 
@@ -63,3 +64,60 @@ def test_a_text_with_codes_is_found_as_by_a_search_at_each_character() -> None:
     text = b" x[AA]y [01 [0x02]<NUL>{5b} a(b) [c]d [EE]\n[hello [AA]\n(5)[5B][[5D]]"
     fast = EXTRACTOR_BY_NAME["text with codes in brackets"].pattern
     assert re.findall(slow, text) == [one[0] for one in re.finditer(fast, text)]
+
+
+TIMES = (
+    "2026-01-31 12:00:00.123",
+    "12:00:00",
+    "31.01.2026 1:02:03",
+    "Jan 31 12:00:00",
+    "PM 1:00:00",
+)
+"""Of lines, in several forms."""
+BESIDE = (
+    "AA",
+    " BB",
+    "-5",
+    ",12",
+    ".5",
+    ":07",
+    "0x1F",
+    "cafe 12",
+    "took 7 us",
+    "[",
+    "] ",
+    "T",
+    "é",
+    "\\n",
+)
+
+
+@given(
+    st.sampled_from(sorted(EXTRACTOR_BY_NAME)),
+    st.lists(
+        st.lists(
+            st.one_of(
+                st.sampled_from(TIMES + BESIDE),
+                st.builds(
+                    lambda form, data: FORMS[form](data),
+                    st.sampled_from(sorted(FORMS)),
+                    st.binary(min_size=1, max_size=3),
+                ),
+            ),
+            max_size=5,
+        ).map("".join),
+        min_size=1,
+        max_size=4,
+    ),
+)
+@examples(1000)
+def test_lines_with_runs_beside_their_time_are_found_without_hiding_it(
+    name: str, lines: list[str]
+) -> None:
+    extractor = EXTRACTOR_BY_NAME[name]
+    text = "\n".join(line.replace("\n", " ") for line in lines).encode()
+    found = {
+        text.count(b"\n", 0, one.start()) for one in beside_times(extractor.pattern).finditer(text)
+    }
+    with_runs = {text.count(b"\n", 0, run.start) for run in extractor.runs(masked(text))}
+    assert with_runs <= found
