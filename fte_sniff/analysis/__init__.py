@@ -2,7 +2,6 @@
 
 Modules:
 
-    baud_guess    Diagnosis of a line: sound, silent, inverted, or at another baud rate.
     counters      Counters over rows: durations, recent values, rates.
     dataframe     Rows to polars DataFrame, and a search for text in it.
     events        Events of trouble, counted by window of time.
@@ -11,6 +10,7 @@ Modules:
     filter        The filter language: SQL boolean expressions over the row columns.
     findings      Findings: the spans of time in which something is wrong.
     landmarks     Port events and gaps between rows; where faults and flags are.
+    line_condition  Condition of a line: sound, damaged, silent, low, text, unreadable.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
     model         What all models share: observe, merge, copy.

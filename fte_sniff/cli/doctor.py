@@ -41,10 +41,10 @@ def command(
 ) -> None:
     """Check this machine and its ports, and show how to fix what is wrong.
 
-    With PORT, that port is opened as `live` opens it, and listened to: wrong baud, swapped
-    polarity and dead wires are guessed from what comes. Nothing is ever written. With --probe the
-    port is set to other bauds too. One finding a line: ok, warn (it could be better) or bad, and
-    the fix after the arrow. Exit code 0: nothing is bad; 1: something is; 3: the port cannot be
+    With PORT, that port is opened as `live` opens it, and listened to: what comes shows frames,
+    damage, dead wires and other devices. Nothing is ever written. With --probe the port is set to
+    other bauds too, until frames come. One finding a line: ok, warn (it could be better) or bad,
+    and the fix after the arrow. Exit code 0: nothing is bad; 1: something is; 3: the port cannot be
     opened.
 
     \b

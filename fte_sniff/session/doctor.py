@@ -25,15 +25,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Self
 
-from fte_sniff.analysis.baud_guess import (
-    COMMON_BAUDS,
-    SURE,
-    LineCondition,
-    LineDiagnosis,
-    LineSetting,
-    diagnose,
-    diagnose_frames,
-)
+from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diagnose
 from fte_sniff.capture.discovery import (
     Holder,
     PortListing,
@@ -144,7 +136,7 @@ def check_port(
         if sample.line_errors:
             what = f"line errors while listening: {sample.line_errors}"
             yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
-        verdict = diagnose(sample.data, baud)
+        verdict = diagnose(sample.data)
         yield verdict_finding(name, baud, verdict)
         if probe:
             yield _probe(name, baud, listener, verdict)
@@ -452,10 +444,6 @@ _WIRE = {
     frozenset({Direction.FEEDBACK}): "feedback (the controller's TX wire)",
     frozenset(Direction): "commands and feedback",
 }
-_POLARITY = (
-    "RS-232 and TTL levels are each other's opposite: put a level shifter (MAX3232) between, or "
-    "use an adapter of the wire's own kind"
-)
 
 
 def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Diagnosis:
@@ -493,27 +481,18 @@ def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Diagnosis:
         case LineCondition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
             return bad(port, what, "fte-sniff ports")
-    return _no_frames(port, baud, verdict, f"no frame in {size} at {baud} baud", probe)
-
-
-def _no_frames(port: str, baud: int, verdict: LineDiagnosis, what: str, probe: str) -> Diagnosis:
-    if verdict.condition is LineCondition.FOREIGN:
-        what += ", and no common baud makes such bytes: another protocol, or noise on an open wire"
-        return bad(port, what, f"check that RX is on a wire; {probe}")
-    setting, probability = verdict.guesses[0]
-    if verdict.condition is LineCondition.INVERTED:
-        at = "" if setting.baud == baud else f", and {setting.baud} baud"
-        return bad(port, f"{what}: it looks like swapped polarity{at}", _POLARITY)
-    if probability >= SURE and setting.baud <= baud:
-        what += f": it looks like {setting.baud} baud"
-        return bad(port, what, f"fte-sniff live {quote(port)} --baud {setting.baud}")
-    if setting.baud > baud:
-        return bad(port, f"{what}: it looks like a faster line", probe)
-    likely = " or ".join(dict.fromkeys(str(setting.baud) for setting, _ in verdict.guesses[:3]))
-    return bad(port, f"{what}: the baud is wrong, perhaps {likely}", probe)
+        case LineCondition.UNREADABLE:
+            what = f"no frame in {size} at {baud} baud: another baud rate, swapped polarity, or"
+            return bad(port, f"{what} another device", probe)
 
 
 # Probing other bauds
+
+COMMON_BAUDS = (
+    9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800,
+    500_000, 921_600, 1_000_000, 1_500_000, 2_000_000, 3_000_000,
+)  # fmt: skip
+"""Baud rates of common adapters and controllers."""
 
 _ENOUGH_BYTES = 4000
 """Bytes after which listening ends early."""
@@ -530,44 +509,26 @@ def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis)
         return ok(port, "probe: not needed, the baud is right")
     if verdict.condition is LineCondition.SILENT:
         return warn(port, "probe: nothing comes that could be probed", "let the device send")
-    samples: dict[int, bytes] = {}
-    best: tuple[LineSetting, LineDiagnosis] | None = None
-    for candidate in _candidates(verdict, baud):
+    found: dict[int, LineDiagnosis] = {}
+    for candidate in sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other)):
         data = listener.sample(candidate, _PROBE_S, _PROBE_BYTES)
-        if data is None:
-            continue
-        samples[candidate] = data
-        judged = diagnose_frames(data)
-        if judged is not None and judged.share > (best[1].share if best else 0):
-            best = LineSetting(candidate, inverted=False), judged
+        if data is not None and (judged := diagnose(data)).has_frames:
+            found[candidate] = judged
             if judged.condition is LineCondition.SOUND:
                 break
-    return probe_finding(port, *(best or (_swapped_polarity(samples), None)))
+    return probe_finding(port, found)
 
 
-def _candidates(verdict: LineDiagnosis, baud: int) -> list[int]:
-    guessed = [setting.baud for setting, _ in verdict.guesses]
-    near = sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other))
-    return list(dict.fromkeys([*guessed, *near]))
-
-
-def _swapped_polarity(samples: Mapping[int, bytes]) -> LineSetting | None:
-    """The baud at which the bytes look like the same baud with swapped polarity."""
-    for baud, data in samples.items():
-        setting = LineSetting(baud, inverted=True)
-        if dict(diagnose(data, baud).guesses).get(setting, 0) >= SURE:
-            return setting
-    return None
-
-
-def probe_finding(port: str, found: LineSetting | None, verdict: LineDiagnosis | None) -> Diagnosis:
-    """The finding of a probe: the best setting, and its verdict if frames came."""
-    if found is None:
-        what = "probe: no common baud gives frames"
-        return bad(port, what, "check wire, ground and polarity; is it this controller's line?")
-    if verdict is None:
-        return bad(port, f"probe: swapped polarity at {found.baud} baud", _POLARITY)
-    what = (
-        f"probe: {verdict.share:.1%} of {verdict.size:,} bytes are in frames at {found.baud} baud"
-    )
-    return bad(port, what, f"fte-sniff live {quote(port)} --baud {found.baud}")
+def probe_finding(port: str, found: Mapping[int, LineDiagnosis]) -> Diagnosis:
+    """The finding of a probe; `found` are the diagnoses by the baud at which frames came."""
+    if not found:
+        return bad(
+            port,
+            "probe: no common baud gives frames: swapped polarity, or another device",
+            "check wire and ground; RS-232 and TTL levels are each other's opposite: put a level "
+            "shifter (MAX3232) between, or use an adapter of the wire's own kind",
+        )
+    baud = max(found, key=lambda one: found[one].share)
+    best = found[baud]
+    what = f"probe: {best.share:.1%} of {best.size:,} bytes are in frames at {baud} baud"
+    return bad(port, what, f"fte-sniff live {quote(port)} --baud {baud}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.baud_guess import LineCondition, LineDiagnosis, LineSetting
+from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
 from fte_sniff.capture.discovery import Holder, PortListing, stray_adapters
 from fte_sniff.capture.serial_port import LowLatency, PortCapabilities, PortSettings
 from fte_sniff.capture.uart_errors import LineWatch, UartWatch
@@ -37,44 +37,22 @@ from fte_sniff.session.framer_hash import library_name
 from tests.beside import Work
 from tests.recording.conftest import unprivileged
 
-AT_57600 = (LineSetting(57_600, False), 0.99)
-
 
 @pytest.mark.parametrize("condition", LineCondition)
-@pytest.mark.parametrize("guesses", [((AT_57600),), ((LineSetting(921_600, True), 0.4),)])
-def test_every_verdict_has_words_and_a_way_out(
-    condition: LineCondition, guesses: tuple[tuple[LineSetting, float], ...]
-) -> None:
-    verdict = LineDiagnosis(condition, 100, 0.5, frozenset({Direction.CONTROL}), guesses)
+def test_every_condition_has_words_and_a_fix(condition: LineCondition) -> None:
+    verdict = LineDiagnosis(condition, 100, 0.5, frozenset({Direction.CONTROL}))
     finding = verdict_finding("/dev/p", 115_200, verdict)
     assert finding.what
     assert (finding.fix is None) is (condition is LineCondition.SOUND)
 
 
-@pytest.mark.parametrize(
-    ("guess", "words", "fix"),
-    [
-        (AT_57600, "looks like 57600 baud", "fte-sniff live /dev/p --baud 57600"),
-        ((LineSetting(57_600, False), 0.5), "perhaps 57600", "fte-sniff doctor /dev/p --probe"),
-        # What is faster than the receiver only probing can tell for sure.
-        (
-            (LineSetting(460_800, False), 0.99),
-            "looks like a faster line",
-            "fte-sniff doctor /dev/p --probe",
-        ),
-    ],
-)
-def test_a_baud_is_named_as_surely_as_it_is_known(
-    guess: tuple[LineSetting, float], words: str, fix: str
-) -> None:
-    verdict = LineDiagnosis(LineCondition.WRONG_BAUD, 100, 0.0, guesses=(guess,))
-    finding = verdict_finding("/dev/p", 115_200, verdict)
-    assert words in finding.what
-    assert finding.fix == fix
-
-
-def test_a_probe_without_a_result_is_reported() -> None:
-    assert "no common baud gives frames" in probe_finding("/dev/p", None, None).what
+def test_a_probe_names_the_baud_with_most_bytes_in_frames() -> None:
+    found = {
+        57_600: LineDiagnosis(LineCondition.DAMAGED, 400, 0.3),
+        38_400: LineDiagnosis(LineCondition.DAMAGED, 400, 0.6),
+    }
+    assert probe_finding("/dev/p", found).fix == "fte-sniff live /dev/p --baud 38400"
+    assert "no common baud gives frames" in probe_finding("/dev/p", {}).what
 
 
 def test_a_folder_with_room_is_well(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Model of a UART in hardware: clocked at sixteen times its baud, three samples for each bit.
 
-Tests and benchmarks derive from it the bytes that a receiver with another baud or polarity reads.
-It is independent of the faster model by which the program guesses a baud.
+Tests derive from it the bytes that a receiver with another baud or polarity reads.
 """
 
 from __future__ import annotations

@@ -1,0 +1,92 @@
+"""Condition of a line, from received bytes: sound, damaged, silent, low, text, unreadable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from fte_sniff.protocol import Chunk, Direction, Fault, Frame, Framer, Status
+
+SOUND_SHARE: Final = 0.9
+"""Share of bytes in readable frames from which a line is sound."""
+
+DAMAGED_SHARE: Final = 0.2
+"""Share of bytes in readable frames from which the baud rate is right, but the line is bad."""
+
+FEW_BYTES: Final = 30
+"""Fewer bytes than this without a frame give no diagnosis."""
+
+_LOW_SHARE: Final = 0.97
+_TEXT: Final = frozenset(range(0x20, 0x7F)) | frozenset(b"\t\r\n")
+_TEXT_SHARE: Final = 0.95
+
+
+class LineCondition(StrEnum):
+    """State of a line."""
+
+    SOUND = "sound"
+    DAMAGED = "damaged"
+    """Its baud rate and polarity are right, as there are frames."""
+    SILENT = "silent"
+    LOW = "low"
+    """Held low: only 00 is received."""
+    TOO_LITTLE = "too little"
+    TEXT = "text"
+    UNREADABLE = "unreadable"
+
+
+@dataclass(frozen=True, slots=True)
+class LineDiagnosis:
+    """State of a line, and what was received."""
+
+    condition: LineCondition
+    size: int
+    """Bytes."""
+    share: float = 0.0
+    """Share of them in readable frames, 0 to 1."""
+    directions: frozenset[Direction] = frozenset()
+    """Those of the frames."""
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether frames prove that baud rate and polarity are right."""
+        return self.condition in (LineCondition.SOUND, LineCondition.DAMAGED)
+
+
+def diagnose(data: bytes) -> LineDiagnosis:
+    """Diagnose a line from bytes that were received."""
+    frames = readable_frames(data)
+    share = sum(len(frame.raw) for frame in frames) / len(data) if data else 0.0
+    if share >= SOUND_SHARE:
+        condition = LineCondition.SOUND
+    elif share >= DAMAGED_SHARE and len(frames) > 1:
+        condition = LineCondition.DAMAGED
+    else:
+        condition = _without_frames(data)
+    directions = frozenset(frame.direction for frame in frames)
+    return LineDiagnosis(condition, len(data), share, directions)
+
+
+def readable_frames(data: bytes) -> list[Frame]:
+    """The frames in `data` that are neither malformed nor ambiguous."""
+    framer = Framer("line")
+    rows = framer.feed(Chunk("line", None, data)) + framer.flush()
+    return [
+        row
+        for row in rows
+        if isinstance(row, Frame)
+        and row.status is not Status.MALFORMED
+        and Fault.AMBIGUOUS not in row.faults
+    ]
+
+
+def _without_frames(data: bytes) -> LineCondition:
+    if not data:
+        return LineCondition.SILENT
+    if data.count(0) >= _LOW_SHARE * len(data):
+        return LineCondition.LOW
+    if len(data) < FEW_BYTES:
+        return LineCondition.TOO_LITTLE
+    is_text = sum(byte in _TEXT for byte in data) >= _TEXT_SHARE * len(data)
+    return LineCondition.TEXT if is_text else LineCondition.UNREADABLE
