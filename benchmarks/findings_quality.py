@@ -4,10 +4,11 @@
 
 The generator is independent of the program's simulator. A recording has 20 minutes of a host that
 polls four motors, and one episode: answers of one motor are lost or late, frames of one direction
-are damaged, a flag is set for a while or for a second, a motor is stuck (at a speed or a position)
-or silent, the host's commands are irregular, bits of one motor's values flip, the UART reports
-errors, or the port is lost. Hosts and controllers differ in rate, order, jitter, delay, pauses, and
-in whether they set speeds or positions; 0.1 % of all frames are damaged, a third of them unseen.
+or 4 to 15 % of those of one motor are damaged, a flag is set for a while or for a second, a motor
+is stuck (at a speed or a position) or silent, the host's commands are irregular, bits of one
+motor's values flip, the UART reports errors, or the port is lost. Hosts and controllers differ in
+rate, order, jitter, delay, pauses, and in whether they set speeds or positions; 0.1 % of all frames
+are damaged, a third of them unseen.
 An episode is found if one of the first five findings has its cause and motor, and the span of that
 finding and that of the episode have half of their union in common.
 """
@@ -38,12 +39,14 @@ FIRST = 5
 EPISODES = (
     *("lost", "late", "damage", "error", "offline", "brief_error", "brief_offline"),
     *("stuck", "stuck_position", "silent", "irregular", "jumps", "line_errors", "port_lost"),
+    "motor_damage",
 )
 
 CAUSES = {
     "lost": {Cause.UNANSWERED},
     "late": {Cause.LATE},
     "damage": {Cause.DAMAGE},
+    "motor_damage": {Cause.DAMAGE},
     "error": {Cause.ERROR_FLAG},
     "offline": {Cause.OFFLINE},
     "brief_error": {Cause.ERROR_FLAG},
@@ -276,6 +279,9 @@ def _damaged(
         own = (t >= what.start_s) & (t < what.end_s)
         own &= raw[:, 0] == (0x55 if what.feedback else 0xAA)
         hit |= own & (rng.random(count) < what.share)
+    if what is not None and what.kind == "motor_damage":
+        own = (t >= what.start_s) & (t < what.end_s) & (raw[:, 2] == what.motor)
+        hit |= own & (rng.random(count) < what.share / 4)
     codebook = Codebook()
     rows = Rows.allocate(codebook, count)
     rows.raw[:] = raw

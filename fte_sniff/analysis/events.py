@@ -502,13 +502,17 @@ class Events(Model):
         batch.count("frames", np.flatnonzero(rows.framed[own]))
         batch.count("commands", np.flatnonzero(directions == _CODES[Direction.CONTROL]))
         batch.count("feedback", np.flatnonzero(directions == _CODES[Direction.FEEDBACK]))
+        named = np.where(NAMES_MOTOR[rows.kinds[own]], rows.nums[own], 0)
+        motors = np.where(is_damaged, rows.motor_hint[own], named)
+        for motor in MOTORS:
+            batch.count(f"rows {motor}", np.flatnonzero(motors == motor))
         if len(damaged):
             at = own[damaged]
             batch.events("damaged", damaged)
             for direction, code in _CODES.items():
                 batch.count(f"damaged {direction}", damaged[directions[damaged] == code])
             for motor in MOTORS:
-                batch.count(f"hint {motor}", damaged[rows.motor_hint[at] == motor])
+                batch.events(f"damaged {motor}", damaged[motors[damaged] == motor])
             for code in np.unique(rows.faults[at]).tolist():
                 batch.count(f"fault {faults[code][0]}", damaged[rows.faults[at] == code])
         name = f"burst {port}"

@@ -90,7 +90,10 @@ _EXPLAINS: Final[Mapping[Cause, frozenset[Cause]]] = {
     Cause.PORT: frozenset(Cause),
     Cause.SILENCE: frozenset({Cause.UNANSWERED, Cause.LATE, Cause.OFF_TARGET}),
     Cause.DAMAGE: frozenset(
-        {Cause.UNANSWERED, Cause.LATE, Cause.JUMP, Cause.IRREGULAR_COMMANDS, Cause.SILENCE}
+        {
+            *(Cause.DAMAGE, Cause.UNANSWERED, Cause.LATE, Cause.JUMP),
+            *(Cause.IRREGULAR_COMMANDS, Cause.SILENCE),
+        }
     ),
     Cause.OFFLINE: frozenset({Cause.SILENCE, Cause.UNANSWERED, Cause.OFF_TARGET}),
     Cause.ERROR_FLAG: frozenset({Cause.OFF_TARGET}),
@@ -246,6 +249,9 @@ _WHOLE_SHARE: Final = 0.15
 
 _WHOLE_DAMAGE: Final = 0.05
 """As `_WHOLE_SHARE`, of damaged rows: a sound line has none."""
+
+_MOST: Final = 0.8
+"""The share of events that are most of them."""
 
 _LEAST_EVENTS: Final = 20
 
@@ -660,25 +666,9 @@ A few line errors alone may come from a plug.
 def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Series]:
     rows = windows.count("rows")
     own_port = f"port = {quoted(port)}" if several else ""
-
-    def of_damage(seen: _Seen) -> tuple[TranslatableText, str]:
-        motor = _prevailing(windows, seen, "hint", MOTORS)
-        fault = _prevailing(windows, seen, "fault", FAULT_MEANINGS, 0.0)
-        direction = _prevailing(windows, seen, "damaged", Direction)
-        bursts = seen.events - int(windows.count(f"burst {port}")[seen.own].sum())
-        text = TranslatableText("{events} of {rows} rows are damaged; {usual}", **seen.numbers)
-        if 2 * bursts <= seen.events:
-            text = TranslatableText("{text}; in {bursts} bursts", text=text, bursts=f"{bursts:,}")
-        mostly = [fault, direction] if direction else [fault]
-        if motor:
-            mostly.append(TranslatableText("motor {motor}", motor=motor))
-        what = listed(mostly)
-        hint = f"motor_hint = {motor}" if motor else ""
-        shown = " AND ".join(filter(None, ("malformed", hint, own_port)))
-        return TranslatableText("{text}; mostly {what}", text=text, what=what), shown
-
-    damaged = _Counted.of(windows, "damaged")
-    yield _Series(Cause.DAMAGE, damaged, rows, of_damage, port, whole_share=_WHOLE_DAMAGE)
+    yield _damage(windows, port, own_port)
+    for motor in MOTORS:
+        yield _damage(windows, port, own_port, motor)
     for kind, meaning, shown, least in _PORT_EVENTS:
         own_filter = " AND ".join(filter(None, (shown, own_port)))
         describe = _sentence("{meaning}, {events} times", own_filter, meaning=meaning)
@@ -693,8 +683,31 @@ def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Ser
         )
 
 
+def _damage(windows: Windows, port: str, own_port: str, motor: int | None = None) -> _Series:
+    """The damaged rows of a port, or those that probably belong to one of its motors."""
+    of = "" if motor is None else f" {motor}"
+    hint = "" if motor is None else f"motor_hint = {motor}"
+    shown = " AND ".join(filter(None, ("malformed", hint, own_port)))
+
+    def describe(seen: _Seen) -> tuple[TranslatableText, str]:
+        fault = _prevailing(windows, seen, "fault", FAULT_MEANINGS, 0.0)
+        direction = _prevailing(windows, seen, "damaged", Direction)
+        text = TranslatableText("{events} of {rows} rows are damaged; {usual}", **seen.numbers)
+        bursts = seen.events - int(windows.count(f"burst {port}")[seen.own].sum())
+        if motor is not None:
+            text = TranslatableText("motor {motor}: {text}", motor=motor, text=text)
+        elif 2 * bursts <= seen.events:
+            text = TranslatableText("{text}; in {bursts} bursts", text=text, bursts=f"{bursts:,}")
+        mostly = listed([fault, direction] if direction else [fault])
+        return TranslatableText("{text}; mostly {what}", text=text, what=mostly), shown
+
+    counted, rows = _Counted.of(windows, f"damaged{of}"), windows.count(f"rows{of}")
+    whole = _WHOLE_DAMAGE if motor is None else None
+    return _Series(Cause.DAMAGE, counted, rows, describe, port, motor, whole_share=whole)
+
+
 def _prevailing(
-    windows: Windows, seen: _Seen, of: str, names: Iterable[object], least: float = 0.8
+    windows: Windows, seen: _Seen, of: str, names: Iterable[object], least: float = _MOST
 ) -> str:
     """The name that most of the events have; empty if too few have the same."""
     counts = {str(name): int(windows.count(f"{of} {name}")[seen.own].sum()) for name in names}
@@ -1014,11 +1027,21 @@ def _is_same(one: Finding, other: Finding) -> bool:
 def _explains(one: Finding, other: Finding) -> bool:
     if one is other or other.cause not in _EXPLAINS.get(one.cause, frozenset()):
         return False
-    if one.cause is other.cause or one.overlap(other) < _SAME:
+    if one.overlap(other) < _SAME:
         return False
+    if one.cause is other.cause:
+        return one.cause is Cause.DAMAGE and _includes(one, other)
     if one.cause is Cause.DAMAGE and other.cause in (Cause.UNANSWERED, Cause.SILENCE):
         return 2 * one.events >= other.events
     return None in (one.motor, other.motor) or one.motor == other.motor
+
+
+def _includes(one: Finding, other: Finding) -> bool:
+    """Whether one has what the other has: a motor most of the damage of its port, or the port."""
+    if None not in (one.motor, other.motor) or one.motor is other.motor or one.port != other.port:
+        return False
+    whole, part = (one, other) if one.motor is None else (other, one)
+    return (part.events >= _MOST * whole.events) == (part is one)
 
 
 def _merged_motors(found: list[Finding]) -> list[Finding]:

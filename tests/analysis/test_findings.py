@@ -177,7 +177,8 @@ def test_damage_names_a_direction_only_where_its_rows_have_one() -> None:
         for n in range(6000)
     ]
     (found,) = find(Rows.from_rows(some))
-    assert found.text.endswith("mostly truncated, motor 1")
+    assert found.text.endswith("mostly truncated")
+    assert found.motor == 1
     wrong = bytes.fromhex("550109000000000000EE")
     framed = [
         Frame("bus", one.offset, wrong, one.t_ns, (Fault.BAD_MOTOR,))
@@ -186,7 +187,36 @@ def test_damage_names_a_direction_only_where_its_rows_have_one() -> None:
         for one in some
     ]
     (found,) = find(Rows.from_rows(framed))
-    assert found.text.endswith("mostly bad_motor, feedback, motor 1")
+    assert found.text.endswith("mostly bad_motor, feedback")
+    assert found.motor == 1
+
+
+def _damaged_now_and_then(motors: tuple[int, ...]) -> Rows:
+    """Ten minutes of feedback; of the fourth, every twentieth row of these motors is damaged."""
+    rows = list[Row]()
+    for n in range(12_000):
+        motor, t_ns = n % 4 + 1, n * SECOND // 20
+        if 3600 <= n < 4800 and motor in motors and n // 4 % 20 == 0:
+            raw = bytes.fromhex(f"5501{motor:02X}")
+            rows.append(Damage("bus", n, raw, START_NS + t_ns, (Fault.TRUNCATED,)))
+        else:
+            rows.append(feedback(t_ns, motor=motor))
+    return Rows.from_rows(rows)
+
+
+@pytest.mark.parametrize(
+    ("motors", "motor", "shown"),
+    [
+        ((3,), 3, "malformed AND motor_hint = 3"),
+        ((1, 2, 3, 4), None, "malformed"),
+    ],
+)
+def test_little_damage_is_of_a_motor_if_most_of_it_is(
+    motors: tuple[int, ...], motor: int | None, shown: str
+) -> None:
+    (found,) = find(_damaged_now_and_then(motors))
+    assert (found.cause, found.motor, found.filter) == (Cause.DAMAGE, motor, shown)
+    assert found.events / found.rows == pytest.approx(0.05, abs=0.01)
 
 
 @pytest.mark.parametrize(

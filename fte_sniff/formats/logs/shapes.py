@@ -305,7 +305,8 @@ class _Varying:
         are_foreign = [line.strip() != b"*" for line in lines]
         extractor, hypothesis = self._extractor, self._layout.hypothesis
         ends = [*accumulate(len(line) + 1 for line in lines)]
-        text, places = b"\n".join(lines), range(len(lines))
+        text = b"\n".join(lines)
+        places: Sequence[int] = range(len(lines))
         if extractor.masks_times:  # most lines have no numbers beside their time
             found = self._beside_times.finditer(text)
             places = [bisect(ends, one.start()) for one in found]
