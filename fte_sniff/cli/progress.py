@@ -11,16 +11,14 @@ import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from threading import Event, Lock, Thread
 from time import monotonic
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import Final, TextIO
 
 from fte_sniff.cli.streams import abandon
 from fte_sniff.errors import printable
 from fte_sniff.session.inputs import Progress
-
-if TYPE_CHECKING:
-    from rich.progress import Progress as Columns
 
 PATIENCE_S: Final = 2.0
 """How long reading, or a terminal without a new row, is silent before the line appears."""
@@ -29,8 +27,7 @@ _INTERVAL_S: Final = 0.2
 _LONGEST_WAIT_S: Final = 1.0
 """How long a terminal that takes nothing may delay the end."""
 
-_WIDTH: Final = 79
-"""Columns that a line with a bar needs."""
+_USUAL_COLUMNS: Final = 80
 
 _ERASE: Final = "\r\x1b[K"
 
@@ -76,14 +73,14 @@ class ProgressLine:
             self._erase()
 
     def _run(self) -> None:
-        columns: Columns | None = None
-        while not self._ended.wait(_INTERVAL_S if columns else PATIENCE_S):
-            columns = columns or _columns()
+        wait_s = PATIENCE_S
+        while not self._ended.wait(wait_s):
+            wait_s = _INTERVAL_S
             with self._lock:
                 if monotonic() - self._quiet_since >= PATIENCE_S and not self._ended.is_set():
                     self._is_drawn = True
-                    seconds = monotonic() - self._start
-                    _write(f"{_ERASE}{_text(columns, self.progress, seconds)}")
+                    text = progress_text(self.progress, monotonic() - self._start)
+                    _write(f"{_ERASE}{text[: _columns() - 1]}")
 
 
 @contextmanager
@@ -115,39 +112,25 @@ def _write(text: str) -> None:
         abandon(sys.stderr.fileno())
 
 
-def _columns() -> Columns:
-    from rich.console import Console
-    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Columns
-
-    columns = Columns(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(20),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[rows]}", markup=False),
-        TimeRemainingColumn(compact=True),
-        TextColumn("left", style="progress.remaining"),
-        console=Console(stderr=True),
-        auto_refresh=False,
-    )
-    columns.add_task("", total=None, rows="")
-    return columns
+def _columns() -> int:
+    """The columns of the terminal."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
+    except OSError:
+        return _USUAL_COLUMNS
 
 
-def _text(columns: Columns, progress: Progress, seconds: float) -> str:
-    """The line, narrower than the terminal."""
-    console, what = columns.console, _description(progress)
-    rows = f"{progress.rows:,} rows, {progress.rows / seconds:,.0f} rows/s" if progress.rows else ""
-    width = max(1, console.width - 1)
-    size, done = progress.size, min(progress.position, progress.size)
-    if not size or progress.step:
-        return f"{what}  {rows}".rstrip()[:width]
-    if width < _WIDTH:
-        return f"{what}  {done / size:.0%}  {rows}".rstrip()[:width]
-    columns.update(columns.task_ids[0], total=size, completed=done, description=what, rows=rows)
-    with console.capture() as captured:
-        console.print(columns.get_renderable(), width=width, no_wrap=True, crop=True)
-    return captured.get().splitlines()[0]
+def progress_text(progress: Progress, seconds: float) -> str:
+    """The line after so many seconds: `file 3 of 12  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
+    parts, share = [_description(progress)], 0.0
+    if progress.size and not progress.step:
+        share = min(1.0, progress.position / progress.size)
+        parts.append(f"{share:.0%}")
+    if progress.rows:
+        parts.append(f"{progress.rows:,} rows, {progress.rows / seconds:,.0f} rows/s")
+    if share >= 0.001:  # before that, the speed is not known
+        parts.append(f"{timedelta(seconds=round(seconds / share - seconds))} left")
+    return "  ".join(parts)
 
 
 def _description(progress: Progress) -> str:

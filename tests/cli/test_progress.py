@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.progress import PATIENCE_S, _columns, _text
+from fte_sniff.cli.progress import PATIENCE_S, progress_text
 from fte_sniff.session.inputs import Progress
 from tests.cli.processes import BOUND_S, FRAME
 from tests.cli.terminals import terminal
@@ -133,15 +133,23 @@ def test_no_terminal_no_progress(
     ],
 )
 def test_text_of_files_of_unknown_size(progress: Progress, expected: str) -> None:
-    assert _text(_columns(), progress, 10) == expected
+    assert progress_text(progress, 10) == expected
 
 
-@pytest.mark.parametrize("width", [1, 20, 40, 80, 200])
-def test_text_fits_in_one_line(monkeypatch: pytest.MonkeyPatch, width: int) -> None:
-    monkeypatch.setenv("COLUMNS", str(width + 1))
+def test_text_of_files_of_known_size_has_share_rate_and_time_left() -> None:
     progress = Progress("", 12, 2, 10**12, 4 * 10**11, 123_456_789)
-    text = re.sub(r"\x1b\[[0-9;]*m", "", _text(_columns(), progress, 10))
-    assert len(text) <= width
-    if width >= 80:
-        assert text.startswith("file 3 of 12 ")
-        assert " 40% 123,456,789 rows, 12,345,679 rows/s" in text
+    expected = "file 3 of 12  40%  123,456,789 rows, 12,345,679 rows/s  0:00:15 left"
+    assert progress_text(progress, 10) == expected
+
+
+def test_a_narrow_terminal_has_a_cut_line(
+    environment: Mapping[str, str], tmp_path: Path, large: Path
+) -> None:
+    program = [sys.executable, "-c", AT_ONCE]
+    with terminal(
+        environment, tmp_path, "stats", str(large), program=program, size=(20, 24)
+    ) as screen:
+        screen.until("reading")
+        assert screen.ended() == 0
+    lines = [line.partition("\x1b[K")[2] for line in screen.drawn.decode().split("\r")]
+    assert {len(line) for line in lines if line.startswith("reading")} <= set(range(20))
