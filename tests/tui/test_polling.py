@@ -375,8 +375,9 @@ def test_rows_that_were_dropped_are_read_again_as_one_goes_there(
 
 @pytest.mark.usefixtures("few_in_memory")
 def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
-    feed: Any, speed_rows: Rows
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(switcher, "HEALTH_EVERY_NS", 0)  # health needs the cursor's row each time
     source = Rereading(speed_rows(3000))
     app = SniffApp(feed, source=source)
 

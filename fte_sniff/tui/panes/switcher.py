@@ -12,6 +12,7 @@ from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.panes.findings import FindingsPane
 from fte_sniff.tui.panes.motors import MotorsPane
@@ -213,7 +214,10 @@ class PaneSwitcher:
             self._newest, self._newest_at_ns = self._store.next, now_ns
         if now_ns - self._health_at_ns >= HEALTH_EVERY_NS:
             self._health_at_ns = now_ns
-            self._update_health()
+            try:
+                self._update_health()
+            except FteSniffError:  # rows cannot be read any more; who asks for them gets the reason
+                self.health = ""
         due = [view for view in self._views if self._is_due(view)]
         # Few large steps cost less than many small ones.
         wanted = due and self._models_shown
