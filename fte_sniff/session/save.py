@@ -194,8 +194,8 @@ class PcapngSink:
 OVERWRITE: Final = "!"
 """After a file name, it allows the file to be replaced."""
 
-PICTURE_SUFFIXES: Final = (".svg", ".html")
-"""Formats of a picture of the screen."""
+PICTURE_SUFFIX: Final = ".svg"
+"""Of a picture of the screen."""
 
 DEFAULT_NAME: Final = "rows.csv"
 

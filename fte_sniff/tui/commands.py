@@ -14,6 +14,7 @@ from functools import partial
 from typing import cast
 
 from textual.binding import Binding, BindingType
+from textual.keys import format_key
 
 from fte_sniff.protocol import MOTORS
 from fte_sniff.tui.i18n import _, later
@@ -50,31 +51,17 @@ def action_of(run: str) -> str:
     return f"app.command({run!r})"
 
 
-_DISPLAYS = {
-    "slash": "/",
-    "exclamation_mark": "!",
-    "number_sign": "#",
-    "colon": ":",
-    "less_than_sign": "<",
-    "greater_than_sign": ">",
-    "right_square_bracket": "]",
-    "left_square_bracket": "[",
-    "right_curly_bracket": "}",
-    "left_curly_bracket": "{",
-    "plus": "+",
-    "minus": "-",
-    "full_stop": ".",
-    "comma": ",",
-    "question_mark": "?",
-    "escape": "esc",
-    "pageup": "pgup",
-    "pagedown": "pgdn",
-}
-"""Keys that are written otherwise than Textual names them."""
+KEY_NAMES = frozenset(
+    (
+        *(later("space"), later("up"), later("down"), later("left"), later("right")),
+        *(later("enter"), later("backspace")),
+    )
+)
+"""Keys that are written as words, not as signs."""
 
 
 def _display(key: str) -> str:
-    return _DISPLAYS.get(key, key.replace("ctrl+", "^"))
+    return key if key in KEY_NAMES else format_key(key).replace("ctrl+", "^")
 
 
 def _key(
@@ -271,8 +258,8 @@ HANDLING: tuple[Command, ...] = (
     _key(
         "P",
         "export.picture",
-        "save a screenshot as SVG or HTML",
-        words="screenshot image export svg html print",
+        "save a screenshot as SVG",
+        words="screenshot image export svg print",
     ),
     _rows(
         "t",
@@ -504,37 +491,30 @@ def short_text(binding: Binding, *, of_file: bool) -> str:
 _BY_ACTION = {command.action: command for command in COMMANDS.values()}
 
 
-def _of_list(key: str, short: str, display: str) -> Binding:
+def _of_list(key: str, short: str) -> Binding:
     """A key for the key line only; the list handles it itself."""
-    return Binding(key, f"list('{key}')", short, key_display=display)
+    return Binding(key, f"list('{key}')", short, key_display=_display(key))
 
 
-_BACK = _of_list("escape", later("Back"), "esc")
-_MOVES = (_of_list("up", later("Up"), "up"), _of_list("down", later("Down"), "down"))
+_BACK = _of_list("escape", later("Back"))
+_MOVES = (_of_list("up", later("Up")), _of_list("down", later("Down")))
 
-PICKING = (_of_list("enter", later("Pick"), "enter"), _BACK, *_MOVES)
+PICKING = (_of_list("enter", later("Pick")), _BACK, *_MOVES)
 
 READING = (
     _BACK,
-    _of_list("slash", later("Find"), "/"),
-    _of_list("space", later("Page"), "space"),
+    _of_list("slash", later("Find")),
+    _of_list("space", later("Page")),
     *_MOVES,
-    _of_list("g", later("Start"), "g"),
-    _of_list("G", later("End"), "G"),
+    _of_list("g", later("Start")),
+    _of_list("G", later("End")),
 )
 
 CHOOSING = (
-    _of_list("enter", later("Apply"), "enter"),
+    _of_list("enter", later("Apply")),
     _BACK,
-    _of_list("space", later("Show"), "space"),
+    _of_list("space", later("Show")),
     *_MOVES,
-)
-
-KEY_NAMES = frozenset(
-    (
-        *(later("space"), later("up"), later("down"), later("left"), later("right")),
-        *(later("enter"), later("backspace")),
-    )
 )
 
 

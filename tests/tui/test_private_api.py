@@ -20,7 +20,6 @@ from fte_sniff import tui
 
 PRIVATE = {
     "app": {"_display", "_handle_exception"},
-    "controllers.export": {"_compositor"},
     "terminal": {
         *("_app", "_debug", "_exit", "_file", "_key_thread", "_loop", "_writer_thread"),
         "_xterm_parser",

@@ -588,15 +588,14 @@ def test_the_selected_rows_are_saved_and_nothing_else(feed: Any, tmp_path: Path)
     play(feed, scenario, rows=1000)
 
 
-@pytest.mark.parametrize(("name", "start"), [("a.svg", "<svg"), ("a.html", "<!DOCTYPE html>")])
-def test_a_picture_of_the_screen_is_saved(feed: Any, tmp_path: Path, name: str, start: str) -> None:
+def test_a_picture_of_the_screen_is_saved(feed: Any, tmp_path: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await enter_line(app, pilot, "P", str(tmp_path / name))
-        text = (tmp_path / name).read_text("utf-8")
-        assert text.startswith(start)
+        await enter_line(app, pilot, "P", str(tmp_path / "a.svg"))
+        text = (tmp_path / "a.svg").read_text("utf-8")
+        assert text.startswith("<svg")
         assert "motor=2" in unescape(text).replace("\xa0", " ")
         assert "picture to" not in text
-        await enter_line(app, pilot, "P", str(tmp_path / name))
+        await enter_line(app, pilot, "P", str(tmp_path / "a.svg"))
         assert "exists" in page(app)
 
     play(feed, scenario, rows=10)

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from platformdirs import user_cache_path
-from rich.console import Console
-from rich.terminal_theme import SVG_EXPORT_THEME
 from textual.worker import WorkType
 
 from fte_sniff.analysis.search import select_rows
@@ -21,7 +19,7 @@ from fte_sniff.errors import FteSniffError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import PICTURE_SUFFIXES, ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.session.save import PICTURE_SUFFIX, ExportSource, SaveJob, SaveTarget, replace_text
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.prompt import PICTURE_FILE, ROWS_FILE, SaveField
@@ -79,7 +77,7 @@ class ExportController:
         """The rows that are being saved."""
         self.field = SaveField(focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
         self.picture_field = SaveField(
-            focus, PICTURE_FILE, PICTURE_SUFFIXES, self._picture_target, self._save_picture
+            focus, PICTURE_FILE, [PICTURE_SUFFIX], self._picture_target, self._save_picture
         )
 
     def action_copy_text(self) -> None:
@@ -201,37 +199,18 @@ class ExportController:
 
     def action_picture(self) -> None:
         """Keep the screen as it is now, and ask for the file to which it is saved."""
-        self._picture = self._record_screen()
+        self._picture = self._table.app.export_screenshot()
         self.picture_field.open()
 
-    def _record_screen(self) -> Console:
-        """The screen, as a console that can export it."""
-        width, height = self._table.app.size
-        console = Console(
-            width=width,
-            height=height,
-            file=StringIO(),
-            force_terminal=True,
-            color_system="truecolor",
-            record=True,
-            safe_box=False,
-        )
-        console.print(self._table.screen._compositor.render_update(full=True))
-        return console
-
     def _picture_target(self, line: str) -> SaveTarget:
-        return SaveTarget.parse(line, self._model.state.files, PICTURE_SUFFIXES)
+        return SaveTarget.parse(line, self._model.state.files, [PICTURE_SUFFIX])
 
     def _save_picture(self, line: str) -> None:
         if not line:
             return
         path = self._picture_target(line).path
-        if path.suffix.lower() == ".svg":
-            text = self._picture.export_svg(title=self._table.app.title)
-        else:
-            text = self._picture.export_html(theme=SVG_EXPORT_THEME)
         try:
-            path.write_text(text, "utf-8")
+            path.write_text(self._picture, "utf-8")
         except OSError as error:
             self._notice.warn(error_text(unwritable(path, error)))
         else:
