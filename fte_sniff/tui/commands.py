@@ -366,7 +366,7 @@ UNDERSTANDING: tuple[Command, ...] = (
     _key("z", "view.zoom(-1)", "less time in the plots of the motors", words="zoom in"),
     _key("Z", "view.zoom(1)", "more time in the plots of the motors", words="zoom out"),
     _key("r", "view.plot_range", "outliers of the motors: markers at the edge, or the full range"),
-    _key("plus", "view.grow_pane(1)", "a larger pane; the mouse drags its border"),
+    _key("plus", "view.grow_pane(1)", "a larger pane"),
     _key("minus", "view.grow_pane(-1)", "a smaller pane"),
     _key("L", "view.pane_side", "the pane beside the table or below it, from 160 columns on"),
     _key("J", "view.scroll_pane(1)", "scroll the pane down"),

@@ -44,7 +44,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
-from fte_sniff.tui.panes.pane import Pane
+from fte_sniff.tui.panes.pane import STEP_SHARE, Pane
 from fte_sniff.tui.panes.plot import (
     SCALE_CELLS,
     Canvas,
@@ -1144,33 +1144,24 @@ def divider(app: SniffApp) -> Pane:
     return next(pane for pane in app.query(Pane) if pane.display)
 
 
-async def drag(app: SniffApp, pilot: Pilot[None], to: tuple[int, int]) -> None:
-    """Drag the first cell of the pane's border."""
-    await pilot.mouse_down(offset=divider(app).region.offset)
-    await pilot.hover(offset=to)
-    await pilot.mouse_up(offset=to)
-    await settle(app, pilot)
-
-
-def test_the_divider_stays_where_it_is_dragged(feed: Any) -> None:
+def test_the_divider_stays_where_it_is_moved(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await press(app, pilot, "M")
         await settle(app, pilot)
-        await drag(app, pilot, (10, 12))
-        assert divider(app).region.y == pytest.approx(12, abs=1)
-        assert app.choices.panes == PaneLayout(height=round((22 - 12) * 100 / 21))
+        before = divider(app).region.y
+        await press(app, pilot, "minus", "minus", "minus")
+        await settle(app, pilot)
+        moved = divider(app).region.y
+        assert moved > before
         await press(app, pilot, "S")
         await settle(app, pilot)
-        assert divider(app).region.y == pytest.approx(12, abs=1)
-        await drag(app, pilot, (10, 0))
+        assert divider(app).region.y == moved
+        for _ in range(len(SHARES) // STEP_SHARE + 1):
+            await press(app, pilot, "plus")
+            await settle(app, pilot)
         assert table(app).size.height >= 3
         assert app.choices.panes == PaneLayout(height=SHARES[-1])
-        await press(app, pilot, "minus", "plus", "minus")
-        assert SHARES[0] < (app.choices.panes.height or 0) < SHARES[-1]
-        await pilot.click(offset=divider(app).region.offset, times=2)
-        await settle(app, pilot)
-        assert app.choices.panes == PaneLayout()
 
     play(feed, scenario)
 
@@ -1184,9 +1175,10 @@ def test_a_wide_terminal_has_the_pane_beside_the_table(feed: Any) -> None:
         assert pane.region.y == app.query_one(TableHeader).region.y
         assert pane.region.x == table(app).region.right
         assert "byte by byte" in page(app)
-        await drag(app, pilot, (120, 10))
-        assert pane.region.x == pytest.approx(120, abs=1)
-        assert app.choices.panes == PaneLayout(beside=True, width=40)
+        await press(app, pilot, "minus")
+        await settle(app, pilot)
+        assert pane.region.x == pytest.approx(200 - 2 * 37, abs=1)
+        assert app.choices.panes == PaneLayout(beside=True, width=37)
         await press(app, pilot, "b")
         table(app).jump(200)
         await settle(app, pilot)

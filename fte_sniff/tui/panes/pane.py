@@ -9,11 +9,10 @@ from datetime import tzinfo
 from typing import ClassVar, Final, ParamSpec
 
 from rich.text import Text
-from textual import on
 from textual.app import ComposeResult
 from textual.containers import Container, VerticalScroll
-from textual.events import Click, MouseDown, MouseMove, MouseUp
-from textual.geometry import Offset, Size
+from textual.events import MouseMove
+from textual.geometry import Size
 from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Static
@@ -82,20 +81,7 @@ class PaneContext:
 
 
 class Pane(VerticalScroll, can_focus=False):
-    """A page below or beside the table; keys and the mouse wheel scroll it.
-
-    Its border is the divider, which the mouse drags. Textual has no splitter (8.2).
-    """
-
-    class Dragged(Message):
-        """The divider was dragged to a place on the screen."""
-
-        def __init__(self, to: Offset) -> None:
-            super().__init__()
-            self.to = to
-
-    class Reset(Message):
-        """The divider was double-clicked."""
+    """A page below or beside the table; keys and the mouse wheel scroll it."""
 
     class Resized(Message):
         """The page has another size."""
@@ -131,40 +117,11 @@ class Pane(VerticalScroll, can_focus=False):
         """The page."""
         yield self._page
 
-    def _is_divider(self, offset: Offset) -> bool:
-        gutter = self.gutter
-        return offset.x < gutter.left or (offset.y < gutter.top and not gutter.left)
-
-    def on_mouse_down(self, event: MouseDown) -> None:
-        """Begin to drag the divider."""
-        if self._is_divider(event.offset):
-            event.stop()
-            self.capture_mouse()
-
     def on_mouse_move(self, event: MouseMove) -> None:
-        """Drag the divider, or post the field under the mouse."""
+        """Post the field under the mouse."""
         field = event.style.meta.get(FIELD)
         if isinstance(field, int):
             self.post_message(self.Pointed(field))
-        dragging = self.app.mouse_captured is self
-        self.set_class(dragging or self._is_divider(event.offset), "-grip")
-        if dragging:
-            self.post_message(self.Dragged(event.screen_offset))
-
-    def on_mouse_up(self, event: MouseUp) -> None:
-        """End the drag."""
-        if self.app.mouse_captured is self:
-            event.stop()
-            self.release_mouse()
-
-    def on_click(self, event: Click) -> None:
-        """Reset the divider after a double click."""
-        if event.chain == 2 and self._is_divider(event.offset):
-            self.post_message(self.Reset())
-
-    def on_leave(self) -> None:
-        """Highlight the divider no more."""
-        self.remove_class("-grip")
 
     def on_resize(self) -> None:
         """Post the message."""
@@ -291,31 +248,18 @@ class Body(Container):
             pane.styles.width = None if share is None or not beside else f"{share}%"
             pane.styles.height = None if share is None or beside else f"{share}%"
 
-    @on(Pane.Dragged)
-    def _on_dragged(self, event: Pane.Dragged) -> None:
-        region = self.region
-        if self._beside:
-            self._divide(round((region.right - event.to.x) * 100 / region.width))
-        else:
-            self._divide(round((region.bottom - event.to.y) * 100 / region.height))
-
-    def _divide(self, share: int | None) -> None:
-        if share is not None:
-            share = min(max(share, SHARES.start), SHARES.stop - 1)
-        layout = self.pane_layout
-        if self._beside:
-            self.set_pane_layout(replace(layout, width=share))
-        else:
-            self.set_pane_layout(replace(layout, height=share))
-
-    @on(Pane.Reset)
-    def _on_reset(self) -> None:
-        self._divide(None)
-
     def grow(self, by: int) -> None:
         """Make the open pane larger (`by` 1) or smaller (-1)."""
         pane = next((pane for pane in self._panes if pane.display), None)
-        if pane is not None and self.size:
-            size, whole = pane.outer_size, self.size
-            part = size.width / whole.width if self._beside else size.height / whole.height
-            self._divide(round(part * 100) + by * STEP_SHARE)
+        if pane is None or not self.size:
+            return
+        layout, beside, size, whole = self.pane_layout, self._beside, pane.outer_size, self.size
+        share = layout.width if beside else layout.height
+        if share is None:
+            part = size.width / whole.width if beside else size.height / whole.height
+            share = round(part * 100)
+        share = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
+        if beside:
+            self.set_pane_layout(replace(layout, width=share))
+        else:
+            self.set_pane_layout(replace(layout, height=share))
