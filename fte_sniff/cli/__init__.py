@@ -7,7 +7,7 @@ Modules:
     capture_loop       The loop of a capture, for all its observers.
     check              `fte-sniff check`: a verdict about files, for acceptance tests and CI.
     check_report       Verdicts as a table, JSON or JUnit XML.
-    completion         `fte-sniff completion`: scripts for shells; ports, files, filters.
+    completion         `fte-sniff completion`: scripts for shells; ports, filters.
     datagrams          Rows of a capture as UDP datagrams.
     decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
     decoder            `fte-sniff decoder`: decoders for sigrok, Wireshark and JSON tools.

@@ -1,15 +1,8 @@
-"""`fte-sniff completion`, and the completion of ports, input files and filters."""
+"""`fte-sniff completion`, and the completion of ports and filters; shells complete files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import click
-
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
 
 VARIABLE = "_FTE_SNIFF_COMPLETE"
 """The environment variable by which the script asks the program for completions."""
@@ -50,33 +43,3 @@ def complete_filter(_context: click.Context, _filter: click.Parameter, start: st
 
     found = completions(start)
     return [start[: found.start] + choice for choice in found.choices]
-
-
-def files_with(
-    suffixes: Collection[str],
-) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem[str]]]:
-    """A completer of folders, and of files with one of these suffixes."""
-
-    def complete(
-        _context: click.Context, _file: click.Parameter, start: str
-    ) -> list[CompletionItem[str]]:
-        from glob import escape
-        from shlex import quote
-
-        from click.shell_completion import CompletionItem
-
-        name = start.rpartition("/")[2]
-        folder = start.removesuffix(name)
-        try:
-            found = sorted(Path(folder or ".").expanduser().glob(f"{escape(name)}*"))
-        except (OSError, RuntimeError):  # a folder that may not be read, or of no known user
-            return []
-        files = [path.name for path in found if path.suffix.lower() in suffixes and path.is_file()]
-        if not files:
-            return [CompletionItem(start, type="dir")]
-        if any(quote(file) != file for file in files):
-            return [CompletionItem(start, type="file")]  # the shell knows how to quote such names
-        folders = [f"{path.name}/" for path in found if path.is_dir()]
-        return [CompletionItem(folder + each) for each in files + folders]
-
-    return complete

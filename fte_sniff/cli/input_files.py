@@ -18,7 +18,6 @@ from weakref import finalize
 import click
 
 from fte_sniff.analysis.time_text import SECOND_NS, day_of, time_ns, zone_of
-from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
@@ -76,7 +75,6 @@ def _files_argument(*, required: bool) -> Callable[..., Any]:
         required=required,
         metavar="FILE..." if required else "[FILE]...",
         type=FileName(),
-        shell_complete=files_with(KIND_OF_SUFFIX),
     )
     return argument
 

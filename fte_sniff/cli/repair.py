@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.streams import print_err
@@ -21,7 +20,7 @@ _MOST_GAPS = 20
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
-@click.argument("file", type=FileName(), shell_complete=files_with([".mcap"]))
+@click.argument("file", type=FileName())
 @click.option(
     "-o",
     "--output",

@@ -37,7 +37,6 @@ def test_tab_completes(environment: dict[str, str], tmp_path: Path, shell: str) 
     folder = tmp_path / "work"
     (folder / "subfolder").mkdir(parents=True)
     shutil.copy(SAMPLES / "clean.hex", folder / "subfolder/inner.hex")
-    (folder / "subfolder/inner.png").touch()
     here = f"{Path(sys.executable).parent}{os.pathsep}{environment['PATH']}"
     own = environment | {"PATH": here, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
     with terminal(
@@ -67,18 +66,10 @@ def offered(run, environment: dict[str, str]):
     return offered
 
 
-def test_files_are_offered_by_extension_and_folders(offered, tmp_path: Path) -> None:
-    for name in ("a.mcap", "a.MCAP", "a.log", "a.png", ".a.raw", "b c.hex", "d[1].csv", "e/f.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    assert offered("decode", "a") == ["plain,a.MCAP", "plain,a.log", "plain,a.mcap"]
-    assert offered("repair", "a") == ["plain,a.MCAP", "plain,a.mcap"]
-    assert offered("view", "e/") == ["plain,e/f.txt"]
-    assert offered("stats", "e") == ["dir,e"]
-    assert offered("stats", "none/x") == ["dir,none/x"]
-    assert offered("view", "~no-such-user/") == [""]
-    assert offered("decode", "'b ") == ["file,b "]
-    assert offered("decode", "d[") == ["file,d["]
+@pytest.mark.parametrize("command", ["decode", "repair", "stats", "view"])
+def test_the_shell_completes_files(offered, command: str) -> None:
+    assert offered(command, "folder/a") == ["file,folder/a"]
+    assert offered(command, "~no-such-user/") == ["file,~no-such-user/"]
 
 
 def test_words_of_a_filter_are_offered(offered) -> None:
