@@ -22,7 +22,7 @@ Modules:
     main               The group of commands, and the message and exit code of each error.
     measuring          Measure files here, in worker processes, or on a cluster.
     options            Shared click options and parameter types.
-    output             The format option, and the summary at the end.
+    output             Format options, JSON for people, and the summary at the end.
     ports              `fte-sniff ports`: list the serial ports.
     progress           Progress of reading files, as a line on standard error.
     recording_options  Options of a recording and the plan made of them.

@@ -40,7 +40,7 @@ from fte_sniff.cli.options import (
     serve_option,
     units_options,
 )
-from fte_sniff.cli.output import print_saved, summary
+from fte_sniff.cli.output import format_option, print_saved, summary
 from fte_sniff.cli.recording_options import capture_plan, recording_options
 from fte_sniff.cli.service import FileCommand, FinishedFiles, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
@@ -81,11 +81,8 @@ capture_options = all_of(
         help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
     ),
     click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
-    click.option(
-        "--format",
-        "form",
-        type=click.Choice([form.value for form in TEXT_FORMATS]),
-        help="Print the rows in this format instead of the screen, each at once.",
+    format_option(
+        "Print the rows in this format instead of the screen, each at once.", TEXT_FORMATS
     ),
     click.option(
         "--udp",

@@ -11,6 +11,7 @@ from fte_sniff.cli.check_report import FORMS, print_verdicts, read_rules
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
 from fte_sniff.cli.options import FileName
+from fte_sniff.cli.output import format_option
 
 
 @click.command(name="check", short_help="A verdict about files: pass, fail, or not covered.")
@@ -23,13 +24,8 @@ from fte_sniff.cli.options import FileName
     metavar="RULE",
     help='A rule, such as "count(malformed) == 0"; may be repeated.',
 )
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(FORMS),
-    default=FORMS[0],
-    show_default=True,
-    help="A table for people, one JSON object (docs/check.md), or JUnit XML.",
+@format_option(
+    "A table for people, one JSON object (docs/check.md), or JUnit XML.", FORMS, FORMS[0]
 )
 @jobs_options
 def command(

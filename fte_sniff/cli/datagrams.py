@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import socket
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.streams import print_err
-from fte_sniff.formats.writers import printable_json
+from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import PortEvent, Row, iso_time, record
 
 if TYPE_CHECKING:
@@ -42,8 +41,7 @@ def datagram(entry: Row | PortEvent) -> bytes:
     for part in reversed(topic.name.strip("/").split("/")):
         nested = {part: nested}
     assert isinstance(nested, dict)
-    text = json.dumps(whole | nested, ensure_ascii=False, separators=(",", ":"))
-    return printable_json(text).encode("utf-8", "backslashreplace")
+    return json_text(whole | nested).encode("utf-8", "backslashreplace")
 
 
 class Datagrams(Observer):

@@ -11,8 +11,8 @@ from pathlib import Path
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
-from fte_sniff.cli.options import FileName
-from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes, summary
+from fte_sniff.cli.options import output_options
+from fte_sniff.cli.output import exit_if_unreadable, print_notes, rows_format_option, summary
 from fte_sniff.cli.progress import ProgressLine, progress_line
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError, printable, unwritable
@@ -26,14 +26,8 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_options
 @follow_options
-@format_option(None, tuple(OutputFormat))
-@click.option(
-    "-o",
-    "--output",
-    type=FileName(),
-    help="Write to this file instead of standard output; its extension selects the format.",
-)
-@click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+@rows_format_option(OutputFormat)
+@output_options("Write to this file instead of standard output; its extension selects the format.")
 @click.option(
     "--columns",
     metavar="NAME,NAME",
@@ -50,7 +44,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 def command(
     query: InputQuery,
     following: Following | None,
-    form: OutputFormat | None,
+    form: str | None,
     output: Path | None,
     force: bool,
     columns: tuple[str, ...] | None,
@@ -74,29 +68,28 @@ def command(
     fte-sniff decode samples/damaged.raw --format jsonl --why
     """
     check_inputs(query.files, output)
-    is_named = output is not None and output.suffix
-    form = form or (OutputFormat.CSV if columns and not is_named else _format_for(output))
-    if columns and form not in CHOOSABLE:
+    written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
+    if columns and written not in CHOOSABLE:
         raise UsageError(
-            f"--columns chooses among those of csv and jsonl, and {form} has its own: leave"
+            f"--columns chooses among those of csv and jsonl, and {written} has its own: leave"
             " --columns out, or use --format csv or jsonl"
         )
-    if why and form is not OutputFormat.JSONL:
-        raise UsageError(f"--why adds to JSON lines, not to {form}; use --format jsonl")
-    if following is not None and form is OutputFormat.PARQUET:
+    if why and written is not OutputFormat.JSONL:
+        raise UsageError(f"--why adds to JSON lines, not to {written}; use --format jsonl")
+    if following is not None and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
     ending = nullcontext() if following is None else ending_signals(following.stop)
     with ending, progress_line(reads_stdin=STDIN in query.files) as line:
         # The rows of a stream do not wait, unless the filter needs it.
-        facts = form in _WITH_FACTS and following is None and STDIN not in query.files
+        facts = written in _WITH_FACTS and following is None and STDIN not in query.files
         reading = query.read(
             query.row_filter(), limit, line.progress, following, facts=facts, readings=why
         )
         if columns:
             reading.source = replace(reading.source, columns=columns)
         hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
-        with _opened(form, output, reading, line, force=force) as sink:
+        with _opened(written, output, reading, line, force=force) as sink:
             for batch in reading:
                 with hidden() if len(batch.rows) else nullcontext():
                     sink.write(batch.rows)
@@ -116,25 +109,23 @@ def _columns(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in COLUMN_BY_NAME:
-            from difflib import get_close_matches
+            from fte_sniff.analysis.filter.terms import nearest
 
-            known = ", ".join(COLUMN_BY_NAME)
-            near = get_close_matches(name.lower(), COLUMN_BY_NAME, 1)
-            fix = f"did you mean {near[0]}?" if near else f"use {known}"
+            fix = nearest(name, COLUMN_BY_NAME) or f"use {', '.join(COLUMN_BY_NAME)}"
             raise UsageError(f"--columns: unknown column {printable(name)!r}; {fix}")
         if names.count(name) > 1:
             raise UsageError(f"--columns names {name} twice")
     return names
 
 
-def _format_for(output: Path | None) -> OutputFormat:
-    """The format for the extension of the output; a table without an extension.
+def _format_for(output: Path | None, *, chooses: bool) -> OutputFormat:
+    """The format for the extension of the output; without one a table, or CSV for chosen columns.
 
     Raises UsageError if the extension is unknown.
     """
     end = "" if output is None else output.suffix.lower()
     if not end:
-        return OutputFormat.TABLE
+        return OutputFormat.CSV if chooses else OutputFormat.TABLE
     if end not in FORMAT_BY_SUFFIX:
         raise UsageError(
             f"{output}: the extension selects the format, and {end} is not one of"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -10,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.completion import complete_port
-from fte_sniff.cli.options import Seconds, list_format_option
+from fte_sniff.cli.options import Seconds
+from fte_sniff.cli.output import list_format_option
 from fte_sniff.errors import UsageError, printable
-from fte_sniff.formats.writers import printable_json
+from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
@@ -83,4 +83,4 @@ def _json(finding: Diagnosis) -> str:
         "what": finding.what,
         "way_out": finding.fix,
     }
-    return printable_json(json.dumps(fields, ensure_ascii=False))
+    return json_text(fields)

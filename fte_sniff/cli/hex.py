@@ -11,12 +11,12 @@ from io import BytesIO
 
 import click
 
-from fte_sniff.cli.output import format_option
+from fte_sniff.cli.output import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
-from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Rows
 from fte_sniff.protocol.readings import with_readings
 from fte_sniff.session.log_rows import rows_of_log
@@ -26,8 +26,8 @@ PORT_NAME = "hex"
 
 @click.command(name="hex", short_help="Decode pasted bytes, field by field.")
 @click.argument("text", nargs=-1, metavar="[BYTES]...")
-@format_option(None)
-def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
+@rows_format_option(TEXT_FORMATS)
+def command(text: tuple[str, ...], form: str | None) -> None:
     """Decode pasted bytes, field by field; without any, or with '-', from standard input.
 
     Accepts spaces or none, commas, 0x, \\x, colons, upper or lower case, several frames, bytes
@@ -38,7 +38,9 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
-    writer = _dissection() if form is None else row_writer(form, sys.stdout, ports=False)
+    writer = (
+        _dissection() if form is None else row_writer(OutputFormat(form), sys.stdout, ports=False)
+    )
     notes: list[str] = []
     try:
         batches = _rows_of(text, notes)

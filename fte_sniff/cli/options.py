@@ -321,14 +321,12 @@ def keep_rows_option(default: int, meaning: str = DROPPED_ROWS) -> Decorator:
     )
 
 
-list_format_option = click.option(
-    "--format",
-    "form",
-    type=click.Choice(["table", "jsonl"]),
-    default="table",
-    show_default=True,
-    help="A table for people, or one JSON object per line.",
-)
+def output_options(help_text: str, *, required: bool = False) -> Decorator:
+    """The options `--output` and `--force`."""
+    return all_of(
+        click.option("-o", "--output", type=FileName(), required=required, help=help_text),
+        click.option("--force", is_flag=True, help="Overwrite the output file if it exists."),
+    )
 
 
 def require_pseudo_terminals(command: str, instead: str) -> None:

@@ -1,18 +1,19 @@
-"""The format option of a command, JSON for people, and the summary at the end."""
+"""Format options, JSON for people, and the summary at the end."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, tzinfo
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, printable
-from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, printable_json
+from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
@@ -22,31 +23,31 @@ if TYPE_CHECKING:
     from fte_sniff.session.notes import Notes
 
 
-def format_option(
-    default: OutputFormat | None, forms: Sequence[OutputFormat] = TEXT_FORMATS
-) -> Decorator:
-    """The `--format` option; without a default the command chooses the format."""
+def format_option(help_text: str, forms: Iterable[str], default: str | None = None) -> Decorator:
+    """The `--format` option; its value is one of the forms, None if there is no default."""
     return click.option(
         "--format",
         "form",
-        type=click.Choice([form.value for form in forms]),
-        callback=lambda _context, _option, word: OutputFormat(word) if word else None,
-        default=default and default.value,
+        type=click.Choice(list(map(str, forms))),
+        default=default,
         show_default=default is not None,
-        help="Format of the rows; a table has no colours if the output is not a terminal.",
+        help=help_text,
     )
+
+
+rows_format_option = partial(
+    format_option, "Format of the rows; a table has no colours if the output is not a terminal."
+)
+"""The `--format` option of a command whose rows may have some forms of `OutputFormat`."""
+
+list_format_option = format_option(
+    "A table for people, or one JSON object per line.", ["table", "jsonl"], "table"
+)
 
 
 def text_or_json_option(page: str) -> Decorator:
     """The `--format` option of a command that prints text, or the JSON object of a page."""
-    return click.option(
-        "--format",
-        "form",
-        type=click.Choice(["text", "json"]),
-        default="text",
-        show_default=True,
-        help=f"Text for people, or one JSON object ({page}).",
-    )
+    return format_option(f"Text for people, or one JSON object ({page}).", ["text", "json"], "text")
 
 
 def print_json(value: Any) -> None:

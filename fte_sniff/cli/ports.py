@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options import list_format_option
+from fte_sniff.cli.output import list_format_option
 from fte_sniff.cli.streams import print_err
-from fte_sniff.formats.writers import printable_json
+from fte_sniff.formats.writers import json_text
 
 if TYPE_CHECKING:
     from fte_sniff.capture.discovery import PortListing
@@ -35,8 +34,7 @@ def command(form: str) -> None:
 
 
 def _json(port: PortListing) -> str:
-    fields = {**asdict(port), "state": port.state}
-    return printable_json(json.dumps(fields, ensure_ascii=False))
+    return json_text({**asdict(port), "state": port.state})
 
 
 def _table(ports: Sequence[PortListing]) -> Iterator[str]:

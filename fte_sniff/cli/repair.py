@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.options import FileName, output_options
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
@@ -21,13 +21,7 @@ _MOST_GAPS = 20
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
 @click.argument("file", type=FileName())
-@click.option(
-    "-o",
-    "--output",
-    type=FileName(),
-    help="Write to this file instead of FILE's name with -repaired.",
-)
-@click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+@output_options("Write to this file instead of FILE's name with -repaired.")
 def command(file: Path, output: Path | None, force: bool) -> None:
     """Repair a damaged recording (.mcap): keep everything intact, and report what was lost.
 

@@ -10,7 +10,7 @@ import click
 
 from fte_sniff.cli.extras import install_command
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.options import output_options
 from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import lang_option, load_settings
@@ -30,10 +30,7 @@ _SUFFIXES = (".html", ".htm")
 
 @click.command(name="report", short_help="One HTML page with plots, to send to a colleague.")
 @input_options
-@click.option(
-    "-o", "--output", type=FileName(), required=True, help="The HTML file, such as report.html."
-)
-@click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+@output_options("The HTML file, such as report.html.", required=True)
 @lang_option
 def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> None:
     """Write a page about recordings, raw bytes or hex text; it needs no network.

@@ -33,7 +33,6 @@ import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
@@ -270,8 +269,9 @@ class _Check:
         """The entries with a known name."""
         for name in table:
             if name not in names:
-                near = get_close_matches(name, names, 1)
-                hint = f"did you mean {near[0]}?" if near else f"it knows {', '.join(names)}"
+                from fte_sniff.analysis.filter.terms import nearest
+
+                hint = nearest(name, names) or f"it knows {', '.join(names)}"
                 place = f" in [{where}]" if where else ""
                 self.faults.append(f"unknown name {name!r:.60}{place}; {hint}")
         return {name: value for name, value in table.items() if name in names}

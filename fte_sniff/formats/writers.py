@@ -159,7 +159,12 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     chosen: dict[str, object] = {name: values[name] for name in columns}
     if row.readings is not None:
         chosen[WHY] = [one._asdict() for one in row.readings]
-    return printable_json(json.dumps(chosen, ensure_ascii=False, separators=(",", ":"))) + "\n"
+    return json_text(chosen) + "\n"
+
+
+def json_text(value: object) -> str:
+    """A value as JSON in one line that a terminal can show."""
+    return printable_json(json.dumps(value, ensure_ascii=False, separators=(",", ":")))
 
 
 def printable_json(text: str) -> str:

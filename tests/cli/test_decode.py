@@ -975,7 +975,8 @@ def test_columns_are_chosen_and_ordered(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--columns", "time,speed"), "unknown column 'speed'; use time, port"),
+        (("--columns", "time,xyz"), "unknown column 'xyz'; use time, port"),
+        (("--columns", "time,speed"), "unknown column 'speed'; did you mean rpm?"),
         (("--columns", "time,motr"), "unknown column 'motr'; did you mean motor?"),
         (("--columns", ""), "unknown column ''; use time, port"),
         (("--columns", "rpm,rpm"), "--columns names rpm twice"),
