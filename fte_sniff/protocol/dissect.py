@@ -1,15 +1,16 @@
 """Explain the bytes of a row field by field.
 
 The framer decides what is wrong with a row; its decision is `row.faults`. The explanation follows
-it: each fault is shown at the bytes that have it, and no other fault is reported. Rows read from a
-file carry the same faults and get the same explanation.
+it: each fault is shown at the bytes that have it, and no other fault is reported. Why damage is no
+frame, its readings say, see `protocol.readings`. Rows read from a file carry the same faults and
+get the same explanation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, reduce
+from functools import cache
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -106,13 +107,11 @@ def dissect(row: Row) -> list[ExplainedField]:
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
         return list(_in_step(row))
     if 0 < size < FRAME_LENGTH and Fault.TRUNCATED in faults:
-        return list(_spliced(row, Fault.TRUNCATED, _why_truncated(row.raw)))
+        return list(_spliced(row, Fault.TRUNCATED))
     if size > FRAME_LENGTH and Fault.OVERLONG in faults:
-        return list(_spliced(row, Fault.OVERLONG, _why_overlong(row.raw)))
-    noise = Fault.NOISE in faults
-    fault = Fault.NOISE if noise else next(iter(faults), None)
-    note = _why_noise(row.raw) if noise else ""
-    return [_explained(row, range(size), "noise", fault=fault, note=note)]
+        return list(_spliced(row, Fault.OVERLONG))
+    fault = Fault.NOISE if Fault.NOISE in faults else next(iter(faults), None)
+    return [_explained(row, range(size), "noise", fault=fault)]
 
 
 def explain(row: Row) -> list[str]:
@@ -328,22 +327,12 @@ def _in_step(row: Damage) -> Iterator[ExplainedField]:
         if field.name == "cmd" and kind is not None:
             yield replace(field, meaning=TranslatableText("CMD: {kind}", kind=kind.name))
         elif field.name == "payload":
-            yield replace(field, meaning=_payload_guess(row.raw))
+            yield replace(field, meaning=TranslatableText("not decoded"))
         else:
             yield field
 
 
-def _payload_guess(raw: bytes) -> TranslatableText:
-    if raw[0] in DIRECTION_OF_HEADER:
-        return TranslatableText("unknown under this CMD")
-    fitting = [kind.name for kind in KINDS if raw[CMD_OFFSET] in kind.cmds]
-    if not fitting:
-        return TranslatableText("not decoded")
-    kinds = listed(fitting, Joint.OR)
-    return TranslatableText("not decoded; by its CMD it was {kinds}", kinds=kinds)
-
-
-def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:
+def _spliced(row: Damage, fault: Fault) -> Iterator[ExplainedField]:
     """The head of a frame, the bytes that are missing or too many, and its rest."""
     size = len(row.raw)
     kind, head, rest = _split(row.raw)
@@ -373,7 +362,7 @@ def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:
             length=FRAME_LENGTH,
         )
     yield from _undecoded_slots(row, kind, range(head))
-    yield _explained(row, inner, name, meaning, fault=fault, note=note)
+    yield _explained(row, inner, name, meaning, fault=fault)
     ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
     yield from _undecoded_slots(row, kind, ending, size - FRAME_LENGTH)
 
@@ -401,96 +390,6 @@ def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
 def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
     pairs = zip(raw, legal, strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
-
-
-def _why_truncated(raw: bytes) -> TranslatableText:
-    if raw[-1] != TAIL:
-        return TranslatableText(
-            "expected the tail {wanted} at the end, found {found}",
-            wanted=_TAIL_TEXT,
-            found=f"{raw[-1]:02X}",
-        )
-    return TranslatableText(
-        "the tail {byte} is at {place}, not at {wanted}",
-        byte=_TAIL_TEXT,
-        place=len(raw) - 1,
-        wanted=FRAME_LENGTH - 1,
-    )
-
-
-def _why_overlong(raw: bytes) -> TranslatableText:
-    last_of_first, first_of_last = raw[FRAME_LENGTH - 1], raw[-FRAME_LENGTH]
-    reasons = []
-    if last_of_first != TAIL:
-        reasons.append(
-            TranslatableText(
-                "the first {length} bytes end with {found}, not {wanted}",
-                length=FRAME_LENGTH,
-                found=f"{last_of_first:02X}",
-                wanted=_TAIL_TEXT,
-            )
-        )
-    if first_of_last not in HEADER_BYTES:
-        reasons.append(
-            TranslatableText(
-                "the last {length} begin with {found}, not {wanted}",
-                length=FRAME_LENGTH,
-                found=f"{first_of_last:02X}",
-                wanted=_HEADERS_TEXT,
-            )
-        )
-    if not reasons:
-        return TranslatableText(
-            "neither the first nor the last {length} bytes fit as well", length=FRAME_LENGTH
-        )
-    return _joined(reasons)
-
-
-def _why_noise(raw: bytes) -> TranslatableText:
-    headers = [offset for offset, byte in enumerate(raw) if byte in HEADER_BYTES]
-    if not headers and len(raw) == 1:
-        return TranslatableText("no header ({headers}) in this byte", headers=_HEADERS_TEXT)
-    if not headers:
-        return TranslatableText(
-            "no header ({headers}) in these {count} bytes", headers=_HEADERS_TEXT, count=len(raw)
-        )
-    reasons = [_why_no_frame(raw, offset) for offset in headers[:4]]
-    if len(headers) > len(reasons):
-        more = len(headers) - len(reasons)
-        reasons.append(TranslatableText("and {count} more headers", count=more))
-    return _joined(reasons)
-
-
-def _joined(reasons: Sequence[TranslatableText]) -> TranslatableText:
-    return reduce(
-        lambda one, other: TranslatableText("{one}; {other}", one=one, other=other), reasons
-    )
-
-
-def _why_no_frame(raw: bytes, offset: int) -> TranslatableText:
-    header = TranslatableText("{byte} at {place}", byte=f"{raw[offset]:02X}", place=offset)
-    frame = raw[offset : offset + FRAME_LENGTH]
-    if len(frame) < FRAME_LENGTH:
-        return TranslatableText(
-            "{header}: only {count} bytes before the next row", header=header, count=len(frame)
-        )
-    if frame[-1] != TAIL:
-        return TranslatableText(
-            "{header}: no tail {wanted} {count} bytes on (found {found})",
-            header=header,
-            count=FRAME_LENGTH - 1,
-            wanted=_TAIL_TEXT,
-            found=f"{frame[-1]:02X}",
-        )
-    if (frame[0], frame[CMD_OFFSET]) not in KIND_BY_HEADER_AND_CMD:
-        return TranslatableText(
-            "{header}: CMD {cmd} is unknown", header=header, cmd=f"{frame[CMD_OFFSET]:02X}"
-        )
-    return TranslatableText(
-        "{header}: {length} bytes that look like a frame, but another reading is more probable",
-        header=header,
-        length=FRAME_LENGTH,
-    )
 
 
 def _fault_text(fault: Fault) -> TranslatableText:

@@ -195,11 +195,6 @@ def test_raw_bytes_on_standard_input_are_decodes_business(run, samples: Path) ->
     ]
 
 
-def test_one_byte_is_one_byte(run) -> None:
-    assert "no header (AA or 55) in this byte" in run("hex", "01").stdout
-    assert "no header (AA or 55) in these 2 bytes" in run("hex", "01 02").stdout
-
-
 def test_words_between_frames_are_reported_on_standard_error(run) -> None:
     frames = ("AA 01 01 00 64 00 00 00 00 EE", "55 01 01 00 64 00 00 00 0F EE")
     done = run("hex", f"{frames[0]} 收到 {frames[1]}", "--format", "jsonl")
