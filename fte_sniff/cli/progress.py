@@ -121,7 +121,7 @@ def _columns() -> int:
 
 
 def progress_text(progress: Progress, seconds: float) -> str:
-    """The line after so many seconds: `file 3 of 12  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
+    """The line after some seconds: `file 3 of 12  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
     parts, share = [_description(progress)], 0.0
     if progress.size and not progress.step:
         share = min(1.0, progress.position / progress.size)
