@@ -64,7 +64,7 @@ from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import TimeStyle
-from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor
+from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor, ReadableColors
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
 
@@ -304,8 +304,11 @@ class SniffApp(App[None]):
         return driver
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """The filter that removes colours, where NO_COLOR is set."""
-        return [NoColor()] if self.no_color else super().get_line_filters()
+        """The filter for a terminal with no or 16 colours."""
+        if self.no_color:
+            return [NoColor()]
+        few = [ReadableColors()] if self.console.color_system == "standard" else []
+        return [*super().get_line_filters(), *few]
 
     def on_mount(self) -> None:
         """Start to poll, a file at its first row; quit on signals."""

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from math import dist
 
 import pytest
 from rich.color import Color, ColorSystem
+from rich.console import Console
+from rich.segment import Segment
 from rich.style import Style
+from textual.color import Color as TextualColor
+from textual.color import rgb_to_lab
 from textual.theme import BUILTIN_THEMES, Theme
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.panes.row import dump
 from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.painter import (
     BAR_EVENT,
@@ -22,8 +28,16 @@ from fte_sniff.tui.table.painter import (
     SHADES,
     BarSign,
     Sign,
+    over_line,
 )
-from fte_sniff.tui.table.theme import CONTRAST_THEMES, Colors, Palette, palette_of
+from fte_sniff.tui.table.theme import (
+    CONTRAST_THEMES,
+    REVERSED,
+    Colors,
+    Palette,
+    ReadableColors,
+    palette_of,
+)
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
 FRAMES = {
@@ -70,12 +84,115 @@ def test_signs_of_rows_have_contrast_in_16_colours(name: str, background: int) -
     for style in (*texts, *signs):
         assert style.color
         colors = [style.color, style.bgcolor or Color.parse(f"color({background})")]
-        # As a terminal of 16 colours draws them.
-        text, behind = (
-            Color.from_triplet(color.downgrade(ColorSystem.STANDARD).get_truecolor())
-            for color in colors
-        )
+        text, behind = (in_16_colours(color) for color in colors)
         assert contrast(Style(color=text), behind.name) >= 4.5
+
+
+def in_16_colours(color: Color) -> Color:
+    """The colour as a terminal of 16 colours draws it."""
+    return Color.from_triplet(color.downgrade(ColorSystem.STANDARD).get_truecolor())
+
+
+XTERM = "000000 cd0000 00cd00 cdcd00 0000ee cd00cd 00cdcd e5e5e5 7f7f7f ff0000 00ff00 ffff00"
+XTERM_16 = f"{XTERM} 5c5cff ff00ff 00ffff ffffff".split()
+"""The 16 colours of xterm, which are brighter than those of rich."""
+
+
+@pytest.mark.parametrize(("name", "ground"), [("textual-dark", 0), ("textual-light", 15)])
+def test_texts_are_readable_in_16_colours_and_only_damage_is_red(name: str, ground: int) -> None:
+    palette = palette_of(ALL_THEMES[name], Colors.SIXTEEN)
+    texts = {
+        **{name: getattr(palette, name) for name in ("muted", "target", "signs", "events")},
+        **palette.kinds,
+        **palette.values,
+        **palette.fields,
+    }
+    damage = in_16_colours(palette.statuses[Status.MALFORMED].color or Color.default())
+    for text, style in texts.items():
+        assert style.color
+        assert in_16_colours(style.color) != damage, text
+        number = style.color.downgrade(ColorSystem.STANDARD).number
+        assert number is not None
+        for color, background in (
+            (in_16_colours(style.color), Color.parse(f"color({ground})")),
+            (Color.parse(f"#{XTERM_16[number]}"), Color.parse(f"#{XTERM_16[ground]}")),
+        ):
+            # The grey of xterm on white has 4.0.
+            least = 3.9 if number == 8 else 4.5
+            assert contrast(Style(color=color), background.name) >= least, text
+
+
+@pytest.mark.parametrize("text", range(16))
+@pytest.mark.parametrize("ground", range(16))
+def test_text_is_readable_among_16_colours_on_any_background(text: int, ground: int) -> None:
+    style = Style.parse(f"color({text}) on color({ground})")
+    ((_, shown, _),) = ReadableColors().apply([Segment("x", style)], TextualColor(0, 0, 0))
+    assert shown is not None
+    assert shown.bgcolor == style.bgcolor
+    assert shown.color
+    assert shown.bgcolor
+    one, other = (in_16_colours(color) for color in (shown.color, shown.bgcolor))
+    assert contrast(Style(color=one, bgcolor=other), "") >= 3.0
+    if contrast(Style(color=in_16_colours(style.color), bgcolor=other), "") >= 3:  # type: ignore[arg-type]
+        assert shown == style
+
+
+@pytest.mark.parametrize("name", THEMES)
+@pytest.mark.parametrize("colors", [Colors.ALL, Colors.SIXTEEN])
+def test_fault_stands_out_in_the_bytes_of_the_cursors_row(name: str, colors: Colors) -> None:
+    palette = palette_of(ALL_THEMES[name], colors)
+    raw = bytes.fromhex("AA0101FF7000000000E6")
+    damage = Damage("p", 0, raw, 1, (Fault.BAD_TAIL,))
+    for row in (damage, FRAMES["speed_feedback"]):
+        page = dump(row, [row], 80, palette)
+        start = page.plain.index("<") + 1
+        shown = [page.get_style_at_offset(Console(), start + 3 * at) for at in range(len(row.raw))]
+        for byte, own in zip(shown, palette.of_bytes(row), strict=True):
+            if own.bgcolor or own.reverse:
+                assert (byte.bgcolor, byte.reverse) == (own.bgcolor, own.reverse)
+                assert own.color in (None, byte.color)
+            elif colors is Colors.ALL:
+                assert byte.bgcolor == palette.cursor_row.bgcolor
+                least = 3.0 if own == palette.faint else 4.4
+                assert contrast(byte, "") >= least
+    assert any(own.bgcolor or own.reverse for own in palette.of_bytes(damage))
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_changed_bytes_differ_from_all_other_highlighted_bytes(name: str) -> None:
+    palette = palette_of(ALL_THEMES[name])
+    marks = [palette.marks[Status.MALFORMED], palette.marks[Status.SUSPECT]]
+    others = [*marks, palette.raised_mark, palette.found, palette.field]
+    for changed in palette.changed:
+        for other in others:
+            if changed.bgcolor is not None:
+                assert other.bgcolor is not None
+                assert distance(changed.bgcolor, other.bgcolor) >= 20
+
+
+def distance(one: Color, other: Color) -> float:
+    """Distance of two colours in CIE Lab; 100 from black to white."""
+    labs = [rgb_to_lab(TextualColor(*color.get_truecolor())) for color in (one, other)]
+    return dist(*((lab.L, lab.a, lab.b) for lab in labs))
+
+
+@pytest.mark.parametrize("name", THEMES)
+@pytest.mark.parametrize("colors", [Colors.SIXTEEN, Colors.NONE])
+def test_row_under_the_cursor_is_reversed_where_there_are_few_colours(
+    name: str, colors: Colors
+) -> None:
+    palette = palette_of(ALL_THEMES[name], colors)
+    line = Style(color="#ffffff", bgcolor="#000000") + REVERSED
+    texts = [*palette.fields.values(), *palette.kinds.values(), *palette.statuses.values()]
+    for style in texts:
+        shown = over_line(line, style)
+        assert (shown.color, shown.bgcolor, shown.reverse) == (line.color, line.bgcolor, True)
+        assert bool(shown.underline) == bool(style.underline)
+    boxed = [palette.marks[Status.MALFORMED], palette.raised_mark, palette.found, REVERSED]
+    for style in boxed:
+        shown = over_line(line, style)
+        assert not shown.reverse
+        assert shown.bgcolor == (style.bgcolor or line.bgcolor)
 
 
 def looks(palette: Palette, kind: str) -> list[tuple[object, ...]]:

@@ -367,10 +367,11 @@ class _ByteDump:
             self._bytes |= dict(enumerate(other.raw, other.offset))
             self._styles |= dict(enumerate(styles, other.offset))
         for number, field in enumerate(dissect(row)):
-            look = palette.field if number == looked_at else palette.cursor_row
             for offset in field.offsets:
-                style = self._styles[row.offset + offset] + look + Style(meta={FIELD: number})
-                self._styles[row.offset + offset] = style
+                own = self._styles[row.offset + offset]
+                # The background of a fault is over that of the row.
+                look = own + palette.field if number == looked_at else palette.cursor_row + own
+                self._styles[row.offset + offset] = look + Style(meta={FIELD: number})
 
     def line(self, start: int, per_line: int, with_text: bool) -> Text | None:
         """One line; None where none of its bytes is known."""

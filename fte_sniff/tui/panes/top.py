@@ -45,6 +45,7 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
+from fte_sniff.tui.table.painter import over_line
 from fte_sniff.tui.table.theme import REVERSED, Palette
 from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
 
@@ -459,8 +460,8 @@ class TopView(ScrollView):
         """Lines of a part of the view."""
         self._base = self.rich_style
         self._cursor_style = self.get_component_rich_style("top-view--cursor")
-        if self.app.no_color:
-            self._cursor_style = REVERSED
+        if self._palette is not None and self._palette.few_colors:
+            self._cursor_style = self._base + REVERSED
         return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:
@@ -472,7 +473,8 @@ class TopView(ScrollView):
             line = self._lines[at]
             chosen = at == self._cursor_at
             style = self._cursor_style if chosen else self._base
-            strip = Strip(self._segments(line, self._palette, chosen=chosen)).apply_style(style)
+            runs = self._runs(line, self._palette, chosen=chosen)
+            strip = Strip([Segment(text, over_line(style, own)) for text, own in runs])
             return strip.adjust_cell_length(width, style)
         if at == len(self._lines) and self._pending:
             text = _("reading: {rows:,} rows to go", rows=self._pending)
@@ -490,16 +492,14 @@ class TopView(ScrollView):
             text += " " + (fit_right if column.number else fit)(head, cells)
         return Strip([Segment(fit(text, width), style)], width)
 
-    def _segments(self, line: TopLine, palette: Palette, *, chosen: bool) -> list[Segment]:
-        # Muted text is not readable on the cursor's background in 16 colours.
+    def _runs(self, line: TopLine, palette: Palette, *, chosen: bool) -> list[tuple[str, Style]]:
         stale, kind = line.is_stale and not chosen, palette.kinds[line.stats.kind.name]
         raised = line.is_raised
-        mark = Segment(RAISED_MARK, palette.raised_mark) if raised else Segment(" ", Style.null())
-        segments = [mark]
+        runs = [(RAISED_MARK, palette.raised_mark) if raised else (" ", Style.null())]
         for number, (column, cells) in enumerate(self._columns):
             gap = " " if number else ""
             if column is _BYTES:
-                segments += [Segment(gap, Style.null()), *self._bytes(line, palette)]
+                runs += [(gap, Style.null()), *self._bytes(line, palette)]
                 continue
             text = (fit_right if column.number else fit)(column.cell(line, cells), cells)
             style = Style.null()
@@ -509,15 +509,13 @@ class TopView(ScrollView):
                 style = palette.muted
             elif column in (_KIND, _CURVE):
                 style = kind
-            segments.append(Segment(gap + text, style))
-        return segments
+            runs.append((gap + text, style))
+        return runs
 
-    def _bytes(self, line: TopLine, palette: Palette) -> list[Segment]:
+    def _bytes(self, line: TopLine, palette: Palette) -> list[tuple[str, Style]]:
         styles = [palette.aged(Style.null(), age) for age in line.ages]
-        cells = [
-            Segment(f"{byte:02X}", style) for byte, style in zip(line.raw, styles, strict=True)
-        ]
-        gaps = [Segment(" ", Style.null()) for _cell in cells]
+        cells = [(f"{byte:02X}", style) for byte, style in zip(line.raw, styles, strict=True)]
+        gaps = [(" ", Style.null()) for _cell in cells]
         return [one for pair in zip(cells, gaps, strict=True) for one in pair][:-1]
 
     # Keys and mouse

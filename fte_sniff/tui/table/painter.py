@@ -312,7 +312,7 @@ class Painter:
                 joined.append((text, style))
         over = self._over_lines.setdefault(line, {})
         segments = [
-            Segment(text, over.get(style) or over.setdefault(style, _over(line, style)))
+            Segment(text, over.get(style) or over.setdefault(style, over_line(line, style)))
             for text, style in joined
         ]
         width = sum(len(segment.text) for segment in segments)
@@ -324,10 +324,13 @@ class Painter:
         return strip if width <= self.width else strip.crop(0, self.width)
 
 
-def _over(line: Style, style: Style) -> Style:
-    """A style over that of its line; what is reversed in a reversed line is not."""
-    both = line + style
-    return both + _NOT_REVERSED if line.reverse and style.reverse else both
+def over_line(line: Style, style: Style) -> Style:
+    """A style over that of its line; in a reversed line, what has a background is not reversed."""
+    if not line.reverse:
+        return line + style
+    if style.reverse or style.bgcolor:
+        return line + style + _NOT_REVERSED
+    return line + style.without_color
 
 
 @cache

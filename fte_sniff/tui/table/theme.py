@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING
 
+from rich.color import Color as TerminalColor
+from rich.color import ColorSystem
 from rich.errors import StyleSyntaxError
 from rich.segment import Segment
 from rich.style import Style
@@ -187,10 +189,10 @@ DARK = Palette(
     ),
     faint=Style(color="#78828e"),
     changed=(
-        Style(color="#101010", bgcolor="#ffd866", bold=True),
-        Style(color="#ffd866", bgcolor="#5c4a12", bold=True),
-        Style(color="#ffd866", bgcolor="#362c0c"),
-        Style(color="#e8d9a8"),
+        Style(color="#101010", bgcolor="#c9a0ff", bold=True),
+        Style(color="#d9c2ff", bgcolor="#4f3a80", bold=True),
+        Style(color="#d9c2ff", bgcolor="#2f2250"),
+        Style(color="#d4c8e8"),
     ),
     field=Style(color="#101010", bgcolor="#ffffff", bold=True, underline=True),
     cursor_row=Style(bgcolor="#0f3a5c", bold=True),
@@ -213,10 +215,10 @@ LIGHT = Palette(
     ),
     faint=Style(color="#6c747c"),
     changed=(
-        Style(color="#ffffff", bgcolor="#b35c00", bold=True),
-        Style(color="#101010", bgcolor="#ffc66d", bold=True),
-        Style(color="#101010", bgcolor="#f5dfb8"),
-        Style(color="#7a5200"),
+        Style(color="#ffffff", bgcolor="#6a3fb0", bold=True),
+        Style(color="#101010", bgcolor="#c9aef2", bold=True),
+        Style(color="#101010", bgcolor="#e4d6f8"),
+        Style(color="#5b3fb0"),
     ),
     field=Style(color="#ffffff", bgcolor="#101010", bold=True, underline=True),
     cursor_row=Style(bgcolor="#c4dcf0", bold=True),
@@ -229,12 +231,16 @@ def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) ->
     cmd, _motor, rpm, pulses, *_, mecanum = hues
     ground = Ground.DARK_16 if hues is _DARK_16 else Ground.LIGHT_16
     malformed = LOOKS[Status.MALFORMED].inks[ground]
+    signs = Style(color=rpm, bold=True)
     return replace(
         palette,
         statuses=_statuses(ground),
         marks=_marks(ground),
         raised=Style(color=malformed.text),
         raised_mark=_sign(*malformed[1:]),
+        target=Style(color=pulses),
+        signs=signs,
+        events=signs,
         hues=(cmd, rpm, pulses, mecanum),
         field_hues=hues,
         faint=framing,
@@ -254,8 +260,9 @@ _FEW_CHANGED = (
 )
 """Changed bytes by age, without colours."""
 
-_DARK_16 = ("#ff55ff", "#ffff55", "#55ffff", "#55ff55", "#ffff55", "#55ff55", "#ffaa55")
-_LIGHT_16 = ("#aa00aa", "#aa0000", "#0000aa", "#00aa00", "#aa5500", "#00aa00", "#aa0000")
+# Red is the colour of damage. On white, yellow, green and cyan are not readable.
+_DARK_16 = ("#ff55ff", "#ffff55", "#55ffff", "#55ff55", "#ffff55", "#55ff55", "#ffffff")
+_LIGHT_16 = ("#000000", "#aa00aa", "#0000aa", "#aa00aa", "#0000aa", "#aa00aa", "#000000")
 
 
 _DARK = Theme(
@@ -353,6 +360,46 @@ def _palette(name: str, dark: bool, colors: Colors) -> Palette:
     # Dim text is not visible in all themes of 16 colours.
     framing = palette.muted if colors is Colors.SIXTEEN else Style(dim=True)
     return _with_few_colors(palette, _DARK_16 if dark else _LIGHT_16, framing)
+
+
+_LEAST_CONTRAST = 3.0
+"""Of a text and its background, by WCAG 2: from 1 to 21."""
+
+_DARK_GROUND = 0.22
+"""Luminance up to which a background needs white text, from 0 to 1; bright black has 0.216."""
+
+
+class ReadableColors(LineFilter):
+    """Draws text black or white where its colour is not readable among the terminal's 16.
+
+    Both colours of a theme are replaced by the nearest of the 16, which may be similar.
+    """
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """The line with readable text."""
+        return [
+            Segment(text, None if style is None else _readable(style), control)
+            for text, style, control in segments
+        ]
+
+
+@lru_cache(4096)
+def _readable(style: Style) -> Style:
+    text, ground = (_luminance_among_16(color) for color in (style.color, style.bgcolor))
+    if text is None or ground is None:
+        return style
+    if (max(text, ground) + 0.05) / (min(text, ground) + 0.05) >= _LEAST_CONTRAST:
+        return style
+    return style + Style(color="#ffffff" if ground <= _DARK_GROUND else "#000000")
+
+
+def _luminance_among_16(color: TerminalColor | None) -> float | None:
+    """Relative luminance of the nearest of 16 colours, by WCAG 2; None for the default colour."""
+    if color is None or color.is_default:
+        return None
+    parts = [part / 255 for part in color.downgrade(ColorSystem.STANDARD).get_truecolor()]
+    red, green, blue = (p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 class NoColor(LineFilter):

@@ -431,12 +431,14 @@ class RowTable(ScrollView):
         return Strip.blank(width, base)
 
     def _line_style(self, line: TableLine) -> Style:
+        # Among 16 colours, backgrounds would equal one another and hide colours of text.
+        few_colors = self.palette.few_colors
         if line.position != self.viewport.cursor:
             sign = line.cell.sign if isinstance(line.cell, RowCell) else Sign.NONE
-            if sign is Sign.SELECTED or sign is Sign.PAIRED:
-                return self._component_style("paired" if sign is Sign.PAIRED else "selected")
-            return self._base
-        if self.app.no_color:
+            if few_colors or sign not in (Sign.SELECTED, Sign.PAIRED):
+                return self._base
+            return self._component_style("paired" if sign is Sign.PAIRED else "selected")
+        if few_colors:
             return self._base + REVERSED
         return self._component_style("cursor" if self.has_focus else "cursor-away")
 
