@@ -26,9 +26,8 @@ from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.protocol.spec import Role
 from fte_sniff.recording.output_file import STOPPED
-from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND
+from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND, Mode
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
-from fte_sniff.tui.status_bar import Mode
 from fte_sniff.tui.table.columns import Delta, TimeStyle
 from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.text import event_words
@@ -49,7 +48,7 @@ def table_texts() -> Iterator[str]:
         for key in keys:
             yield from (key.description, key.tooltip)
     yield from (command.tooltip for command in UNBOUND)
-    yield from (command.of_file for command in COMMANDS.values())
+    yield from (text for command in COMMANDS.values() for text in command.instead.values())
     for kind in KINDS:
         yield kind.meaning
         for field in kind.fields:

@@ -487,12 +487,12 @@ class SniffApp(App[None]):
         unseen = viewport.waiting if viewport.paused else viewport.below
         speed = None if play is None else play.speed
         self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
-        self._key_line.of_file = not model.state.live
+        self._key_line.mode = mode
         top_time = self._panes.top_time(live=model.state.live and model.state.running)
         self._status_line.numbers = model.status_counters(
             viewport, self._hit_status.text, self._panes.health, top_time
         )
-        self.filters.field.set_count(model.filter_text)
+        self.filters.field.set_count(model.filter_count)
         self._table.set_empty_text(model.empty_text)
 
     def _display(self, screen: Screen[object], renderable: RenderableType | None) -> None:

@@ -8,8 +8,8 @@ opened.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import dataclass, field, replace
+from enum import Enum, StrEnum
 from functools import partial
 from typing import cast
 
@@ -18,6 +18,26 @@ from textual.keys import format_key
 
 from fte_sniff.protocol import MOTORS
 from fte_sniff.tui.i18n import _, later
+
+
+class Mode(StrEnum):
+    """What the view does, as an English word."""
+
+    LOADING = "LOADING"
+    LIVE = "LIVE"
+    FOLLOWING = "FOLLOWING"
+    WAITING = "WAITING"
+    SCROLLED = "SCROLLED"
+    PAUSED = "PAUSED"
+    PLAYING = "PLAYING"
+    HELD = "PAUSED AT"
+    ENDED = "ENDED"
+    FILE = "FILE"
+
+
+_OF_FILE = (Mode.LOADING, Mode.FILE)
+_OF_PLAYBACK = (Mode.PLAYING, Mode.HELD)
+_HELD = (Mode.PAUSED, Mode.HELD)
 
 
 class Where(Enum):
@@ -42,8 +62,8 @@ class Command(Binding):
     """Its importance in the key line, 1 is the most important; 0 before all, for one view."""
     words: str = ""
     """Further words by which the palette finds it."""
-    of_file: str = ""
-    """Its text in the key line of a file; empty for the same as live."""
+    instead: Mapping[Mode, str] = field(default_factory=dict, hash=False)
+    """Its text in the key line in some modes."""
 
 
 def action_of(run: str) -> str:
@@ -74,7 +94,7 @@ def _key(
     display: str | None = None,
     rank: int = 0,
     words: str = "",
-    of_file: str = "",
+    instead: Mapping[Mode, str] | None = None,
 ) -> Command:
     """A command; `short` is its text in the key line, where it is not empty."""
     return Command(
@@ -89,7 +109,7 @@ def _key(
         where=where,
         rank=rank,
         words=words,
-        of_file=of_file,
+        instead=instead or {},
     )
 
 
@@ -107,7 +127,7 @@ MOVING: tuple[Command, ...] = (
         "table.follow",
         "the last row, and follow what comes, also after enter",
         short="Follow",
-        of_file="End",
+        instead=dict.fromkeys((*_OF_FILE, *_OF_PLAYBACK, Mode.ENDED), "End"),
         display="G",
         rank=8,
         words="bottom end tail newest last live",
@@ -222,7 +242,7 @@ HANDLING: tuple[Command, ...] = (
         "playback.pause",
         "freeze the view, never the capture; play a file from here",
         short="Pause",
-        of_file="Play",
+        instead=dict.fromkeys(_OF_FILE, "Play") | dict.fromkeys(_HELD, "Continue"),
         display="space",
         rank=7,
         words="stop freeze hold play playback",
@@ -482,10 +502,11 @@ def rank_of(binding: Binding) -> int:
     return 0 if command is None else command.rank
 
 
-def short_text(binding: Binding, *, of_file: bool) -> str:
-    """What a key does, in the key line of a capture or of a file."""
+def short_text(binding: Binding, mode: Mode = Mode.LIVE) -> str:
+    """What a key does, in the key line in a mode."""
     command = _BY_ACTION.get(binding.action)
-    return _((of_file and command and command.of_file) or binding.description)
+    instead = {} if command is None else command.instead
+    return _(instead.get(mode, binding.description))
 
 
 _BY_ACTION = {command.action: command for command in COMMANDS.values()}

@@ -29,6 +29,7 @@ from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.modals import LineList, list_line
 from fte_sniff.tui.status_bar import WrappedText
+from fte_sniff.tui.text import first_fitting
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 if TYPE_CHECKING:
@@ -172,9 +173,9 @@ class PromptField(Vertical):
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
         self.current = ""
+        """The line in effect; shown while the field is closed."""
         self._refused: str | None = None
         """The line that was submitted with a mistake."""
-        """The line in effect; shown while the field is closed."""
         self.display = False
 
     @property
@@ -395,6 +396,21 @@ FILTER: Final = Prompt(
 )
 
 
+_COUNT_PADDING: Final = 2
+"""Cells around the count."""
+
+
+def _count_forms(shown: int, every: int, pending: int = 0) -> tuple[str, str]:
+    """How many of all rows pass a filter, in words and short."""
+    numbers = f"{shown:,}/{every:,}"
+    if pending:
+        rows = _(
+            "{shown:,} of {all:,} rows, {pending:,} to go", shown=shown, all=every, pending=pending
+        )
+        return rows, f"{numbers} …"
+    return _("{shown:,} of {all:,} rows", shown=shown, all=every), numbers
+
+
 class FilterField(PromptField):
     """Asks for a filter; shows the current one with the number of rows that pass."""
 
@@ -451,12 +467,18 @@ class FilterField(PromptField):
         self._dropdown.display = False
         self._matching, self._values, self._column = None, {}, None
 
-    def set_count(self, text: str) -> None:
-        """Show the number of rows that pass the filter in effect; not while one is typed."""
-        if not self.is_open:
-            self._show_count(text)
+    def set_count(self, count: tuple[int, int, int] | None) -> None:
+        """Show how many rows pass the filter in effect, of all, and how many are to go.
 
-    def _show_count(self, text: str) -> None:
+        Not while one is typed.
+        """
+        if not self.is_open:
+            self._show_count([""] if count is None else _count_forms(*count))
+
+    def _show_count(self, forms: Sequence[str]) -> None:
+        """Show the number of rows in the first of these forms that leaves the line uncut."""
+        around = cell_len(f"{self._label_text} {self.line.value} ") + _COUNT_PADDING
+        text = first_fitting(forms, self.size.width - around)
         if text != self._count_text:
             # The count changes all the time: a new layout only where its width changes.
             layout = cell_len(text) != cell_len(self._count_text)
@@ -478,7 +500,7 @@ class FilterField(PromptField):
     def _on_valid(self, parsed: RowFilter | None) -> None:
         """Count the rows that pass; the steps give way to keys."""
         self._matching = None
-        self._show_count("")
+        self._show_count([""])
         if self.is_open and parsed is not None:
             self._matching = MatchCounter(self._store, parsed.matches, BLOCK_ROWS)
             self._continue()
@@ -513,7 +535,7 @@ class FilterField(PromptField):
 
     def _show_matching(self, counter: MatchCounter) -> None:
         total = counter.position(-1).total
-        self._show_count(_("{shown:,} of {all:,} rows", shown=total, all=len(self._store)))
+        self._show_count(_count_forms(total, len(self._store)))
 
     def _observed(self, column: str) -> Mapping[str, int]:
         """The values of a column that are counted so far."""

@@ -26,7 +26,7 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import ELLIPSIS, fit, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.retention import size_text
-from fte_sniff.tui.commands import key_names, rank_of, short_text
+from fte_sniff.tui.commands import Mode, key_names, rank_of, short_text
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.text import event_text
 
@@ -40,21 +40,6 @@ WIDE = 72
 
 MIN_PATH, MIN_NAMES = 14, 14
 """Cells that the path and the names have at least, where they are that long."""
-
-
-class Mode(StrEnum):
-    """What the view does, as an English word."""
-
-    LOADING = "LOADING"
-    LIVE = "LIVE"
-    FOLLOWING = "FOLLOWING"
-    WAITING = "WAITING"
-    SCROLLED = "SCROLLED"
-    PAUSED = "PAUSED"
-    PLAYING = "PLAYING"
-    HELD = "PAUSED AT"
-    ENDED = "ENDED"
-    FILE = "FILE"
 
 
 def mode_of(state: FeedState, paused: bool, following: bool, play: Playback | None = None) -> Mode:
@@ -251,6 +236,8 @@ class StatusCounters:
 def status_text(numbers: StatusCounters, width: int) -> str:
     """The status line in exactly `width` cells; the last numbers are left out first."""
     parts = _parts(numbers, abbreviated=width < (WITH_HEALTH if numbers.health else WIDE))
+    if numbers.time:
+        parts.insert(1, numbers.time)
     if numbers.hits:
         parts.insert(1, numbers.hits)
     if numbers.line_errors:
@@ -261,8 +248,9 @@ def status_text(numbers: StatusCounters, width: int) -> str:
         parts.append(numbers.health)
     row = _("shown row {number:,}") if numbers.filtered else _("row {number:,}")
     row = row.format(number=numbers.row_number) if numbers.row_number else _("no row shown")
-    parts.append(numbers.time or row)
-    if not numbers.following and not numbers.time:
+    if not numbers.time:
+        parts.append(row)
+    if numbers.below and not numbers.following and not numbers.time:
         parts.append(_("{count:,} below", count=numbers.below))
     line = parts[0]
     for part in parts[1:]:
@@ -324,11 +312,11 @@ class StatusLine(Widget):
 GAP = 2
 
 
-def fitting_keys(keys: Iterable[Binding], width: int, *, of_file: bool = False) -> list[Binding]:
+def fitting_keys(keys: Iterable[Binding], width: int, mode: Mode = Mode.LIVE) -> list[Binding]:
     """The most important keys that fit into `width` cells."""
     found, left = [], width + GAP
     for key in sorted(keys, key=rank_of):
-        cells = GAP + cell_len(f"{key_names(key)} {short_text(key, of_file=of_file)}")
+        cells = GAP + cell_len(f"{key_names(key)} {short_text(key, mode)}")
         if cells <= left:
             found.append(key)
             left -= cells
@@ -343,7 +331,7 @@ class KeyLine(Widget):
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"key-line--key"}
-    of_file: reactive[bool] = reactive(False)
+    mode: reactive[Mode] = reactive(Mode.LIVE)
 
     def on_mount(self) -> None:
         """Follow the bindings that are active."""
@@ -352,13 +340,13 @@ class KeyLine(Widget):
     def _fitting(self) -> Sequence[Binding]:
         active = self.screen.active_bindings.values()
         by_action = {one.binding.action: one.binding for one in active if one.binding.show}
-        return fitting_keys(by_action.values(), self.size.width, of_file=self.of_file)
+        return fitting_keys(by_action.values(), self.size.width, self.mode)
 
     def render(self) -> Text:
         """The line."""
         style = self.get_component_rich_style("key-line--key", partial=True)
         keys = [
-            Text.assemble((key_names(key), style), " ", short_text(key, of_file=self.of_file))
+            Text.assemble((key_names(key), style), " ", short_text(key, self.mode))
             for key in self._fitting()
         ]
         line = Text(" " * GAP).join(keys)
@@ -370,7 +358,7 @@ class KeyLine(Widget):
         event.stop()
         end = 0
         for key in self._fitting():
-            text = short_text(key, of_file=self.of_file)
+            text = short_text(key, self.mode)
             start, end = end, end + cell_len(f"{key_names(key)} {text}")
             if start <= event.x < end:
                 self.app.simulate_key(key.key)

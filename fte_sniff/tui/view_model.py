@@ -238,15 +238,10 @@ class ViewModel:
         return _("port events while it was recorded: {events}; S shows more", events=counts)
 
     @property
-    def filter_text(self) -> str:
-        """Number of rows that pass the filter; empty without a filter."""
+    def filter_count(self) -> tuple[int, int, int] | None:
+        """Rows that pass the filter, all rows, and those to go; None without a filter."""
         shown = self.store.view
-        if shown.filter is None:
-            return ""
-        form = _("{shown:,} of {all:,} rows")
-        if shown.pending:
-            form = _("{shown:,} of {all:,} rows, {pending:,} to go")
-        return form.format(shown=shown.count, all=len(self.store), pending=shown.pending)
+        return None if shown.filter is None else (shown.count, len(self.store), shown.pending)
 
     @property
     def empty_text(self) -> str:

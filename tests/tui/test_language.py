@@ -44,13 +44,12 @@ from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, 
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.commands import COMMANDS, SECTIONS, short_text
+from fte_sniff.tui.commands import COMMANDS, SECTIONS, Mode, short_text
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.status_bar import (
-    Mode,
     RecordingSign,
     StatusCounters,
     badge_text,
@@ -150,15 +149,13 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
     play_chinese(feed, scenario)
 
 
-@pytest.mark.parametrize("of_file", [False, True])
-def test_the_key_line_is_in_chinese_live_and_of_a_file(of_file: bool) -> None:
+@pytest.mark.parametrize("mode", Mode)
+def test_the_key_line_is_in_chinese_in_every_mode(mode: Mode) -> None:
     set_language("en")
-    english = {one.run: short_text(one, of_file=of_file) for one in COMMANDS.values()}
+    english = {one.run: short_text(one, mode) for one in COMMANDS.values()}
     set_language("zh")
     same = [
-        one
-        for one in COMMANDS.values()
-        if one.show and short_text(one, of_file=of_file) == english[one.run]
+        one for one in COMMANDS.values() if one.show and short_text(one, mode) == english[one.run]
     ]
     assert same == []
 

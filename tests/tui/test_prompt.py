@@ -34,6 +34,7 @@ from tests.tui.conftest import (
     STEP_NS,
     Rows,
     enter_line,
+    lines,
     page,
     play,
     press,
@@ -726,3 +727,31 @@ def test_nothing_is_there_to_take(feed: Any) -> None:
         assert len(app.screen_stack) == 1
 
     play(feed, scenario)
+
+
+def test_the_filter_in_effect_is_not_cut_for_its_count(feed: Any) -> None:
+    line = "unanswered AND kind = 'speed' AND motor = 1 AND offset > 2"
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await enter_line(app, pilot, "f", "motor = 1")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        await press(app, pilot, "F")
+        await enter_line(app, pilot, "f", line)
+        await settle(app, pilot)
+        (shown,) = (one for one in lines(app) if "offset" in one)
+        assert line in shown
+        assert "0/400" in shown
+
+    play(feed, scenario, rows=400)
+
+
+def test_a_filter_that_hides_what_is_probably_wanted_is_explained(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await enter_line(app, pilot, "f", "motor = 3 AND malformed")
+        await settle(app, pilot)
+        assert "motor_hint is the motor that they probably belonged to" in " ".join(
+            " ".join(lines(app)).split()
+        )
+
+    play(feed, scenario, rows=40)

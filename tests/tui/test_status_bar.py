@@ -21,19 +21,21 @@ from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import (
+    COMMANDS,
     FINDING,
     HANDLING,
     LEAVING,
     MOVING,
     SECTIONS,
     UNDERSTANDING,
+    Mode,
     action_of,
+    short_text,
 )
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.status_bar import (
     KeyLine,
-    Mode,
     NoticeLine,
     StatusCounters,
     fitting_keys,
@@ -160,6 +162,35 @@ NUMBERS = StatusCounters(
     following=True,
     below=0,
 )
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 200])
+def test_the_time_of_the_top_view_is_always_in_the_status_line(width: int) -> None:
+    health = "1● 2● 3◐ 4●  p99 9.13 ms"
+    numbers = replace(NUMBERS, time="as of 02:17:59.989", health=health, following=False, below=9)
+    line = status_text(numbers, width)
+    assert "as of 02:17:59.989" in line
+    assert "row 1" not in line
+
+
+def test_nothing_below_is_not_counted() -> None:
+    assert "below" not in status_text(replace(NUMBERS, following=False), 200)
+    assert "9 below" in status_text(replace(NUMBERS, following=False, below=9), 200)
+
+
+@pytest.mark.parametrize(
+    ("mode", "shown"),
+    [
+        *((mode, ("Pause", "Follow")) for mode in (Mode.LIVE, Mode.SCROLLED, Mode.WAITING)),
+        (Mode.PAUSED, ("Continue", "Follow")),
+        *((mode, ("Play", "End")) for mode in (Mode.FILE, Mode.LOADING)),
+        (Mode.PLAYING, ("Pause", "End")),
+        (Mode.HELD, ("Continue", "End")),
+    ],
+)
+def test_a_key_is_named_by_what_it_does_in_the_mode(mode: Mode, shown: tuple[str, str]) -> None:
+    keys = [COMMANDS[run] for run in ("playback.pause", "table.follow")]
+    assert tuple(short_text(key, mode) for key in keys) == shown
 
 
 @pytest.mark.parametrize(

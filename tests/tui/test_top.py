@@ -262,7 +262,13 @@ def test_a_pause_freezes_the_lines(feed: Any, monkeypatch: pytest.MonkeyPatch) -
             app._panes._drawn_at_ns.clear()
             await settle(app, pilot)
         assert "reset" not in keys(app)
-        await press(app, pilot, "space")
+        await press(app, pilot, "M")  # the top view becomes smaller
+        await pilot.resize_terminal(200, 60)
+        await settle(app, pilot)
+        top = app.query_one(TopView)
+        assert top.virtual_size.width == top.scrollable_size.width
+        assert "reset" not in keys(app)
+        await press(app, pilot, "M", "space")
         app._panes._drawn_at_ns.clear()
         await settle(app, pilot)
         assert "reset" in keys(app)

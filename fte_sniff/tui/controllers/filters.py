@@ -100,6 +100,9 @@ class FilterController:
             self._earlier.append(_Earlier(current, self.own))
         self.own = line
         self._apply_filter(line)
+        row_filter = self._model.store.view.filter
+        if row_filter is not None and row_filter.advice:
+            self._notice.inform(_(row_filter.advice))
 
     def go(self, line: str, index: int) -> None:
         """Apply the filter of a finding, with the cursor at a row or the next one that it shows.

@@ -577,7 +577,7 @@ class MotorsPane(Pane):
         if _as_of(context):
             end = clock_text(now_ns or 0, 3, context.zone)
         return MotorsView(
-            tuple(motors.states(context.rates_ns if context.following else now_ns)),
+            tuple(motors.states(now_ns)),
             traces,
             events,
             now_ns,

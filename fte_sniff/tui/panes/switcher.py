@@ -191,7 +191,7 @@ class PaneSwitcher:
     def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
         """Add port events, and gaps and baud changes between rows, to the models."""
         if events:
-            self._drawn.clear()
+            self._forget_drawn()
         self.models.statistics.observe_events(events)
         self.models.findings.observe_events(events)
         self.models.add_changes(changes)
@@ -227,11 +227,15 @@ class PaneSwitcher:
             self._redraw_changed(view)
 
     def _update_health(self) -> None:
+        """How the motors answered up to the cursor, or up to the time of the top view."""
         if self.models.known < self._store.known and not self._postponed:
             self._update_models()
         viewport, index, row = self._table.viewport, self._table.cursor_index, None
         end_ns, events = self.models.traces.last_ns, self.models.events
-        if index is not None and not viewport.following:
+        if self.top.display:
+            if self._is_top_frozen:
+                return
+        elif index is not None and not viewport.following:
             row = self._table.cursor_row
             end_ns = None if row is None else row.t_ns
         if end_ns is None or self.models.pending > STEP_ROWS:
@@ -248,11 +252,24 @@ class PaneSwitcher:
         return self._clock_ns - self._drawn_at_ns.get(view, 0) >= view.REDRAW_S * 1e9
 
     @property
+    def _is_top_frozen(self) -> bool:
+        return self._table.viewport.paused and self.top in self._drawn
+
+    @property
     def _views(self) -> list[Pane | TopView]:
-        """What is shown of the panes and the top view."""
-        paused = self._table.viewport.paused and self.top in self._drawn
-        views: list[Pane | TopView] = [self.top] if self.top.display and not paused else []
+        """What is shown of the panes and the top view, and not frozen by a pause."""
+        views: list[Pane | TopView] = []
+        if self.top.display and not self._is_top_frozen:
+            views.append(self.top)
         return views if self._open is None else [*views, self._open]
+
+    def _forget_drawn(self) -> None:
+        """Let everything be drawn again; a top view that a pause has frozen only fits its width."""
+        frozen = self._drawn[self.top] if self._is_top_frozen else None
+        self._drawn.clear()
+        if frozen is not None:
+            self._drawn[self.top] = frozen
+            self.top.fit_columns()
 
     @property
     def _models_shown(self) -> bool:
@@ -292,7 +309,7 @@ class PaneSwitcher:
 
     def redraw(self) -> None:
         """Draw the open pane and the top view, where they have a size."""
-        self._drawn.clear()
+        self._forget_drawn()
         if self._models_shown and not self._postponed:
             self._update_models()
         for view in self._views:

@@ -190,7 +190,7 @@ class TopLine:
 
 
 def _number(value: int | None, width: int) -> str:
-    return UNKNOWN if value is None else first_fitting((f"{value}", short_number(value)), width)
+    return UNKNOWN if value is None else first_fitting((f"{value:,}", short_number(value)), width)
 
 
 def _flags(line: TopLine, width: int) -> str:
@@ -385,9 +385,9 @@ class TopView(ScrollView):
 
     def draw(self, context: PaneContext) -> None:
         """Draw the streams that the filter shows."""
-        width = self.scrollable_size.width
         streams = self._streams(context)
-        self._columns = columns_for(width, len({one.port for one in streams}))
+        self._ports = len({one.port for one in streams})
+        self.fit_columns()
         curve = next((cells for column, cells in self._columns if column is _CURVE), 0)
         states = {one.motor: one for one in context.models.motors.states(context.newest_ns)}
         before = {line.key: line for line in self._lines}
@@ -399,7 +399,13 @@ class TopView(ScrollView):
         self._newest_ns, self._zone = context.newest_ns, context.zone
         self._lines = self._sorted(lines)
         self._palette = context.palette
-        self.virtual_size = Size(width, len(lines) + 1)
+        self.virtual_size = Size(self.scrollable_size.width, len(lines) + 1)
+        self.refresh()
+
+    def fit_columns(self) -> None:
+        """Show the columns that fit; the lines stay as they are."""
+        self._columns = columns_for(self.scrollable_size.width, self._ports)
+        self.virtual_size = self.virtual_size.with_width(self.scrollable_size.width)
         self.refresh()
 
     def time_text(self, *, live: bool) -> str:
