@@ -1031,7 +1031,7 @@ def _explains(one: Finding, other: Finding) -> bool:
         return False
     if one.cause is other.cause:
         return one.cause is Cause.DAMAGE and _includes(one, other)
-    if one.cause is Cause.DAMAGE and other.cause in (Cause.UNANSWERED, Cause.SILENCE):
+    if one.cause is Cause.DAMAGE and other.cause in (Cause.UNANSWERED, Cause.SILENCE, Cause.LATE):
         return 2 * one.events >= other.events
     return None in (one.motor, other.motor) or one.motor == other.motor
 

@@ -204,6 +204,19 @@ def _damaged_now_and_then(motors: tuple[int, ...]) -> Rows:
     return Rows.from_rows(rows)
 
 
+def test_damage_explains_no_more_late_answers_than_it_can() -> None:
+    rows, what = rows_with("late")
+    inside = (rows.t_ns >= START_NS + what.start_s * SECOND) & (rows.nums == what.motor)
+    inside &= rows.t_ns < START_NS + what.end_s * SECOND
+    hit = np.flatnonzero(inside)[::25]
+    framed, length, faults = rows.framed.copy(), rows.length.copy(), rows.faults.copy()
+    framed[hit], length[hit] = False, 4
+    faults[hit] = rows.codebook.fault_code((Fault.TRUNCATED,))
+    found = find(rows.with_columns(framed=framed, length=length, faults=faults))
+    causes = {(one.cause, one.motor) for one in found}
+    assert causes >= {(Cause.LATE, what.motor), (Cause.DAMAGE, what.motor)}
+
+
 @pytest.mark.parametrize(
     ("motors", "motor", "shown"),
     [
