@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, tzinfo
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,22 +42,9 @@ _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
 _MEGA_OR_MINUTES = re.compile(r"\d+(?:\.\d+)?\s*m")
 _MOST_BYTES = 10**18
 _MOST_SECONDS = 10**9
+_AUTO = "auto"
 _MIN_FILE = 100_000
 _MIN_SECONDS = 1.0
-
-
-class Rotate(Enum):
-    """The words that `--rotate` accepts besides a size and a time."""
-
-    AUTO = "auto"
-    """Begin the next file before the index of the current one gets too long."""
-    NONE = "none"
-
-
-_ROTATE_WORDS = {word.value: word for word in Rotate}
-
-_Value = int | float | Rotate | None
-"""A parsed option: bytes (int), seconds (float), a word of `--rotate`, or not given."""
 
 
 def _size(text: str) -> int | None:
@@ -81,22 +67,25 @@ def _bounded(value: float | None, most: int, text: str, example: str) -> float:
     return value
 
 
-def _rotate(text: str) -> _Value:
-    if text.lower() in _ROTATE_WORDS:
-        return _ROTATE_WORDS[text.lower()]
+def _rotate(text: str) -> dict[str, int | float | None]:
+    """What begins the next file, as fields of `RecordingOptions`; empty for `none`."""
+    if text.lower() == "none":
+        return {}
+    if text.lower() == _AUTO:
+        return {"max_index_bytes": DEFAULT_MAX_INDEX_BYTES}
     if _MEGA_OR_MINUTES.fullmatch(text):
         number = text[:-1].strip()
         raise click.BadParameter(f"{quoted(text)} is ambiguous; write {number}MB or {number}min")
     if _SIZE.fullmatch(text):
-        return _size(text)
+        return {"rotate_bytes": _size(text)}
     if parse_seconds(text) is not None:
-        return _seconds(text)
+        return {"rotate_s": _seconds(text)}
     raise click.BadParameter(
         f"{text!r} is neither a size nor a time; use for example 512MB or 1h, auto or none"
     )
 
 
-def _parsed_by(parse: Callable[[str], _Value]) -> Callable[..., _Value]:
+def _parsed_by(parse: Callable[[str], object]) -> Callable[..., object]:
     return lambda _context, _option, text: None if text is None else parse(text)
 
 
@@ -122,7 +111,7 @@ def options_with(defaults: RecordingOptions) -> Decorator:
         click.option(
             "--rotate",
             callback=_parsed_by(_rotate),
-            default=Rotate.AUTO.value,
+            default=_AUTO,
             show_default=True,
             metavar="SIZE|TIME|auto|none",
             help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
@@ -180,7 +169,7 @@ def options_from(
     output: Path | None,
     *,
     flush_every: float,
-    rotate: _Value,
+    rotate: Mapping[str, Any],
     max_size: int | None,
     min_free: int | None,
     on_full: str,
@@ -194,37 +183,35 @@ def options_from(
     """
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after need --trigger")
-    _check(output, rotate, max_size, OnFull(on_full))
     window = TriggerWindow(
         _WINDOW.before_s if before is None else before, _WINDOW.after_s if after is None else after
     )
-    return RecordingOptions(
+    found = RecordingOptions(
         flush_every_s=flush_every,
-        rotate_bytes=rotate if isinstance(rotate, int) else None,
-        max_index_bytes=DEFAULT_MAX_INDEX_BYTES if rotate is Rotate.AUTO else None,
-        rotate_s=rotate if isinstance(rotate, float) else None,
+        **{"max_index_bytes": None, **rotate},
         on_full=OnFull(on_full),
         max_bytes=max_size,
         min_free_bytes=min_free,
         trigger_window=None if trigger is None else window,
     )
+    _check(output, found)
+    return found
 
 
-def _check(output: Path | None, rotate: _Value, max_size: int | None, on_full: OnFull) -> None:
+def _check(output: Path | None, found: RecordingOptions) -> None:
     """Raise UsageError for limits that are too small, or several files where only one can be."""
-    if isinstance(rotate, int) and rotate < _MIN_FILE:
+    rotate_bytes, rotate_s, max_bytes = found.rotate_bytes, found.rotate_s, found.max_bytes
+    if rotate_bytes is not None and rotate_bytes < _MIN_FILE:
         raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
-    if isinstance(rotate, float) and rotate < _MIN_SECONDS:
+    if rotate_s is not None and rotate_s < _MIN_SECONDS:
         raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
-    if max_size is not None and max_size < _MIN_FILE:
+    if max_bytes is not None and max_bytes < _MIN_FILE:
         raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
-    if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
+    if max_bytes is not None and max_bytes < 2 * (rotate_bytes or 0):
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    deletes_oldest = on_full is OnFull.ROTATE_OLDEST
-    if rotate is Rotate.NONE and deletes_oldest:
+    if found.rotates and {rotate_bytes, rotate_s, found.max_index_bytes} == {None}:
         raise UsageError("--on-full rotate-oldest needs several files; leave out --rotate none")
-    is_sequence = isinstance(rotate, int | float) or deletes_oldest
-    if is_sequence and output is not None and is_stream(output):
+    if found.rotates and output is not None and is_stream(output):
         raise UsageError(f"{output} cannot be rotated: it is not a file; leave out --rotate")
 
 
