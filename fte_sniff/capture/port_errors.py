@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.discovery import holders_of, holders_text
-from fte_sniff.errors import PortError, TranslatableText, listed, printable, reason_of
+from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
 
 if POSIX:
@@ -133,7 +133,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     what = None if device is None else _device_problem(device, number)
     if what is None:
         # pyserial's text repeats the name. For an unknown option in a URL it says nothing useful.
-        reason = worded(one_line(error).rpartition(f"port {named}: ")[2])
+        reason = one_line(error, without=f"port {named}: ")
         if isinstance(error, LookupError):
             reason = TranslatableText("its options cannot be read")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
@@ -256,10 +256,7 @@ def _user() -> str:
 
 # Texts of pyserial and the system, made translatable
 
-_SYSTEM = re.compile(
-    r"(?:\[Errno (?P<number>\d+)\] (?P<reason>[^:]*)(?P<about>: .*)?"
-    r"|\((?P<bare_number>\d+), '(?P<bare_reason>[^']*)'\))"
-)
+_SYSTEM = re.compile(r"\[Errno (\d+)\] |\((\d+), '")
 """`[Errno 2] No such file or directory: '/dev/x'`, or in termios form: `(5, 'Input/...')`."""
 
 _PYSERIAL_TEXTS = {
@@ -277,41 +274,17 @@ _PYSERIAL_TEXTS = {
 }
 
 
-def one_line(error: BaseException) -> str:
-    """The error's own text on one line, without control characters."""
+def one_line(error: BaseException, without: str = "") -> str:
+    """The error's cause on one line: the system's reason alone, if it is a known one.
+
+    Other texts are as they are, but `without` this and what is before it.
+    """
     if error.args and isinstance(error.args[0], TranslatableText):
         return error.args[0]
-    return worded(printable(" ".join(str(error).split())))
-
-
-def worded(text: str) -> str:
-    """This text, as a `TranslatableText` if it is known."""
-    if text in _PYSERIAL_TEXTS:
-        return _PYSERIAL_TEXTS[text]
-    if system := _SYSTEM.fullmatch(text):
-        return _system_text(system) or text
-    lead, colon, rest = text.partition(": ")
-    why = worded(rest) if colon else rest
-    if not isinstance(why, TranslatableText):
-        return text
-    if lead == "read failed":
-        return TranslatableText("read failed: {why}", why=why)
-    if lead == "write failed":
-        return TranslatableText("write failed: {why}", why=why)
-    if lead == "Could not configure port":
-        return TranslatableText("Could not configure port: {why}", why=why)
-    return text
-
-
-def _system_text(found: re.Match[str]) -> TranslatableText | None:
-    number = int(found["number"] or found["bare_number"])
-    words = found["reason"] or found["bare_reason"] or ""
-    reason = reason_of(OSError(number, words))
-    if not isinstance(reason, TranslatableText) or reason != words:
-        return None
-    if found["about"]:
-        about = found["about"].removeprefix(": ")
-        return TranslatableText(
-            "[Errno {number}] {reason}: {about}", number=number, reason=reason, about=about
-        )
-    return TranslatableText("[Errno {number}] {reason}", number=number, reason=reason)
+    text = printable(" ".join(str(error).split()))
+    for found in _SYSTEM.finditer(text):
+        reason = REASONS.get(int(found[1] or found[2]), "")
+        if reason and text.startswith(reason, found.end()):
+            return reason
+    text = (text.rpartition(without)[2] if without else text).removeprefix("read failed: ")
+    return _PYSERIAL_TEXTS.get(text, text)

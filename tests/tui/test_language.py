@@ -268,11 +268,11 @@ def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffE
 def test_reasons_of_the_system_are_unchanged_in_english_and_shown_in_chinese(number: int) -> None:
     error = OSError(number, os.strerror(number))
     assert reason_of(error) == error.strerror
-    assert one_line(error) == str(error)
+    assert one_line(error) == error.strerror
     set_language("zh")
     for reported in (_(reason_of(error)), _(one_line(error))):
         assert CHARACTER.search(reported)
-        assert not re.search("[A-Za-z]", reported.replace("[Errno", ""))
+        assert not re.search("[A-Za-z]", reported)
 
 
 GONE = (
@@ -288,7 +288,7 @@ GONE = (
             SerialException(GONE),
             "设备显示可读却没有返回数据（设备已断开，或有别的程序同时在读该串口？）",
         ),
-        (SerialException(f"read failed: {GONE}"), "读取失败：设备显示可读"),
+        (SerialException(f"read failed: {GONE}"), "设备显示可读"),
         (SerialException("write failed: [Errno 5] Input/output error"), "输入/输出错误"),
         (SerialException("Could not configure port: (5, 'Input/output error')"), "输入/输出错误"),
         (
@@ -303,9 +303,7 @@ GONE = (
 )
 def test_events_of_a_port_are_shown_in_chinese(error: OSError, chinese: str) -> None:
     reported = one_line(error)
-    assert reported == str(error).replace(
-        "(5, 'Input/output error')", "[Errno 5] Input/output error"
-    )
+    assert reported in str(error)
     set_language("zh")
     assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, reported))
 
@@ -363,7 +361,7 @@ def test_the_detail_of_a_move_to_the_side_names_the_erratum(language: str, line:
 
 
 def test_words_that_nobody_knows_stay_as_they_are() -> None:
-    for words in ("[Errno 5] something else", "[Errno 999] Odd", "read failed: odd", "(5, 'odd')"):
+    for words in ("[Errno 5] something else", "[Errno 999] Odd", "write failed: odd", "(5, 'odd')"):
         assert one_line(SerialException(words)) == words
         set_language("zh")
         assert _(one_line(SerialException(words))) == words
