@@ -483,7 +483,8 @@ class SniffApp(App[None]):
     def _show_state(self) -> None:
         model, viewport = self._model, self._table.viewport
         play = model.playback
-        mode = mode_of(model.state, viewport.paused, viewport.following, play)
+        newest_in_view = viewport.following or not viewport.below
+        mode = mode_of(model.state, viewport.paused, newest_in_view, play)
         unseen = viewport.waiting if viewport.paused else viewport.below
         speed = None if play is None else play.speed
         self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))

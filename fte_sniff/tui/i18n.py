@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gettext
+import re
 from collections.abc import Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -63,6 +64,12 @@ def _texts(language: str) -> gettext.NullTranslations:
     return gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True)
 
 
+_COUNTED: Final = re.compile(
+    r"(\{(\w+)[^{}]*\} (?:row|byte|command|frame|hit|capture|column))s\b(?! (?:are|match|arrived))"
+)
+"""A number and its noun in an English text, unless a plural verb follows. Chinese has no plural."""
+
+
 def _(text: str, /, **values: object) -> str:
     """The translated text, in which each `{name}` is the value of that name.
 
@@ -74,6 +81,8 @@ def _(text: str, /, **values: object) -> str:
     shown = _catalogue.get(_ENGLISH).texts.gettext(text) if text else ""
     if not values:
         return shown  # A text from elsewhere may have braces.
+    if 1 in values.values():
+        shown = _COUNTED.sub(lambda noun: noun[1] if values.get(noun[2]) == 1 else noun[0], shown)
     texts = {name: _(one) for name, one in values.items() if isinstance(one, TranslatableText)}
     return shown.format(**(values | texts))
 

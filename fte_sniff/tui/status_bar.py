@@ -27,7 +27,7 @@ from fte_sniff.formats.cell_text import ELLIPSIS, fit, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.retention import size_text
 from fte_sniff.tui.commands import Mode, key_names, rank_of, short_text
-from fte_sniff.tui.i18n import _
+from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.text import event_text
 
 if TYPE_CHECKING:
@@ -272,9 +272,9 @@ def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
     if abbreviated:
         malformed = _("{count:>5,} bad {share:>5}")
     share = _share_text(numbers.malformed_share, 1 if abbreviated else 2)
-    rows = _("all {count:,} rows") if numbers.filtered else _("{count:>9,} rows")
+    rows = later("all {count:,} rows") if numbers.filtered else later("{count:>9,} rows")
     parts = [
-        rows.format(count=numbers.rows),
+        _(rows, count=numbers.rows),
         malformed.format(count=numbers.malformed, share=share),
     ]
     rate = numbers.frames_per_s

@@ -566,3 +566,18 @@ def test_the_documentation_has_every_mode_and_state_of_the_recording(
     missing = [mode for mode in Mode if f"| {_(mode)}" not in text]
     assert not missing
     assert not [sign for sign in RecordingSign if f"| `{sign} " not in text]
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "shown"),
+    [
+        ("{count:>5,} rows", {"count": 1}, "    1 row"),
+        ("{count:,} rows", {"count": 1001}, "1,001 rows"),
+        ("{rows:,} rows, {bytes:,} bytes", {"rows": 1, "bytes": 10}, "1 row, 10 bytes"),
+        ("{shown:,} of {all:,} rows", {"shown": 1, "all": 2}, "1 of 2 rows"),
+        ("{count:,} rows are missing here", {"count": 1}, "1 rows are missing here"),
+        ("took {ms} ms", {"ms": 1}, "took 1 ms"),
+    ],
+)
+def test_one_of_something_is_not_a_plural(form: str, values: dict[str, int], shown: str) -> None:
+    assert _(form, **values) == shown

@@ -193,8 +193,8 @@ class ExportController:
             self._notice.warn(error_text(error))
         else:
             self._forget_job()
-            text = _("saved {count:,} rows to {file}")
-            self._notice.report(text.format(count=job.rows, file=job.path))
+            text = _("saved {count:,} rows to {file}", count=job.rows, file=job.path)
+            self._notice.report(text)
             self._table.end_selection()
 
     def action_picture(self) -> None:
