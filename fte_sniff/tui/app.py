@@ -45,6 +45,7 @@ from fte_sniff.tui.commands import (
     bindings,
     key_names,
 )
+from fte_sniff.tui.controllers.controller import Parts
 from fte_sniff.tui.controllers.export import ExportController
 from fte_sniff.tui.controllers.filters import FilterController
 from fte_sniff.tui.controllers.findings import FindingsController
@@ -132,23 +133,24 @@ class SniffApp(App[None]):
         self._hit_status = HitStatus(store, self._table)
 
     def _compose_controllers(self) -> None:
-        options, model, store, table = self._options, self._model, self._model.store, self._table
-        panes, focus, notice = self._panes, self._focus, self._notice
-        speed = 1.0 if options.play_speed is None else options.play_speed
-        self.rows = RowController(store, table, focus, notice)
-        self.search = SearchController(store, table, focus, notice)
-        self.filters = FilterController(model, table, panes, focus, notice, options)
-        self.findings = FindingsController(model, table, panes, self.filters, notice)
-        self.notes = NotesController(
-            store, table, focus, notice, options.notes, options.place.cursor
+        parts = Parts(
+            self._options,
+            self._model,
+            self._table,
+            self._panes,
+            self._body,
+            self._focus,
+            self._notice,
         )
-        self.export = ExportController(model, table, focus, notice, options.export_source)
-        self.playback = PlaybackController(model, table, panes, notice, speed, options.viewers)
-        self.view = ViewController(model, table, panes, self._body, focus, notice)
+        self.rows, self.search = RowController(parts), SearchController(parts)
+        self.filters = FilterController(parts)
+        self.findings = FindingsController(parts, self.filters)
+        self.notes, self.export = NotesController(parts), ExportController(parts)
+        self.playback, self.view = PlaybackController(parts), ViewController(parts)
         self._owners: Mapping[str, object] = {
             "app": self,
-            "table": table,
-            "top": panes.top,
+            "table": self._table,
+            "top": self._panes.top,
             "rows": self.rows,
             "search": self.search,
             "filters": self.filters,

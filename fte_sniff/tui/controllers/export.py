@@ -20,12 +20,9 @@ from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import PICTURE_SUFFIX, ExportSource, SaveJob, SaveTarget, replace_text
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.prompt import PICTURE_FILE, ROWS_FILE, SaveField
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewModel
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -60,24 +57,16 @@ def _short_path(path: Path) -> str:
     return str(path)
 
 
-class ExportController:
+class ExportController(ScreenController):
     """Copies and saves rows, one file at a time, and pictures of the screen."""
 
-    def __init__(
-        self,
-        model: ViewModel,
-        table: RowTable,
-        focus: Focus,
-        notice: NoticeLine,
-        source: ExportSource,
-    ) -> None:
-        """`source` holds facts about all rows, which are saved with them."""
-        self._model, self._table, self._notice, self._source = model, table, notice, source
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
         self.job: SaveJob | None = None
         """The rows that are being saved."""
-        self.field = SaveField(focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
+        self.field = SaveField(self._focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
         self.picture_field = SaveField(
-            focus, PICTURE_FILE, [PICTURE_SUFFIX], self._picture_target, self._save_picture
+            self._focus, PICTURE_FILE, [PICTURE_SUFFIX], self._picture_target, self._save_picture
         )
 
     def action_copy_text(self) -> None:
@@ -109,7 +98,7 @@ class ExportController:
             text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
             self._notice.inform(text.format(count=len(positions), most=MAX_COPIED_ROWS))
             return None
-        rows = self._model.store.view.slice(positions.start, positions.stop)
+        rows = self._store.view.slice(positions.start, positions.stop)
         return [row for _, row in rows]
 
     def _copy(self, text: str, rows: int) -> None:
@@ -125,7 +114,7 @@ class ExportController:
         if self.job is not None:
             text = _("{file} is still being saved; esc ends that")
             self._notice.inform(text.format(file=self.job.path))
-        elif not self._model.store.view.count:
+        elif not self._store.view.count:
             self._notice.inform(_("no row is shown that could be saved"))
         else:
             self._report_row_count()
@@ -133,14 +122,14 @@ class ExportController:
 
     def _report_row_count(self) -> None:
         selected = self._selected_positions()
-        count, text = self._model.store.view.count, _("{count:,} shown rows would be saved")
+        count, text = self._store.view.count, _("{count:,} shown rows would be saved")
         if selected:
             count, text = len(selected), _("{count:,} selected rows would be saved")
         self._notice.inform(text.format(count=count))
 
     def _selected_positions(self) -> range:
         """Positions of the selected rows among those shown."""
-        selected, position_of = self._table.selected, self._model.store.view.position_of
+        selected, position_of = self._table.selected, self._store.view.position_of
         return range(position_of(selected.start), position_of(selected.stop))
 
     def _target(self, line: str) -> SaveTarget:
@@ -149,7 +138,7 @@ class ExportController:
     def _save(self, line: str) -> None:
         if not line:
             return
-        store, selected = self._model.store, self._table.selected
+        store, selected = self._store, self._table.selected
         indices = selected or range(store.first, store.next)
         try:
             job = self.job = SaveJob(self._target(line), self._export_source(selected))
@@ -162,9 +151,9 @@ class ExportController:
 
     def _export_source(self, selected: range) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
-        store = self._model.store
+        store = self._store
         zone = self._table.view.shown_zone
-        source = replace(self._source, ports=self._model.ports, zone=zone)
+        source = replace(self._options.export_source, ports=self._model.ports, zone=zone)
         if selected:
             first, last = store.row(selected.start), store.row(selected.stop - 1)
             source = source.within(first.t_ns, last.t_ns)
@@ -176,7 +165,7 @@ class ExportController:
 
     async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that pass the filter, while the screen continues."""
-        store, index = self._model.store, indices.start
+        store, index = self._store, indices.start
         # The first rows may take long, so the notice comes before them.
         await self._table.screen.wait_for_refresh()
         try:

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.errors import printable
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.modals import Entry, Picker
-from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FILTER_NAME,
     FilterField,
@@ -19,9 +17,6 @@ from fte_sniff.tui.prompt import (
     parse_filter,
     preload_filter,
 )
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,33 +31,25 @@ class _Earlier:
     """The open pane, if the filter closed it."""
 
 
-class FilterController:
+class FilterController(ScreenController):
     """Applies filters, and keeps the earlier ones and those that are saved by name."""
 
-    def __init__(
-        self,
-        model: ViewModel,
-        table: RowTable,
-        panes: PaneSwitcher,
-        focus: Focus,
-        notice: NoticeLine,
-        options: StartOptions,
-    ) -> None:
+    def __init__(self, parts: Parts) -> None:
         """Begin with the filter and the saved filters of the options."""
-        self._model, self._table, self._panes = model, table, panes
-        self._focus, self._notice = focus, notice
+        super().__init__(parts)
+        options = self._options
         self.saved = dict(options.choices.filters)
         """Filters by their names."""
         self.field = FilterField(
-            focus,
-            model.store,
+            self._focus,
+            self._store,
             options.row_filter.text if options.row_filter else "",
             self.saved,
             self._cursor_ns,
             self.set_filter,
             self._ask_name,
         )
-        self.name_field = PromptField(focus, FILTER_NAME, str, self._name_filter)
+        self.name_field = PromptField(self._focus, FILTER_NAME, str, self._name_filter)
         self.own = self.field.current
         """The filter that the user has set last, and not a finding: the one to be remembered."""
         self._earlier: list[_Earlier] = []

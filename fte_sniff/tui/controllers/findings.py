@@ -8,13 +8,10 @@ from collections.abc import Sequence
 from textual.worker import WorkType
 
 from fte_sniff.analysis.findings import Cause, Finding
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.controllers.filters import FilterController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.panes.findings import FindingsPane, span_of
-from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewModel
 
 EVERY_NS = 5_000_000_000
 """Shortest time between two searches; each takes some tenths of a second in a thread."""
@@ -26,19 +23,12 @@ SEARCH = "findings"
 """Group of the worker that searches."""
 
 
-class FindingsController:
+class FindingsController(ScreenController):
     """Keeps the findings current; shows those of a file once, and new ones of a capture."""
 
-    def __init__(
-        self,
-        model: ViewModel,
-        table: RowTable,
-        panes: PaneSwitcher,
-        filters: FilterController,
-        notice: NoticeLine,
-    ) -> None:
-        self._model, self._table, self._panes = model, table, panes
-        self._filters, self._notice = filters, notice
+    def __init__(self, parts: Parts, filters: FilterController) -> None:
+        super().__init__(parts)
+        self._filters = filters
         self._searched = 0
         """Rows that the last search has seen."""
         self._next_ns = 0
@@ -49,7 +39,7 @@ class FindingsController:
     def tick(self, now_ns: int) -> None:
         """Search in a thread, if rows came since and the last search was a while ago."""
         models = self._panes.models
-        complete = not self._model.state.running and models.known == self._model.store.next
+        complete = not self._model.state.running and models.known == self._store.next
         is_due = now_ns >= self._next_ns or (complete and not self._running)
         if self._running or models.known == self._searched or not is_due:
             return
@@ -106,5 +96,5 @@ class FindingsController:
         """Show the rows of the chosen finding, the first one under the cursor."""
         finding = self._panes.chosen_finding
         if finding is not None:
-            self._filters.go(finding.filter, self._model.store.index_from(finding.first_ns))
+            self._filters.go(finding.filter, self._store.index_from(finding.first_ns))
             self._notice.inform(_("{text}; backspace returns", text=finding.text))

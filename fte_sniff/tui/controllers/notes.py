@@ -6,41 +6,30 @@ import asyncio
 
 from textual.worker import WorkType
 
-from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.protocol import Row
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.notes import Note, Notes, RowKey, located
-from fte_sniff.tui.focus import Focus
+from fte_sniff.session.notes import Note, located
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.prompt import NOTE, PromptField
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
 
 
-class NotesController:
+class NotesController(ScreenController):
     """Marks rows, asks for notes on them, and writes these to the file of the notes.
 
     The marks that are shown are an attribute of the table.
     """
 
-    def __init__(
-        self,
-        store: RowStore,
-        table: RowTable,
-        focus: Focus,
-        notice: NoticeLine,
-        notes: Notes | None,
-        left_at: RowKey | None,
-    ) -> None:
-        """With no `notes` none are kept; `left_at` is the row where the view was left."""
-        self._store, self._table, self._notice, self._notes = store, table, notice, notes
-        self.field = PromptField(focus, NOTE, str, self._write_note)
-        self._missing = {} if notes is None else dict(notes.notes)
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
+        self._notes = self._options.notes
+        self.field = PromptField(self._focus, NOTE, str, self._write_note)
+        self._missing = {} if self._notes is None else dict(self._notes.notes)
         """Notes whose rows have not come yet."""
-        self.left_at = left_at
+        self.left_at = self._options.place.cursor
         """The row where the view was left, until it has come."""
         self._noted: tuple[int, Row] | None = None
         """The row whose note is written, after its index."""

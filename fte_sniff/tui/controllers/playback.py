@@ -7,29 +7,17 @@ from time import monotonic_ns
 
 from fte_sniff.protocol import PortEvent
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.replay import PlayRequest, Viewers
+from fte_sniff.session.replay import PlayRequest
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _
-from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewModel
 
 
-class PlaybackController:
+class PlaybackController(ScreenController):
     """Pauses the view, and plays a file from the cursor's row on."""
 
-    def __init__(
-        self,
-        model: ViewModel,
-        table: RowTable,
-        panes: PaneSwitcher,
-        notice: NoticeLine,
-        speed: float = 1.0,
-        viewers: Viewers | None = None,
-    ) -> None:
-        """`speed` is that of the first playback; viewers are other programs."""
-        self._model, self._table, self._panes, self._notice = model, table, panes, notice
-        self._speed, self._viewers = speed, viewers
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
+        self._speed = 1.0 if self._options.play_speed is None else self._options.play_speed
         self._jumped = False
         """Whether playback began at another row since the last report to the viewers."""
 
@@ -64,7 +52,7 @@ class PlaybackController:
 
     def serve(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send what was played to the viewers, and do what they ask for."""
-        viewers, model = self._viewers, self._model
+        viewers, model = self._options.viewers, self._model
         if viewers is None or model.start_ns is None:
             return
         if model.playback is not None:

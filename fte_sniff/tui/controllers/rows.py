@@ -12,12 +12,10 @@ from fte_sniff.analysis.search import find_byte, find_fault, find_raised, find_u
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.cell_text import clock_text
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.panes.row import STATES
 from fte_sniff.tui.prompt import GOTO, PromptField
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +125,12 @@ def time_at(store: RowStore, position: int) -> int | None:
     return store.view.row(position).t_ns if position < store.view.count else None
 
 
-class RowController:
+class RowController(ScreenController):
     """Moves the cursor to rows, and selects rows from the cursor on."""
 
-    def __init__(self, store: RowStore, table: RowTable, focus: Focus, notice: NoticeLine) -> None:
-        self._store, self._table, self._notice = store, table, notice
-        self.field = PromptField(focus, GOTO, parse_goal, self._go)
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
+        self.field = PromptField(self._focus, GOTO, parse_goal, self._go)
 
     def action_goto(self) -> None:
         """Ask where to go."""

@@ -9,14 +9,11 @@ from time import monotonic
 
 from textual.worker import WorkType
 
-from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search, find_step
 from fte_sniff.errors import FteSniffError
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.prompt import SEARCH, PromptField, preload_filter
-from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
 
 GROUP = "search"
 """The worker that searches, and its notice."""
@@ -25,15 +22,15 @@ SEARCH_BLOCK_S = 0.05
 """How long a search may block the screen before it continues in a worker."""
 
 
-class SearchController:
+class SearchController(ScreenController):
     """Finds the rows with a text or bytes, one hit after the other, in a worker if it takes long.
 
     The search in effect is an attribute of the table, which marks its hits.
     """
 
-    def __init__(self, store: RowStore, table: RowTable, focus: Focus, notice: NoticeLine) -> None:
-        self._store, self._table, self._notice = store, table, notice
-        self.field = PromptField(focus, SEARCH, Search.parse, self._search)
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
+        self.field = PromptField(self._focus, SEARCH, Search.parse, self._search)
 
     def action_search(self) -> None:
         """Ask for a text or bytes."""

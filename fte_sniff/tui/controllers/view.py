@@ -6,35 +6,19 @@ from dataclasses import replace
 from datetime import UTC
 
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.controllers.controller import ScreenController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, HelpPage
-from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body
-from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.panes.pane import BESIDE_CELLS
 from fte_sniff.tui.table.columns import TimeStyle
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.view_model import ViewModel
 
 
-class ViewController:
+class ViewController(ScreenController):
     """Times, columns, changed bytes, event lines, panes, the top view and the help."""
-
-    def __init__(
-        self,
-        model: ViewModel,
-        table: RowTable,
-        panes: PaneSwitcher,
-        body: Body,
-        focus: Focus,
-        notice: NoticeLine,
-    ) -> None:
-        self._model, self._table, self._panes, self._body = model, table, panes, body
-        self._focus, self._notice = focus, notice
 
     def action_times(self) -> None:
         """Switch to the next time style; without a mark or another zone, two are skipped."""
-        if self._model.start_ns is None and len(self._model.store):
+        if self._model.start_ns is None and len(self._store):
             self._notice.inform(_("no row here has a time"))
             return
         view, styles = self._table.view, list(TimeStyle)
