@@ -208,15 +208,6 @@ class Feed(Protocol):
 
 
 @runtime_checkable
-class LiveFeed(Protocol):
-    """A feed whose descriptor shows when there is something to poll."""
-
-    @property
-    def descriptor(self) -> int:
-        """Readable when there is something to poll or the feed has ended; only for waiting."""
-
-
-@runtime_checkable
 class StaticFeed(Protocol):
     """A feed that can pause its reading, which takes processor time from the screen."""
 

@@ -97,11 +97,6 @@ class LiveSession:
         """Process id of the capture, to end it without this view."""
         return self._process.pid
 
-    @property
-    def descriptor(self) -> int:
-        """File descriptor that is readable if there is something to poll; until `close`."""
-        return self._capture.fileno()
-
     def poll(self) -> FeedUpdate:
         """Rows and events since the previous poll; returns at once."""
         return self.wait(0)

@@ -323,8 +323,6 @@ class SniffApp(App[None]):
         if self._options.play_speed is not None:
             self.call_later(self.playback.action_pause)
         self.set_interval(TICK_S, self._on_clock)
-        if self._model.state.running:
-            self._poll_interval.start(lambda: self.call_later(self.tick))
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             # Only the main thread can have signal handlers.
@@ -333,7 +331,6 @@ class SniffApp(App[None]):
 
     def on_unmount(self) -> None:
         """Remove an unfinished file and the signal handlers."""
-        self._poll_interval.stop()
         if self.export.job is not None:
             self.export.job.abandon()
         self.notes.save()
@@ -381,9 +378,10 @@ class SniffApp(App[None]):
         return monotonic_ns()
 
     def _on_clock(self) -> None:
+        state = self._model.state
         waits = self._panes.models_pending or self._options.viewers is not None
         at_rest = self._model.at_rest and not waits
-        if self._poll_interval.on_clock(at_rest=at_rest):
+        if self._poll_interval.on_clock(at_rest=at_rest, captures=state.live and state.running):
             self.tick()
 
     async def on_event(self, event: Event) -> None:
@@ -407,8 +405,6 @@ class SniffApp(App[None]):
         except FteSniffError as failure:
             self._close_for(failure)
             return
-        if not self._model.state.running:
-            self._poll_interval.stop()
         if self._model.state.live and not state.live:
             self._table.action_follow()  # what was recorded so far is read
         self._panes.observe(update.events, update.stream_changes)

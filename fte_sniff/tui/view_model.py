@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import monotonic, monotonic_ns, thread_time
@@ -16,7 +15,6 @@ from fte_sniff.analysis.feed import (
     Feed,
     FeedState,
     FeedUpdate,
-    LiveFeed,
     StaticFeed,
     StreamChange,
     shifted,
@@ -25,7 +23,6 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
-from fte_sniff.platform import POSIX
 from fte_sniff.protocol import PortEvent, PortEventKind, Rows
 from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.session.replay import Playback
@@ -306,19 +303,15 @@ class HitStatus:
         return _("hit {number:,} of {all:,}", number=position.number, all=position.total)
 
 
-WAKE_INTERVAL_S: Final = 1 / 25
-"""Shortest time between two wake-ups, seconds; a live feed sends batches less often."""
+TICK_S: Final = 1 / 20
+"""Interval at which the clock polls the feed, seconds."""
 
 SHARE_OF_CORE: Final = 0.15
-"""Processor time that new rows may take on the screen, as a share of a core; if a frame takes
-longer, the next rows wait."""
+"""Processor time that new rows of a capture may take on the screen, as a share of a core; if a
+frame takes longer, the next rows wait."""
 
 LONGEST_INTERVAL_S: Final = 0.25
 """Longest time that they wait for that, seconds."""
-
-
-TICK_S: Final = 1 / 20
-"""Interval at which the clock polls the feed, seconds."""
 
 REST_TICKS: Final = 10
 """Ticks of the clock in one poll of a feed that has ended, while the user does nothing."""
@@ -331,62 +324,35 @@ KEY_PAUSE_NS: Final = 250_000_000
 
 
 class PollInterval:
-    """Decides when the feed is polled: by the clock, when it wakes the screen, not after keys."""
+    """Decides at which ticks of the clock the feed is polled."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
-        self._woken = False
         self._skipped = 0
-        """Ticks of the clock since the last poll, at rest."""
+        """Ticks since the last poll, at rest."""
         self._last_input_ns = monotonic_ns()
         self._last_key_ns = monotonic_ns() - KEY_PAUSE_NS
         self._used_s = thread_time()
-        """Processor time of the event loop's thread up to the last wake-up."""
-        self._rests_until_s = 0.0
-        self._stop_listening: Callable[[], object] = lambda: None
-
-    def start(self, callback: Callable[[], object]) -> None:
-        """Call back when a live feed has data, but not too often; needs a running event loop."""
-        if not (POSIX and isinstance(self._feed, LiveFeed)):
-            return  # the event loop of Windows cannot wait for pipes
-        loop, descriptor = asyncio.get_running_loop(), self._feed.descriptor
-
-        def listen() -> None:
-            loop.add_reader(descriptor, on_readable)
-            self._stop_listening = partial(loop.remove_reader, descriptor)
-
-        def on_readable() -> None:
-            # The descriptor stays readable until the feed, which has its own pace, reads it.
-            loop.remove_reader(descriptor)
-            self._stop_listening = loop.call_later(self._interval_s(), listen).cancel
-            self._woken = True
-            callback()
-
-        listen()
-
-    def _interval_s(self) -> float:
-        """The time until the next wake-up, by what the frames since the last one took."""
-        before_s, self._used_s = self._used_s, thread_time()
-        needed_s = (self._used_s - before_s) / SHARE_OF_CORE
-        interval_s = max(WAKE_INTERVAL_S, min(needed_s, LONGEST_INTERVAL_S))
-        self._rests_until_s = monotonic() + interval_s
-        return interval_s
-
-    def stop(self) -> None:
-        """Make no more calls; may be called again."""
-        self._stop_listening()
+        """Processor time of the event loop's thread up to the last poll."""
         self._rests_until_s = 0.0
 
-    def on_clock(self, *, at_rest: bool = False) -> bool:
-        """Whether to poll at this tick of the clock: not where the feed woke the screen since.
+    def on_clock(self, *, at_rest: bool = False, captures: bool = False) -> bool:
+        """Whether to poll at this tick.
 
-        Where nothing can change without the user, `at_rest`, most ticks are skipped.
+        Where nothing can change without the user, `at_rest`, most ticks are skipped. Where a
+        capture runs, the ticks are skipped in which the screen would take too much of a core.
         """
-        woken, self._woken = self._woken, False
         if at_rest and monotonic_ns() - self._last_input_ns > INPUT_PAUSE_NS:
             self._skipped = (self._skipped + 1) % REST_TICKS
             return self._skipped == 0
-        return not woken and monotonic() >= self._rests_until_s
+        now_s = monotonic()
+        if captures and now_s < self._rests_until_s:
+            return False
+        before_s, self._used_s = self._used_s, thread_time()
+        needed_s = min((self._used_s - before_s) / SHARE_OF_CORE, LONGEST_INTERVAL_S)
+        # The time until this tick counts for the next wait, so that the mean is the share.
+        self._rests_until_s = max(self._rests_until_s, now_s - TICK_S) + needed_s
+        return True
 
     def on_input(self) -> None:
         """Note a key or a move of the mouse."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import signal
 import socket
 import struct
@@ -19,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import FeedUpdate, LiveFeed
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.rules import parse_rule
 from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.capture.port_source import PortGroup
@@ -95,14 +94,6 @@ def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
         if holds(update.state.rows):
             return
     raise AssertionError("it ended too early")
-
-
-def test_what_has_come_can_be_waited_for() -> None:
-    with running(plan()) as session:
-        assert isinstance(session, LiveFeed)
-        assert select.select([session.descriptor], [], [], BOUND_S)[0]
-        update = session.poll()
-        assert update.rows or update.events
 
 
 def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:

@@ -1,11 +1,8 @@
-"""When the feed is polled: wake-ups, keys, files, rows that are read again."""
+"""When the feed is polled: the clock, keys, files, rows that are read again."""
 
 from __future__ import annotations
 
 import asyncio
-import socket
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -18,13 +15,12 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
 from fte_sniff.protocol import rows as columns
 from fte_sniff.protocol.rows import Codebook
-from fte_sniff.tui import app as screen
 from fte_sniff.tui import options as start_options
 from fte_sniff.tui import view_model
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes import switcher
-from fte_sniff.tui.view_model import WAKE_INTERVAL_S, PollInterval
+from fte_sniff.tui.view_model import PollInterval
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
@@ -39,7 +35,6 @@ from tests.tui.conftest import (
     type_line,
     until,
 )
-from tests.waiting import BOUND_S
 
 
 class Resting(ListFeed):
@@ -64,11 +59,9 @@ def test_a_key_holds_for_a_while_and_lets_the_feed_rest(
     assert feed.rests == 1
 
 
-def test_a_feed_that_cannot_wake_nor_rest_is_looked_at_by_the_clock() -> None:
+def test_a_feed_that_cannot_rest_is_polled_after_a_key() -> None:
     interval = PollInterval(ListFeed())
-    interval.start(pytest.fail)
     interval.on_key()
-    interval.stop()
     assert interval.on_clock()
 
 
@@ -83,138 +76,16 @@ def test_a_feed_at_rest_is_polled_seldom_unless_the_user_acts(
     assert all(interval.on_clock() for _ in range(100))
 
 
-class WakingFeed(ListFeed):
-    """A feed that can be waited for, as a capture process is."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._near, self._far = socket.socketpair()
-        self._near.setblocking(False)
-        self.polls = 0
-
-    @property
-    def descriptor(self) -> int:
-        return self._near.fileno()
-
-    def call(self) -> None:
-        """Let it be heard that there is something."""
-        self._far.send(b".")
-
-    def hang_up(self) -> None:
-        """From now on it can be read from for ever."""
-        self._far.close()
-
-    def poll(self) -> FeedUpdate:
-        self.polls += 1
-        with suppress(BlockingIOError):
-            self._near.recv(1 << 10)
-        return super().poll()
-
-    def close(self) -> None:
-        self._near.close()
-        self._far.close()
-
-
-@pytest.fixture
-def waking_feed() -> Iterator[WakingFeed]:
-    feed = WakingFeed()
-    yield feed
-    feed.close()
-
-
-@pytest.fixture
-def no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The screen's own clock does not strike while the test runs."""
-    monkeypatch.setattr(screen, "TICK_S", 3600.0)
-
-
-@pytest.mark.usefixtures("no_clock")
-def test_rows_that_come_are_shown_without_a_clock(
-    waking_feed: WakingFeed, speed_rows: Rows
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        for count in (1, 2, 3):
-            waking_feed.give(speed_rows(1, start=count - 1))
-            waking_feed.call()
-            await until(app, pilot, lambda count=count: f"{count} rows" in page(app))  # type: ignore[misc]
-
-    play(waking_feed, scenario)
-
-
-@pytest.mark.usefixtures("no_clock")
-def test_a_feed_that_has_ended_wakes_nobody(waking_feed: WakingFeed) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        waking_feed.end("unplugged")
-        waking_feed.hang_up()
-        await until(app, pilot, lambda: "unplugged" in page(app))
-        polls = waking_feed.polls
-        await pilot.pause(3 * WAKE_INTERVAL_S)
-        assert waking_feed.polls == polls
-
-    play(waking_feed, scenario)
-
-
-def test_a_feed_cannot_hurry_the_screen_and_the_clock_skips_a_tick_after_a_wake(
-    waking_feed: WakingFeed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def scenario() -> None:
-        interval, loop = PollInterval(waking_feed), asyncio.get_running_loop()
-        call_later = loop.call_later
-        asked: list[float] = []
-        woken: list[float] = []
-        third = asyncio.Event()
-
-        def logged(delay: float, callback: Any, *arguments: Any) -> asyncio.TimerHandle:
-            # A busy machine calls back late; when the call was asked for is known.
-            if delay == WAKE_INTERVAL_S:
-                asked.append(loop.time())
-            return call_later(delay, callback, *arguments)
-
-        def wake() -> None:
-            woken.append(loop.time())
-            if len(woken) == 3:
-                third.set()
-
-        waking_feed.call()  # never read: it can be read from all the time
-        assert interval.on_clock()
-        with monkeypatch.context() as patch:
-            patch.setattr(loop, "call_later", logged)
-            interval.start(wake)
-            await asyncio.wait_for(third.wait(), BOUND_S)
-            interval.stop()
-            interval.stop()
-        waits = [wake_s - asked_s for asked_s, wake_s in zip(asked, woken[1:], strict=False)]
-        assert len(waits) == 2
-        assert min(waits) >= 0.99 * WAKE_INTERVAL_S
-        assert [interval.on_clock() for _ in range(3)] == [False, True, True]
-
-    asyncio.run(scenario())
-
-
 @pytest.mark.parametrize("share", [1e-12, 1e12])
-def test_rows_wait_if_drawing_takes_more_than_its_share_of_a_core(
-    monkeypatch: pytest.MonkeyPatch, waking_feed: WakingFeed, share: float
+def test_rows_of_a_capture_wait_if_drawing_takes_more_than_its_share_of_a_core(
+    monkeypatch: pytest.MonkeyPatch, share: float
 ) -> None:
     monkeypatch.setattr(view_model, "SHARE_OF_CORE", share)
     monkeypatch.setattr(view_model, "LONGEST_INTERVAL_S", 3600.0)
-
-    async def scenario() -> None:
-        interval, woken = PollInterval(waking_feed), asyncio.Event()
-        waking_feed.call()
-        interval.start(woken.set)
-        await asyncio.wait_for(woken.wait(), BOUND_S)
-        assert not interval.on_clock()
-        if share > 1:
-            woken.clear()
-            await asyncio.wait_for(woken.wait(), BOUND_S)
-        else:
-            await asyncio.sleep(2 * WAKE_INTERVAL_S)
-            assert not interval.on_clock()
-        interval.stop()
-        interval.on_clock()
-        assert interval.on_clock()
-
-    asyncio.run(scenario())
+    interval = PollInterval(ListFeed())
+    assert interval.on_clock(captures=True)
+    assert interval.on_clock(captures=True) is (share > 1)
+    assert interval.on_clock(), "a file is polled at every tick"
 
 
 def test_port_events_of_a_file_are_reported_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
