@@ -4,8 +4,6 @@
 theme = "textual-light"
 pane_height = 40                # percent; wide terminals: pane_beside = false, pane_width = 40
 columns = ["time", "kind", "values", "faults"]
-widths = { time = 15 }
-widths_at = 119                 # cells of the table for which the widths were chosen
 delta = "frame"                 # or row, answer: what the column of time differences measures
 changes = true                  # highlight bytes that changed
 events = false                  # no lines of port events
@@ -41,7 +39,7 @@ import click
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
-from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES, Delta
+from fte_sniff.tui.table.columns import ORDER, VALUES, Delta
 
 if TYPE_CHECKING:
     from fte_sniff.session.notes import Place
@@ -99,17 +97,12 @@ class Settings:
     def choices(self) -> Choices:
         """Theme, view, filters and panes of the screen."""
         from fte_sniff.tui.options import Choices, PaneLayout
-        from fte_sniff.tui.table.columns import ColumnChoice
 
         setting = self.screen.get
-        columns = None
-        if (names := setting("columns")) is not None:
-            widths = tuple(setting("widths", {}).items())
-            columns = ColumnChoice(names, widths, setting("widths_at"))
         height, width = setting("pane_height"), setting("pane_width")
         return Choices(
             setting("theme"),
-            columns,
+            setting("columns"),
             filters=tuple(self.filters.items()),
             panes=PaneLayout(setting("pane_beside") is not False, height, width),
             delta=Delta[setting("delta", "row").upper()],
@@ -119,12 +112,10 @@ class Settings:
 
     def choices_at(self, place: Place) -> Choices:
         """The choices, with the columns of a view that was left."""
-        from fte_sniff.tui.table.columns import ColumnChoice
-
         names = place.columns
         if names is None or not set(names) <= set(_COLUMNS):
             return self.choices
-        return replace(self.choices, columns=ColumnChoice(names, place.widths))
+        return replace(self.choices, columns=names)
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""
@@ -188,15 +179,6 @@ def _columns(value: Any) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _widths(value: Any) -> Mapping[str, int]:
-    if isinstance(value, dict) and all(name in _COLUMNS for name in value):
-        with suppress(ValueError):
-            cells = {name: _whole(width) for name, width in value.items()}
-            if all(MIN_WIDTH <= width <= MAX_WIDTH for width in cells.values()):
-                return cells
-    raise ValueError(f"a table of columns with {MIN_WIDTH} to {MAX_WIDTH} cells each")
-
-
 class ScreenSetting(NamedTuple):
     """An entry of the table of the screen."""
 
@@ -207,11 +189,7 @@ class ScreenSetting(NamedTuple):
 
 SCREEN_SETTINGS: Final[Mapping[str, ScreenSetting]] = {
     "theme": ScreenSetting(_word(THEMES), lambda one: one.theme),
-    "columns": ScreenSetting(_columns, lambda one: one.columns and one.columns.names),
-    "widths": ScreenSetting(
-        _widths, lambda one: (one.columns and dict(one.columns.widths)) or None
-    ),
-    "widths_at": ScreenSetting(_whole, lambda one: one.columns and one.columns.widths_at),
+    "columns": ScreenSetting(_columns, lambda one: one.columns),
     "delta": ScreenSetting(
         _word([delta.name.lower() for delta in Delta]),
         lambda one: None if one.delta is Delta.ROW else one.delta.name.lower(),

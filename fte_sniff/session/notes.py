@@ -382,7 +382,6 @@ class Place:
 
     filter: str = ""
     columns: tuple[str, ...] | None = None
-    widths: tuple[tuple[str, int], ...] = ()
     cursor: RowKey | None = None
 
 
@@ -413,12 +412,11 @@ def _read_places() -> dict[str, Any]:
 def read_place(files: Iterable[Path]) -> Place:
     """Where the view of these files was left; the start if that is unknown."""
     match _read_places().get(_view_key(files)):
-        case {"filter": str(text), "columns": columns, "widths": widths, "cursor": cursor}:
+        case {"filter": str(text), "columns": columns, "cursor": cursor}:
             with suppress(TypeError, ValueError):
                 return Place(
                     text,
                     None if columns is None else tuple(map(str, columns)),
-                    tuple((str(name), int(width)) for name, width in widths),
                     None if cursor is None else RowKey(str(cursor[0]), *map(int, cursor[1:3])),
                 )
     return START

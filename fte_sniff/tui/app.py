@@ -359,12 +359,11 @@ class SniffApp(App[None]):
     @property
     def place(self) -> Place:
         """Where the view is now."""
-        row, choice = self._table.cursor_row, self._table.view.choice
+        row = self._table.cursor_row
         capture = self.notes.capture_at(self._table.last_index)
         return Place(
             self.filters.own,
-            None if choice is None else choice.names,
-            () if choice is None else choice.widths,
+            self._table.view.choice,
             None if row is None else RowKey(row.port, row.offset, capture),
         )
 

@@ -296,8 +296,8 @@ HANDLING: tuple[Command, ...] = (
     _rows(
         "C",
         "view.columns",
-        "choose columns, their order and widths",
-        words="fields width layout delta",
+        "choose columns and their order",
+        words="fields layout delta",
     ),
     _key(
         "ctrl+t",

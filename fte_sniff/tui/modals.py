@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, combinations, pairwise, zip_longest
 from pathlib import Path
 from typing import ClassVar, Final, TypeAlias
@@ -39,16 +39,12 @@ from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
     DELTA,
-    MAX_WIDTH,
-    MIN_WIDTH,
     ORDER,
     RAISED_MARK,
     VALUES,
-    ColumnChoice,
     Delta,
     TableView,
     TimeStyle,
-    column_of,
     layout_for,
 )
 from fte_sniff.tui.table.painter import (
@@ -231,33 +227,16 @@ class Picker(ListScreen[str | None]):
             self._finish(None)
 
 
-KEYS = later("space: show, K J: move, < >: width, r: as it was, enter, esc")
+KEYS = later("space: show, K J: move, r: as it was, enter, esc")
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenColumns:
     """Result of the column chooser."""
 
-    choice: ColumnChoice | None
+    names: tuple[str, ...] | None
+    """From left to right; None where the width of the window decides."""
     delta: Delta
-
-
-@dataclass(slots=True)
-class _ColumnLine:
-    name: str
-    is_shown: bool
-    usual: int
-    """Its width in a table of this size without a choice."""
-    width: int
-
-    def text(self, delta: Delta) -> str:
-        if self.name == VALUES:
-            meaning = _("all values of a row by their short names, as far as there is room")
-        elif self.name == DELTA:
-            meaning = _("{meaning} (d: another)", meaning=_(delta.meaning))
-        else:
-            meaning = _(COLUMN_BY_NAME[self.name].meaning)
-        return f"[{'x' if self.is_shown else ' '}] {self.name:<10} {meaning}"
 
 
 class ColumnChooser(ListScreen[ChosenColumns | None]):
@@ -268,30 +247,30 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
     def __init__(self, view: TableView, cells: int) -> None:
         """A list of all columns, for a table of that many cells."""
         super().__init__()
-        self._cells, self._delta = cells, view.delta
-        shown = layout_for(cells, view).columns
-        names = tuple(column.name for column in shown)
-        usual = layout_for(cells, replace(view, choice=ColumnChoice(names))).columns
-        self._columns = [
-            _ColumnLine(column.name, True, one.width, column.width)
-            for column, one in zip(shown, usual, strict=True)
-        ]
-        for name in (*ORDER, VALUES):
-            if name not in names:
-                width = column_of(name, view).width
-                self._columns.append(_ColumnLine(name, False, width, width))
+        self._delta = view.delta
+        shown = [column.name for column in layout_for(cells, view).columns]
+        self._names = list(dict.fromkeys((*shown, *ORDER, VALUES)))
+        self._shown = set(shown)
 
     def on_mount(self) -> None:
         """Draw the list."""
         self._draw(0)
 
     def _draw(self, cursor: int) -> None:
-        lines = [(column.text(self._delta), f"{column.width:>3}") for column in self._columns]
-        self._show(_("columns"), _(KEYS), lines, cursor)
+        self._show(_("columns"), _(KEYS), [(self._line(name), "") for name in self._names], cursor)
+
+    def _line(self, name: str) -> str:
+        if name == VALUES:
+            meaning = _("all values of a row by their short names, as far as there is room")
+        elif name == DELTA:
+            meaning = _("{meaning} (d: another)", meaning=_(self._delta.meaning))
+        else:
+            meaning = _(COLUMN_BY_NAME[name].meaning)
+        return f"[{'x' if name in self._shown else ' '}] {name:<10} {meaning}"
 
     def _choose(self, event: events.Key) -> None:
         cursor = self._cursor
-        column, last = self._columns[cursor], len(self._columns) - 1
+        name, last = self._names[cursor], len(self._names) - 1
         match event.key:
             case "k":
                 cursor -= 1
@@ -300,14 +279,10 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
             case "K" | "shift+up" | "J" | "shift+down":
                 by = -1 if event.key in ("K", "shift+up") else 1
                 cursor = min(max(0, cursor + by), last)
-                self._columns.remove(column)
-                self._columns.insert(cursor, column)
+                self._names.remove(name)
+                self._names.insert(cursor, name)
             case "space" | "x":
-                column.is_shown = not column.is_shown
-            case "less_than_sign" | "left" | "h":
-                column.width = max(MIN_WIDTH, column.width - 1)
-            case "greater_than_sign" | "right" | "l":
-                column.width = min(MAX_WIDTH, column.width + 1)
+                self._shown ^= {name}
             case "d":
                 self._delta = self._delta.after
             case "r":
@@ -320,17 +295,12 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
             self._draw(cursor)
 
     def _click(self, number: int) -> None:
-        self._columns[number].is_shown = not self._columns[number].is_shown
+        self._shown ^= {self._names[number]}
         self._draw(number)
 
     def _chosen(self) -> ChosenColumns | None:
-        shown = [column for column in self._columns if column.is_shown]
-        if not shown:
-            return None
-        names = tuple(column.name for column in shown)
-        widths = tuple((one.name, one.width) for one in shown if one.width != one.usual)
-        choice = ColumnChoice(names, widths, self._cells if widths else None)
-        return ChosenColumns(choice, self._delta)
+        names = tuple(name for name in self._names if name in self._shown)
+        return ChosenColumns(names, self._delta) if names else None
 
 
 EVENT_MEANING = later("a port event, or rows that are missing: not a row")

@@ -15,7 +15,7 @@ from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.replay import Viewers
 from fte_sniff.session.save import UNKNOWN, ExportSource
-from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView
+from fte_sniff.tui.table.columns import Delta, TableView
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
@@ -43,7 +43,8 @@ class Choices:
 
     theme: str | None = None
     """One of `i18n.THEMES`; None for the default."""
-    columns: ColumnChoice | None = None
+    columns: tuple[str, ...] | None = None
+    """From left to right, at least one; None where the width of the window decides."""
     language: str | None = None
     """A key of `i18n.LANGUAGES`; None where it was not switched."""
     filters: tuple[tuple[str, str], ...] = ()

@@ -25,7 +25,7 @@ from fte_sniff.cli.settings import (
 from fte_sniff.errors import FileError
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
-from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
+from fte_sniff.tui.table.columns import ORDER, VALUES
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 from tests.cost import grows_linearly
@@ -36,8 +36,6 @@ WHOLE = """
 [screen]
 theme = "textual-light"       # at noon
 columns = ["time", "kind", "values"]
-widths = { time = 15 }
-widths_at = 119
 delta = "frame"
 changes = true
 events = false
@@ -62,8 +60,6 @@ screens = st.fixed_dictionaries(
     optional={
         "theme": st.sampled_from(THEMES),
         "columns": st.lists(names, min_size=1, unique=True).map(tuple),
-        "widths": st.dictionaries(names, st.integers(MIN_WIDTH, MAX_WIDTH), min_size=1),
-        "widths_at": st.integers(1, 500),
         "delta": st.sampled_from(["row", "frame", "answer"]),
         "changes": st.booleans(),
         "events": st.booleans(),
@@ -97,8 +93,6 @@ def test_all_settings_are_read(file: Path) -> None:
     assert settings.screen == {
         "theme": "textual-light",
         "columns": ("time", "kind", "values"),
-        "widths": {"time": 15},
-        "widths_at": 119,
         "delta": "frame",
         "changes": True,
         "events": False,
@@ -132,9 +126,6 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[screen]\ndelta = "mark"\n', "delta in [screen] must be one of row, frame, answer"),
         ("[screen]\nchanges = 1\n", "changes in [screen] must be true or false"),
         ('[screen]\nlanguage = "tlh"\n', "language in [screen] must be one of en, zh, auto"),
-        ("[screen]\nwidths = 3\n", "widths in [screen] must be a table of columns"),
-        ("[screen]\nwidths = { time = 1 }\n", "with 3 to 200 cells each"),
-        ("[screen]\nwidths = { moter = 9 }\n", "widths in [screen] must be a table of columns"),
         ("[screen]\ncolumns = [[]]\n", "columns in [screen] must be a list"),
         ("[screen]\npane_beside = 1\n", "pane_beside in [screen] must be true or false"),
         ("[screen]\npane_width = 5\n", "must be a whole number from 10 to 85, in percent"),

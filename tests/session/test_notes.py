@@ -297,7 +297,7 @@ def test_the_row_that_contains_the_byte_is_found() -> None:
 
 def test_a_view_reopens_where_it_was_left(recording: Path, state: Path) -> None:
     assert read_place([recording]) == START
-    place = Place("motor = 1", ("time", "raw"), (("time", 20),), RowKey("p", 30, 1))
+    place = Place("motor = 1", ("time", "raw"), RowKey("p", 30, 1))
     save_place([recording], place)
     assert read_place([recording]) == place
     assert read_place([recording, recording]) == START

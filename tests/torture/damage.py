@@ -333,7 +333,6 @@ SETTINGS = """\
 [screen]
 theme = "textual-light"
 columns = ["time", "kind", "values", "faults"]
-widths = { time = 15 }
 language = "zh"
 [live]
 ports = ["loop://"]

@@ -199,16 +199,15 @@ def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any) -> None
     play(feed, scenario, rows=100)
 
 
-def test_columns_are_chosen_ordered_and_sized(feed: Any) -> None:
+def test_columns_are_chosen_and_ordered(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "C")
         assert isinstance(app.screen, ColumnChooser)
         await settle(app, pilot)
         assert "[x] kind" in page(app)
-        await press(app, pilot, "space", "down", "K", "less_than_sign", "less_than_sign", "enter")
+        await press(app, pilot, "space", "down", "K", "enter")
         await settle(app, pilot)
         assert lines(app)[1].split()[:2] == ["kind", "values"]
-        assert table(app).columns[0].width == 9
         await press(app, pilot, "C", "down", "space", "escape")
         await settle(app, pilot)
         assert lines(app)[1].split()[0] == "kind"

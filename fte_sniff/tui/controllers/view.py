@@ -46,11 +46,11 @@ class ViewController(ScreenController):
         self._notice.inform(_("port events are shown") if events else _("port events are hidden"))
 
     def action_columns(self) -> None:
-        """Choose columns, their order and widths."""
+        """Choose columns and their order."""
 
         def choose(chosen: ChosenColumns | None) -> None:
             if chosen is not None:
-                self._table.set_view(choice=chosen.choice, delta=chosen.delta)
+                self._table.set_view(choice=chosen.names, delta=chosen.delta)
 
         chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
         self._table.app.push_screen(chooser, choose)

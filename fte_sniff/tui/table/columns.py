@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone
@@ -57,37 +56,14 @@ class Delta(ExplainedWord):
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnChoice:
-    """Columns that the user has chosen, and their widths."""
-
-    names: tuple[str, ...]
-    """From left to right; at least one."""
-    widths: tuple[tuple[str, int], ...] = ()
-    """Cells of the columns whose width the user has chosen."""
-    widths_at: int | None = None
-    """Cells of the table when the widths were chosen; None where they apply to every table."""
-
-    def width_of(self, name: str, usual: int, cells: int) -> int:
-        """The width of a column in a table of that many cells; `usual` is the default there.
-
-        A width that was chosen in a wider table may not cut other columns here, and one that was
-        chosen in a narrower table may not cut this column.
-        """
-        chosen = dict(self.widths).get(name, usual)
-        if self.widths_at is None or _size_class(cells) == _size_class(self.widths_at):
-            return chosen
-        return min(chosen, usual) if cells < self.widths_at else max(chosen, usual)
-
-
-@dataclass(frozen=True, slots=True)
 class TableView:
     """How the table shows rows."""
 
     ports: tuple[str, ...] = ()
     """Ports so far; from two on there is a column for them."""
     times: TimeStyle = TimeStyle.CLOCK
-    choice: ColumnChoice | None = None
-    """None where the width of the window decides."""
+    choice: tuple[str, ...] | None = None
+    """The columns from left to right, at least one; None where the width of the window decides."""
     delta: Delta = Delta.ROW
     changes: bool = False
     """Whether bytes that changed are highlighted, and the others dimmed."""
@@ -131,7 +107,7 @@ SHOWN = tuple(_shown())
 """Columns of a table for which the user has not chosen any."""
 
 
-MIN_WIDTH, MAX_WIDTH = 3, 200
+MIN_WIDTH = 3
 
 HOURS_WIDTH = len("12:00:00.000")
 
@@ -174,8 +150,8 @@ class TableColumn:
         return (fit_right if self.number else fit)(head, self.width)
 
     def sized(self, width: int) -> TableColumn:
-        """The column with another width, within the limits."""
-        return replace(self, width=min(max(width, MIN_WIDTH), MAX_WIDTH))
+        """The column with another width, at least `MIN_WIDTH`."""
+        return replace(self, width=max(width, MIN_WIDTH))
 
 
 def column_of(name: str, view: TableView) -> TableColumn:
@@ -277,13 +253,6 @@ NARROW = 49
 WITH_DELTA = 119
 """Cells from which on there is a column of time differences."""
 
-_SIZE_CLASSES = (NARROW, 100, WITH_DELTA, 160)
-
-
-def _size_class(cells: int) -> int:
-    return bisect_right(_SIZE_CLASSES, cells)
-
-
 _WIDE: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 17, VALUES: 30}
 _MEDIUM: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 11, VALUES: 21}
 _SMALL: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 8, "port": 10, VALUES: 14}
@@ -346,21 +315,11 @@ class TableLayout:
 def layout_for(width: int, view: TableView) -> TableLayout:
     """The layout of a view in a table of `width` cells."""
     if view.choice is not None:
-        return _chosen(view.choice, width, view)
+        return _sized(view.choice, view.choice[-1], width, view)
     hidden = {"port"} if len(view.ports) < 2 else set()
     hidden |= {DELTA} if width < WITH_DELTA else set()
     names = tuple(name for name in SHOWN if name not in hidden)
     return _sized(names, "raw", width, view)
-
-
-def _chosen(choice: ColumnChoice, width: int, view: TableView) -> TableLayout:
-    usual = _sized(choice.names, choice.names[-1], width, view)
-    return TableLayout(
-        tuple(
-            column.sized(choice.width_of(column.name, column.width, width))
-            for column in usual.columns
-        )
-    )
 
 
 def _sized(names: tuple[str, ...], last: str, width: int, view: TableView) -> TableLayout:
@@ -391,7 +350,7 @@ def _with_widths(names: tuple[str, ...], widths: Mapping[str, int], view: TableV
     columns = (column_of(name, view) for name in names)
     return TableLayout(
         tuple(
-            column.sized(min(column.width, widths.get(column.name, MAX_WIDTH)))
+            column.sized(min(column.width, widths.get(column.name, column.width)))
             for column in columns
         )
     )
