@@ -34,8 +34,20 @@ FOLDER = Path(tui.__file__).parent
 def private_names(kind: type) -> frozenset[str]:
     """Private attributes and methods of a class and its parents, as far as they are Textual's."""
     parents = [one for one in kind.__mro__ if one.__module__.startswith("textual.")]
-    code = "".join(map(inspect.getsource, parents))
+    code = "".join(class_sources(one.__module__)[one.__name__] for one in parents)
     return frozenset(re.findall(r"(?:def |self\.)(_[a-z]\w*)", code))
+
+
+@cache
+def class_sources(module: str) -> dict[str, str]:
+    """Sources of the classes of a module; `inspect.getsource` parses the module for each class."""
+    source = inspect.getsource(import_module(module))
+    lines = source.splitlines(keepends=True)
+    return {
+        node.name: "".join(lines[node.lineno - 1 : node.end_lineno])
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 def used_names(tree: ast.Module, name: str) -> Iterator[str]:
