@@ -44,10 +44,11 @@ from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, 
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.commands import COMMANDS, SECTIONS, Mode, short_text
-from fte_sniff.tui.i18n import _, error_text, language_of, set_language
+from fte_sniff.tui.commands import COMMANDS, KEY_NAMES, SECTIONS, Mode, short_text
+from fte_sniff.tui.i18n import CATALOGUES, _, error_text, language_of, set_language
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes import motors
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.status_bar import (
     RecordingSign,
@@ -387,7 +388,7 @@ def test_the_example_of_a_note_and_the_keys_of_the_help_are_chinese(
         feed.give(speed_rows(9))
         await settle(app, pilot)
         await press(app, pilot, "question_mark")
-        assert "↓、PgDn、End" in squeezed(app)
+        assert "↓、pgdn、end" in squeezed(app)
         await press(app, pilot, "escape", "number_sign")
         assert "用手按住了轮子" in squeezed(app)
 
@@ -493,6 +494,37 @@ def test_no_translated_text_has_an_english_list_in_it() -> None:
     package = Path(errors.__file__).parent
     found = [text for path in package.rglob("*.py") for text in _texts_with_joined_words(path)]
     assert found == []
+
+
+_CATALOGUE = CATALOGUES / "zh" / "LC_MESSAGES" / "fte-sniff.po"
+RETIRED_WORDS = {
+    **dict.fromkeys(KEY_NAMES, r"(?<![a-z_]){}(?![a-z_])"),
+    **{"PgDn": "{}", "PgUp": "{}", "重新找到": "{}", "串口丢失": "{}"},
+}
+"""Names of keys that have a Chinese one, and other words for what has one; each with its form."""
+
+
+def test_keys_and_a_lost_port_have_one_name_each_in_chinese() -> None:
+    texts = re.findall(r'^msgstr "(.*)"$', _CATALOGUE.read_text("utf-8"), re.MULTILINE)
+    assert len(texts) > 500
+    for word, form in RETIRED_WORDS.items():
+        pattern = re.compile(form.format(re.escape(word)))
+        assert [text for text in texts if pattern.search(re.sub("{.*?}", "", text))] == []
+
+
+def test_the_numbers_of_a_motor_are_behind_their_names_in_chinese() -> None:
+    set_language("zh")
+    for form in (motors.WINDOW[0], *motors.COMMANDS, "{rate} commands, no answer for {span}"):
+        assert _(form).startswith("命令 {rate}")
+    for form in ("{rate} feedback", *motors.FEEDBACK):
+        assert _(form).startswith("反馈 {rate}")
+
+
+def test_padding_begins_its_text_in_chinese() -> None:
+    texts = re.findall(r'^msgstr "(.*)"$', _CATALOGUE.read_text("utf-8"), re.MULTILINE)
+    padded = [text for text in texts if ":>" in text]
+    assert padded
+    assert all(text.startswith("{") for text in padded)
 
 
 def test_a_text_from_outside_is_never_translated() -> None:

@@ -41,7 +41,9 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.tui import i18n
 from fte_sniff.tui.app import LOW, SniffApp
+from fte_sniff.tui.i18n import LANGUAGES, set_language
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import STEP_SHARE, Pane
@@ -66,7 +68,7 @@ from fte_sniff.tui.panes.row import (
 from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
 from fte_sniff.tui.table.theme import DARK, LIGHT
 from fte_sniff.tui.table.widget import TableHeader
-from fte_sniff.tui.text import span_text, turns_text
+from fte_sniff.tui.text import event_words, span_text, turns_text
 from tests.analysis import conftest
 from tests.slow import first
 from tests.tui.conftest import (
@@ -608,7 +610,9 @@ def test_raised_flags_of_all_motors_do_not_push_the_rates_out() -> None:
     rows += [feedback(at, 1 + at % 4, 1 << (at + 1) % 8, 0) for at in range(800, 1600)]
     lines = _page(rows, 80).text.plain.split("\n")
     assert sum("ERROR bit" in line for line in lines) == 16
-    assert lines[0].startswith("^ ERROR was set or ONLINE missing: motor 1, 2, 3, 4;")
+    assert lines[0].startswith("^ ERROR was set or ONLINE missing: motors 1, 2, 3, 4;")
+    one = _page([feedback(1, 1, 1)], 80).text.plain
+    assert one.startswith("^ ERROR was set or ONLINE missing: motor 1;")
     rates = [at for at, line in enumerate(lines) if "speed_feedback" in line]
     assert len(rates) == 4
     assert max(rates) < 12
@@ -638,6 +642,22 @@ def test_port_events_and_unread_rows_are_shown(speed_rows: Rows) -> None:
     text = reported.text.plain
     assert "port events: line error 3 (last 12:00:00.000)" in text
     assert "1,234 rows to go" in text
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("width", [40, 60, 80, 200])
+def test_port_events_are_wrapped_and_not_cut(speed_rows: Rows, language: str, width: int) -> None:
+    page = _page(speed_rows(100), width)
+    events = [PortEvent(NOON_NS, "/dev/ttyUSB0", kind, "") for kind in PortEventKind]
+    page.models.statistics.observe_events(events * 1234)
+    set_language(language)
+    text = page.text.plain
+    whole = i18n._("{event} {count:,} (last {time})")
+    for kind in PortEventKind:
+        shown = whole.format(event=i18n._(event_words(kind)), count=1234, time="12:00:00.000")
+        assert "".join(shown.split()) in "".join(text.split())
+    set_language("en")
+    assert all(cell_len(line) <= width for line in text.split("\n"))
 
 
 def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
@@ -758,7 +778,7 @@ def test_a_card_shows_target_and_feedback() -> None:
 def test_a_bit_is_shown_as_set_or_cleared() -> None:
     rows = [_row("speed_feedback", at, motor=1, rpm=0, error=8 * (at > 1)) for at in (0, 1, 2, 3)]
     assert "error 08 bit 3 set 12:00:02.000" in grid(_look(rows, 3), 199, 37, DARK).plain
-    assert "error 08 b3=1 12:00:02" in grid(_look(rows, 3), 79, 22, DARK).plain
+    assert "error 08 since 12:00:02" in grid(_look(rows, 3), 79, 22, DARK).plain
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 7])
@@ -828,6 +848,32 @@ def test_a_low_pane_shows_the_motor_with_the_most_events() -> None:
     assert grid(_look(_troubled(), 9.99), 78, 17, DARK).plain.startswith("motor 3")
     sound = replace(_look(_drive()[:20], 0.9), of_row=2)
     assert grid(sound, 78, 17, DARK).plain.startswith("motor 1")
+
+
+@pytest.mark.parametrize("size", [(78, 17), (118, 18)])
+def test_one_lane_for_several_kinds_of_events_has_their_signs(size: tuple[int, int]) -> None:
+    text = grid(_look(_troubled(), 9.97), *size, DARK).plain
+    labels = re.findall(r"(?m)(?:^|  ) *(\S+ ?\d+) ", text)
+    signs = {sign for label in labels for sign in label if not sign.isdigit()} - {" "}
+    assert {"x", "!"} <= signs
+
+
+@pytest.mark.parametrize("key", ["b", "M", "i", "S", "exclamation_mark"])
+@pytest.mark.parametrize("size", [(80, 24), (118, 30), (60, 20)])
+def test_title_of_a_pane_has_the_keys_that_fit_and_always_that_it_closes(
+    feed: Any, key: str, size: tuple[int, int]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(_troubled())
+        await settle(app, pilot)
+        await press(app, pilot, "k", key)
+        await settle(app, pilot)
+        (pane,) = [pane for pane in app.query(Pane) if pane.display]
+        title = str(pane.border_title)
+        assert cell_len(title) <= size[0] - 4
+        assert "esc: close" in title
+
+    play(feed, scenario, size)
 
 
 def test_an_unknown_value_is_a_dash() -> None:

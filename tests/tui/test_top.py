@@ -115,15 +115,18 @@ def test_all_lines_of_all_motors_fit_24_lines(feed: Any, width: int) -> None:
     play(feed, scenario, (width, 24))
 
 
-def test_columns_come_with_the_width_and_never_go() -> None:
+@pytest.mark.parametrize("ports", [1, 2])
+def test_columns_come_with_the_width_whole_and_never_go(ports: int) -> None:
     before: set[str] = set()
-    for width in range(79, 260):
-        columns = columns_for(width, 1)
+    for width in range(18, 280):
+        columns = columns_for(width, ports)
+        assert all(cells >= column.width for column, cells in columns)
         assert sum(cells + 1 for _column, cells in columns) <= width
         heads = {column.head for column, _cells in columns}
         assert before <= heads
         before = heads
-    assert len(before) == len(COLUMNS) - 1
+    assert len(before) == len(COLUMNS) - (ports == 1)
+    assert {column.head for column, _ in columns_for(40, 1)} == {"kind", "motor", "values"}
     assert {column.head for column, _ in columns_for(120, 1)} >= {"target", "unanswered"}
 
 

@@ -238,10 +238,12 @@ class MotorCard:
         return [self._lane(ticks, found)] if found else []
 
     def _lane(self, ticks: Mapping[MotorEvent, Ints], events: Sequence[MotorEvent]) -> Text:
-        """The signs of events at their times, the gravest of a cell; the label has their number."""
+        """The signs of events at their times, the gravest of a cell; the label has all signs."""
         styles = {event: _style_of(event, self.palette) for event in events}
         count = short_number(sum(int(ticks[event].sum()) for event in events))
-        label = count if len(events) > 1 else f"{LANES[events[0]]} {count}"
+        signs = "".join(LANES[event] for event in events)
+        forms = (f"{signs} {count}", f"{signs}{count}", f"{signs[0]}… {count}")
+        label = first_fitting(forms, SCALE_CELLS - 1)
         line = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=self.palette.muted)
         for cell in zip(*(ticks[event].tolist() for event in events), strict=True):
             worst = next((one for one, count in zip(events, cell, strict=True) if count), None)
@@ -291,7 +293,7 @@ class MotorCard:
             value, second = error.byte >> bit & 1, self.view.clock(t_ns, 0)
             form = _("bit {bit} set {time}") if value else _("bit {bit} cleared {time}")
             forms = [form.format(bit=bit, time=time) for time in (self.view.clock(t_ns), second)]
-            forms.append(f"b{bit}={value} {second}")
+            forms += [_(" since {time}", time=second).strip(), second]
             change = first_fitting(forms, width - text.cell_len - 1)
             text.append(f" {change}", self.palette.muted)
         return text

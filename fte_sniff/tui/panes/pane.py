@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -31,6 +32,9 @@ HINT = later("J K: scroll   esc: close")
 
 FIELD: Final = "field"
 """Key in the meta data of a style, under which the number of a field is."""
+
+_KEY_SPACE: Final = "   "
+_KEY_GAP: Final = re.compile(" {2,}")
 
 P = ParamSpec("P")
 
@@ -172,14 +176,16 @@ class Pane(VerticalScroll, can_focus=False):
 
     @property
     def hint(self) -> str:
-        """The keys that have an effect now; shown after the title where they fit."""
+        """The keys that have an effect now; those that fit are shown after the title."""
         return self.HINT
 
     def set_title(self, *titles: str) -> None:
         """Set the first title that fits, or else the last."""
         width = self.size.width - _CORNERS
         title = first_fitting(titles, width)
-        text = first_fitting((f"{title}   {_(self.hint)}", title), width)
+        *keys, close = _KEY_GAP.split(_(self.hint))
+        hints = (_KEY_SPACE.join((*keys[:n], close)) for n in range(len(keys), -1, -1))
+        text = first_fitting((*(f"{title}{_KEY_SPACE}{hint}" for hint in hints), title), width)
         if text != self._title:
             self._title = text
             self.border_title = Text(text)

@@ -421,7 +421,7 @@ class BytesPane(Pane):
 
     NAME = "bytes"
     EXPLAINS_ROW = True
-    HINT = later("<this row>  [ ]: field  J K: scroll  esc: close")
+    HINT = later("<this row>   [ ]: field   J K: scroll   esc: close")
 
     def draw(self, context: PaneContext) -> None:
         """Dump the bytes around the cursor's row, where they are not shown already."""

@@ -28,6 +28,7 @@ from fte_sniff.formats.cell_text import (
     rate_text,
     share_text,
     sparkline,
+    wrap,
 )
 from fte_sniff.protocol import KINDS, Direction, status_of
 from fte_sniff.protocol.look import LOOKS
@@ -126,9 +127,11 @@ class StatisticsPage:
                 yield from finding_lines(finding, self.width, self.palette, self.zone)
         if raised:
             # One line near the top, so that nobody has to scroll to an error, or past errors.
-            motors = listed(one.motor for one in flags if one.error_bits or one.offline.rows)
-            text = _("ERROR was set or ONLINE missing: motor {motors}; details at the end")
-            yield self._raised(text.format(motors=_(motors)))
+            motors = [one.motor for one in flags if one.error_bits or one.offline.rows]
+            text = _("ERROR was set or ONLINE missing: motors {motors}; details at the end")
+            if len(motors) == 1:
+                text = _("ERROR was set or ONLINE missing: motor {motors}; details at the end")
+            yield self._raised(text.format(motors=_(listed(motors))))
         yield from self._faults()
         yield Text()
         for port in ports:
@@ -164,17 +167,14 @@ class StatisticsPage:
         if port.share is not None:
             yield from self._silences(port.silences)
         if port.events:
-            form = later("{event} {count:,} (last {time})")
-            events = (
-                _(
-                    form,
-                    event=_(event_words(one.kind)),
-                    count=one.count,
-                    time=self._when(one.last_ns),
+            form = _("{event} {count:,} (last {time})")
+            events = [
+                form.format(
+                    event=_(event_words(one.kind)), count=one.count, time=self._when(one.last_ns)
                 )
                 for one in port.events
-            )
-            yield Text(_("  port events: {events}", events=listed(events)))
+            ]
+            yield from self._in_lines(_("  port events: "), events)
         else:
             yield self._muted(_("  port events: none"))
 
@@ -193,17 +193,24 @@ class StatisticsPage:
         yield Text(_("  longest silence {span}, until {time}", span=span, time=until))
         counts = [
             _("{count:,} < {span}", count=silences.between(low, high), span=span_text(high))
-            + _(", ")
             for low, high in pairwise((0, *SILENCE_STEPS_NS))
         ]
         longer = silences.between(SILENCE_STEPS_NS[-1], 2.0**63)
-        line = label = _("  silences: ")
-        for count in (*counts, _("{count:,} longer", count=longer)):
-            if cell_len(line + count) > self.width:
-                yield Text(line)
-                line = " " * cell_len(label)
-            line += count
-        yield Text(line)
+        counts.append(_("{count:,} longer", count=longer))
+        yield from self._in_lines(_("  silences: "), counts)
+
+    def _in_lines(self, label: str, items: Sequence[str]) -> Iterator[Text]:
+        """The items after a label; on further lines, below the first item."""
+        width, lines = self.width - cell_len(label), list[str]()
+        for number, item in enumerate(items):
+            comma = _(", ") if number + 1 < len(items) else ""
+            if lines and cell_len(lines[-1] + item + comma.rstrip()) <= width:
+                lines[-1] += item + comma
+            else:
+                *others, last = wrap(item, width - cell_len(comma.rstrip()))
+                lines += [*others, last + comma]
+        for number, line in enumerate(lines):
+            yield Text((" " * cell_len(label) if number else label) + line.rstrip())
 
     def _streams(self, streams: Sequence[StreamStats]) -> Iterator[Text]:
         known = [one for one in COLUMNS if one is not _LATELY or self.rates_ns is not None]

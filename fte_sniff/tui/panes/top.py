@@ -305,9 +305,12 @@ COLUMNS: Final = (
     *(_UNANSWERED, _COUNT, _FLAGS, _CURVE, _BYTES),
 )
 
-ALWAYS: Final = (_KIND, _MOTOR, _VALUES, _RATE, _DELTA, _COUNT, _FLAGS)
+ALWAYS: Final = (_KIND, _MOTOR)
 
-WHERE_WIDE: Final = (_TARGET, _ACTUAL, _JITTER, _DELAY, _UNANSWERED, _CURVE, _BYTES)
+BY_USE: Final = (
+    *(_VALUES, _RATE, _FLAGS, _DELTA, _COUNT),
+    *(_TARGET, _ACTUAL, _JITTER, _DELAY, _UNANSWERED, _CURVE, _BYTES),
+)
 """Further columns, the most useful first."""
 
 WIDEST: Final = ((_VALUES, 19), (_KIND, 17), (_FLAGS, 16), (_VALUES, 24), (_CURVE, 200))
@@ -315,9 +318,9 @@ WIDEST: Final = ((_VALUES, 19), (_KIND, 17), (_FLAGS, 16), (_VALUES, 24), (_CURV
 
 
 def columns_for(width: int, ports: int) -> list[tuple[TopColumn, int]]:
-    """The columns that fit into `width` cells, with their widths."""
-    shown = list(ALWAYS) + [_PORT] * (ports > 1)
-    for column in WHERE_WIDE:
+    """The columns that fit whole into `width` cells, with their widths."""
+    shown = list(ALWAYS)
+    for column in (*[_PORT] * (ports > 1), *BY_USE):
         if _total(*shown, column) > width:
             break
         shown.append(column)
