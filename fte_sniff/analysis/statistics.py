@@ -230,8 +230,8 @@ class StreamStats:
     """Minimum and maximum of each quantity, by column name."""
     recent_ns: Ints = field(compare=False)
     """Times of the latest frames without a gap between them."""
-    raw: bytes
-    """The last frame."""
+    latest: tuple[bytes, ...]
+    """The last frame, and the frame before it."""
     last_ns: int | None
     """Time of the last frame; None if it has none."""
 
@@ -254,13 +254,13 @@ class _KindStream(Model):
         self._ends = Ends[int](interrupted=interrupted)
         """Times of the first and the last frame."""
         self._measured = self._measured_ns = 0
-        self.raw = b""
+        self.latest: tuple[bytes, ...] = ()
         self.last_ns: int | None = None
 
-    def observe(self, last: Codes, t_ns: Ints) -> None:
-        """Count frames: the bytes of the last one, and the times of all, or `NO_TIME`."""
+    def observe(self, latest: Codes, t_ns: Ints) -> None:
+        """Count frames: the bytes of the last two, and the times of all, or `NO_TIME`."""
         self.count += len(t_ns)
-        self.raw = last.tobytes()
+        self.latest = (*(raw.tobytes() for raw in latest[::-1]), *self.latest)[:2]
         self.last_ns = None if t_ns[-1] == NO_TIME else int(t_ns[-1])
         t_ns = t_ns[t_ns != NO_TIME]
         if not len(t_ns):
@@ -292,7 +292,7 @@ class _KindStream(Model):
         if (adjacent := self._ends.merge(later._ends)) is not None:
             self._measure(np.array(adjacent))
         self.recent.merge(later.recent)
-        self.raw, self.last_ns = later.raw, later.last_ns
+        self.latest, self.last_ns = (*later.latest, *self.latest)[:2], later.last_ns
         self.count += later.count
         self.periods.merge(later.periods)
         self._measured += later._measured
@@ -349,7 +349,7 @@ class Streams(Model):
             if code == NO_STREAM:
                 continue
             stream = self._stream(rows.codebook.ports[port], code)
-            stream.observe(rows.raw[order[stop - 1]], t_ns[start:stop])
+            stream.observe(rows.raw[order[max(start, stop - 2) : stop]], t_ns[start:stop])
             for name, layout in _QUANTITIES[STREAMS[code][0]].items():
                 lows, highs = ranges[layout]
                 stream.update_range(name, lows[group], highs[group])
@@ -383,7 +383,7 @@ class Streams(Model):
                 periods=stream.periods,
                 ranges=stream.ranges,
                 recent_ns=stream.recent.values,
-                raw=stream.raw,
+                latest=stream.latest,
                 last_ns=stream.last_ns,
             )
             for (port, code), stream in sorted(

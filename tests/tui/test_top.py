@@ -279,6 +279,28 @@ def test_a_pause_freezes_the_lines(feed: Any, monkeypatch: pytest.MonkeyPatch) -
     play(feed, scenario)
 
 
+def test_changed_bytes_fade(feed: Any) -> None:
+    ages = []
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([frame(0, "speed", motor=1, rpm=0x0100), frame(1, "speed", motor=1, rpm=0x0101)])
+        feed.state = replace(feed.state, running=False, live=False)
+        await settle(app, pilot)
+        await open_top(app, pilot)
+        for _ in range(8):
+            (line,) = app.query_one(TopView)._lines
+            ages.append(line.ages[4])
+            assert line.ages[3] == 4
+            app._panes._drawn_at_ns.clear()
+            await settle(app, pilot)
+        assert not app.query_one(TopView).is_behind
+
+    play(feed, scenario)
+    assert ages == sorted(ages)
+    assert ages[0] < 4
+    assert ages[-1] == 4
+
+
 def test_a_raised_flag_is_seen_in_words_and_by_its_sign(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give([frame(0, "speed_feedback", motor=2, error=4, online=0x0D)])

@@ -8,7 +8,7 @@ speed_feedba…   1 rpm=998    50/s    20 ms    12,340 online
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from time import monotonic
 from typing import Any, ClassVar, Final
@@ -63,6 +63,9 @@ RESORT_S: Final = 2.0
 STEP_ROWS: Final = 32_768
 """Rows that are counted at once with a filter."""
 
+OLD: Final = 4
+"""Drawings after which a changed byte is as muted as one that never changed."""
+
 JITTER_FRAMES: Final = 64
 
 _LEVELS: Final = "▁▂▃▄▅▆▇█"
@@ -81,11 +84,18 @@ class TopLine:
     answers: AnsweredCommands | None = None
     """Of the commands of this kind; None for feedback."""
     curve: Floats = field(default_factory=lambda: np.empty(0), compare=False)
+    ages: tuple[int, ...] = ()
+    """For each byte the drawings since it changed, at most `OLD`."""
 
     @property
     def key(self) -> tuple[str, str, int]:
         """Identity of the line."""
         return self.stats.port, self.stats.kind.name, self.motor or 0
+
+    @property
+    def raw(self) -> bytes:
+        """The last frame."""
+        return self.stats.latest[0]
 
     @property
     def subject(self) -> str | None:
@@ -169,14 +179,14 @@ class TopLine:
         """ERROR, and whether the motor is online, as its feedback says."""
         if self.stats.kind.direction is not Direction.FEEDBACK or self.stats.motor is None:
             return None
-        values = {one.role: one.read(self.stats.raw) for one in self.stats.kind.fields}
+        values = {one.role: one.read(self.raw) for one in self.stats.kind.fields}
         online = values[Role.ONLINE] >> motor_bit(self.stats.motor) & 1
         return values[Role.ERRORS], bool(online)
 
     @property
     def is_raised(self) -> bool:
         """Whether a flag byte of the last frame differs from its default."""
-        return any(one.raised(one.read(self.stats.raw)) for one in self.stats.kind.fields)
+        return any(one.raised(one.read(self.raw)) for one in self.stats.kind.fields)
 
 
 def _number(value: int | None, width: int) -> str:
@@ -231,8 +241,8 @@ _KIND: Final = TopColumn(
 _VALUES: Final = TopColumn(
     later("values"),
     16,
-    lambda line, width: frame_values(line.stats.kind, line.stats.raw, width),
-    lambda line: line.stats.raw[3:].hex(),
+    lambda line, width: frame_values(line.stats.kind, line.raw, width),
+    lambda line: line.raw[3:].hex(),
     number=False,
 )
 _TARGET: Final = TopColumn(
@@ -282,8 +292,8 @@ _CURVE: Final = TopColumn(later("last 10 s"), 12, _curve, lambda line: line.actu
 _BYTES: Final = TopColumn(
     later("bytes"),
     29,
-    lambda line, _width: line.stats.raw.hex(" ").upper(),
-    lambda line: line.stats.raw.hex(),
+    lambda line, _width: line.raw.hex(" ").upper(),
+    lambda line: line.raw.hex(),
     number=False,
 )
 _MOTOR: Final = TopColumn(
@@ -372,8 +382,9 @@ class TopView(ScrollView):
 
     @property
     def is_behind(self) -> bool:
-        """Whether rows that the filter shows were not counted yet."""
-        return self._shown is not None and bool(self._pending)
+        """Whether rows that the filter shows were not counted yet, or a changed byte fades."""
+        fading = any(0 <= age < OLD for line in self._lines for age in line.ages)
+        return fading or (self._shown is not None and bool(self._pending))
 
     def draw(self, context: PaneContext) -> None:
         """Draw the streams that the filter shows."""
@@ -382,8 +393,9 @@ class TopView(ScrollView):
         self.fit_columns()
         curve = next((cells for column, cells in self._columns if column is _CURVE), 0)
         states = {one.motor: one for one in context.models.motors.states(context.newest_ns)}
+        before = {line.key: line for line in self._lines}
         lines = [
-            self._line(one, motor, states, context, curve)
+            self._line(one, motor, before, states, context, curve)
             for one in streams
             for motor in _motors_of(one, states)
         ]
@@ -421,6 +433,7 @@ class TopView(ScrollView):
         self,
         stats: StreamStats,
         motor: int | None,
+        before: Mapping[tuple[str, str, int], TopLine],
         states: dict[int, MotorState],
         context: PaneContext,
         curve: int,
@@ -429,7 +442,8 @@ class TopView(ScrollView):
         if stats.kind.direction is Direction.CONTROL and state is not None:
             answers = state.answers.get(stats.kind.cmds[0])
         values = _values(stats, context.models.traces, context.newest_ns, curve)
-        return TopLine(stats, motor, state, context.newest_ns, answers, values)
+        line = TopLine(stats, motor, state, context.newest_ns, answers, values)
+        return replace(line, ages=_ages(line, before.get(line.key)))
 
     def _sorted(self, lines: list[TopLine]) -> list[TopLine]:
         """The lines in a new order where that is due, else in that of the last drawing."""
@@ -493,6 +507,9 @@ class TopView(ScrollView):
         runs = [(RAISED_MARK, palette.raised_mark) if raised else (" ", Style.null())]
         for number, (column, cells) in enumerate(self._columns):
             gap = " " if number else ""
+            if column is _BYTES:
+                runs += [(gap, Style.null()), *self._bytes(line, palette)]
+                continue
             text = (fit_right if column.number else fit)(column.cell(line, cells), cells)
             style = Style.null()
             if (column is _FLAGS and raised) or (column is _UNANSWERED and line.unanswered):
@@ -503,6 +520,12 @@ class TopView(ScrollView):
                 style = kind
             runs.append((gap + text, style))
         return runs
+
+    def _bytes(self, line: TopLine, palette: Palette) -> list[tuple[str, Style]]:
+        styles = [palette.aged(Style.null(), age) for age in line.ages]
+        cells = [(f"{byte:02X}", style) for byte, style in zip(line.raw, styles, strict=True)]
+        gaps = [(" ", Style.null()) for _cell in cells]
+        return [one for pair in zip(cells, gaps, strict=True) for one in pair][:-1]
 
     # Keys and mouse
 
@@ -581,6 +604,17 @@ def _motors_of(stats: StreamStats, states: Mapping[int, MotorState]) -> Sequence
         return (stats.motor,)
     cmd = stats.kind.cmds[0]
     return [motor for motor, state in states.items() if cmd in state.answers] or (None,)
+
+
+def _ages(line: TopLine, before: TopLine | None) -> tuple[int, ...]:
+    """For each byte the drawings since it changed; `before` is the line as it is drawn now."""
+    raw, ages = line.stats.latest[-1], (OLD,) * len(line.raw)
+    if before is not None:
+        raw, ages = before.raw, before.ages
+    return tuple(
+        0 if now != then else min(OLD, age + 1)
+        for now, then, age in zip(line.raw, raw, ages, strict=True)
+    )
 
 
 def _values(stats: StreamStats, traces: Traces, now_ns: int | None, columns: int) -> Floats:
