@@ -17,15 +17,11 @@ WAIT_S = 60
 
 
 @contextmanager
-def open_browser(
-    width: int = 1200, height: int = 1600, *arguments: str
-) -> Iterator[webdriver.Chrome]:
-    """A browser of this size, in pixels."""
+def open_browser() -> Iterator[webdriver.Chrome]:
+    """A browser with a window in which several plots are in sight."""
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM or ""
-    for argument in ("--headless=new", "--no-sandbox", f"--window-size={width},{height}"):
-        options.add_argument(argument)
-    for argument in arguments:
+    for argument in ("--headless=new", "--no-sandbox", "--window-size=1200,1600"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     browser = webdriver.Chrome(options, Service(DRIVER))

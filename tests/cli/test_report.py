@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,6 +60,22 @@ needs_browser = pytest.mark.skipif(
 def browser() -> Iterator[webdriver.Chrome]:
     with open_browser() as browser:
         yield browser
+
+
+@contextmanager
+def emulated(
+    browser: webdriver.Chrome, width: int, height: int, mobile: bool = False, scheme: str = "light"
+) -> Iterator[None]:
+    """A screen of this size, in pixels, on a system with light or dark colours."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    colours = {"name": "prefers-color-scheme", "value": scheme}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [colours]})
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
 def feedback(number: int, rpm: int, port: str = "a") -> Frame:
@@ -372,9 +389,11 @@ def test_a_click_on_a_fault_shows_its_bytes(run, tmp_path, browser, samples) -> 
 
 
 @needs_browser
-def test_plots_out_of_sight_are_hidden_until_they_are_drawn(run, tmp_path, samples) -> None:
+def test_plots_out_of_sight_are_hidden_until_they_are_drawn(
+    run, tmp_path, browser, samples
+) -> None:
     page = made(run, tmp_path, samples / "damaged.mcap")
-    with open_browser(1200, 700) as browser:
+    with emulated(browser, 1200, 700):
         shown(browser, page)
         whole = source(browser, "rpm-4-actual")["x"]
         scrolled_to(browser, "faults-rows")
@@ -501,14 +520,12 @@ def test_the_cards_of_a_chinese_report_are_chinese(run, tmp_path: Path, samples:
 
 
 @needs_browser
-@pytest.mark.parametrize("language", ["en", "zh"])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_needs_no_network_and_fits_a_phone(run, tmp_path, samples, language, scheme) -> None:
+@pytest.mark.parametrize(("language", "scheme"), [("en", "light"), ("zh", "dark")])
+def test_it_needs_no_network_and_fits_a_phone(
+    run, tmp_path, browser, samples, language, scheme
+) -> None:
     page = made(run, tmp_path, samples / "damaged.mcap", "--lang", language)
-    dark = ["--blink-settings=preferredColorScheme=0"] if scheme == "dark" else []
-    with open_browser(500, 900, *dark) as browser:
-        size = {"width": 400, "height": 900, "deviceScaleFactor": 1, "mobile": True}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    with emulated(browser, 400, 900, mobile=True, scheme=scheme):
         shown(browser, page)
         entries = "return performance.getEntriesByType('resource').map(one => one.name)"
         assert [
