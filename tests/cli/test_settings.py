@@ -384,14 +384,14 @@ def test_colours_of_the_settings_and_what_is_wrong_with_them(
 
 
 @pytest.mark.parametrize(
-    ("broken", "way_on"),
+    ("broken", "way_on", "named"),
     [
-        ("[screen", "starting without settings"),
-        ("[colour]\n", "it is ignored"),
-        ('[screen]\ntheme = "pink"\n', "it is ignored"),
+        ("[screen", "starting without settings", False),
+        ("[screen", "starting without settings", True),
+        ("[colour]\n", "it is ignored", True),
+        ('[screen]\ntheme = "pink"\n', "it is ignored", False),
     ],
 )
-@pytest.mark.parametrize("named", [False, True])
 def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
     run, settings_file: Path, tmp_path: Path, broken: str, way_on: str, named: bool
 ) -> None:
