@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.protocol import (
@@ -22,6 +23,7 @@ from fte_sniff.protocol import (
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import SECTIONS, action_of
 from fte_sniff.tui.options import Choices, StartOptions
+from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.table.columns import RAISED_MARK, Delta, TableView, layout_for
 from fte_sniff.tui.table.painter import EVENT_SIGN, SHADES, RowCell, Sign
 from tests.slow import first
@@ -252,8 +254,10 @@ def test_the_mouse_looks_at_fields_in_the_table_and_in_the_pane(feed: Any) -> No
         await pilot.hover(here, offset=(raw + 9, 0))
         await pilot.pause()
         assert cells(app)[0].field == range(3, 5)
-        y = next(y for y, line in enumerate(lines(app)) if "reserve" in line)
-        await pilot.hover(offset=(5, y))
+        page = app.query_one(DetailPane).query_one(Static)
+        shown = [page.render_line(y).text for y in range(page.size.height)]
+        y = next(y for y, line in enumerate(shown) if "reserve" in line)
+        await pilot.hover(page, offset=(5, y))
         await pilot.pause()
         assert cells(app)[0].field == range(5, 9)
 
