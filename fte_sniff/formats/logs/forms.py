@@ -76,14 +76,17 @@ class _Known(dict[bytes, bytes]):
 
 
 def _by_pieces(
-    known: BytesOf, searched: Callable[[bytes], tuple[bytes, bytes | None]], *, is_hex: bool = False
+    bytes_of_piece: BytesOf,
+    searched: Callable[[bytes], tuple[bytes, bytes | None]],
+    *,
+    is_hex: bool = False,
 ) -> BytesOf:
     """What returns the bytes of a text by those of its pieces, without a search for them.
 
     Pieces of a log mostly begin with the same character, so that a text can be split there.
 
     Args:
-        known: the bytes of a piece; raises ValueError if it is not a whole one.
+        bytes_of_piece: raises ValueError if it is not a whole one.
         searched: the bytes of a text by a search, and the character that pieces may begin with;
             none if a text is one piece, None to search the next text too.
         is_hex: whether the texts are pairs of hexadecimal digits and what separates them; where
@@ -91,7 +94,8 @@ def _by_pieces(
     """
     mark: bytes | None = None
     are_digits = False
-    following = _Known(lambda piece: known((mark or b"") + piece))
+    first_pieces = _Known(bytes_of_piece)
+    following = _Known(lambda piece: bytes_of_piece((mark or b"") + piece))
 
     def bytes_of(text: bytes) -> bytes:
         nonlocal mark, are_digits
@@ -99,8 +103,11 @@ def _by_pieces(
             try:
                 if are_digits:
                     return unhexlify(text.replace(mark, b""))
-                first, *others = text.split(mark) if mark else (text,)
-                data = known(first) if first else b""
+                if not mark:
+                    is_short = len(text) <= _LONGEST_KNOWN
+                    return first_pieces[text] if is_short else bytes_of_piece(text)
+                first, *others = text.split(mark)
+                data = first_pieces[first] if first else b""
                 return data + b"".join(map(following.__getitem__, others))
             except (ValueError, OverflowError):
                 pass
@@ -139,7 +146,7 @@ def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
             return b"", None
 
     known = _Known(bytes_of_unit).__getitem__
-    return _by_pieces(known, searched, is_hex=kinds == ["x"] and not swaps)
+    return _by_pieces(bytes_of_unit, searched, is_hex=kinds == ["x"] and not swaps)
 
 
 @cache
@@ -156,21 +163,37 @@ def _bytes_of_codes(kind: str) -> BytesOf:
         first = codes.search(text)
         return codes.sub(_bytes_of, text), first[0][:1] if first else None
 
-    return _by_pieces(_Known(bytes_of_piece).__getitem__, searched)
+    return _by_pieces(bytes_of_piece, searched)
 
 
 def _bytes_of(unit: re.Match[bytes]) -> bytes:
     name = unit.lastgroup or ""
-    kind, text = name[0], unit[name]
-    if base := _BASES.get(kind.lower()):
-        value = int(text, base)
-        return value.to_bytes(1 + kind.isupper(), "big", signed=value < 0)
-    if kind in _CODES:
+    return _bytes_of_group(name)(unit[name])
+
+
+@cache
+def _bytes_of_group(name: str) -> BytesOf:
+    """What returns the bytes of the text of a group."""
+    kind = name[0]
+    base, size = _BASES.get(kind.lower()), 1 + kind.isupper()
+    if base is not None:
+
+        def bytes_of_number(text: bytes) -> bytes:
+            value = int(text, base)
+            return value.to_bytes(size, "big", signed=value < 0)
+
+        return bytes_of_number
+    if kind not in _CODES:
+        return _KINDS[kind]
+    bytes_of_codes = _bytes_of_codes(kind)
+
+    def bytes_of_text(text: bytes) -> bytes:
         if not text.isascii():
             with suppress(UnicodeError):
                 text = text.decode().encode("latin-1")
-        return _bytes_of_codes(kind)(text)
-    return _KINDS[kind](text)
+        return bytes_of_codes(text)
+
+    return bytes_of_text
 
 
 def _expanded(pattern: str) -> str:
