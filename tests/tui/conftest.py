@@ -209,15 +209,14 @@ async def enter_line(app: SniffApp, pilot: Pilot[None], key: str, line: str) -> 
 
 
 def lines(app: SniffApp) -> list[str]:
-    """What stands on the screen, line by line, without blank parts and lines.
+    """What stands on the screen, line by line, without blank parts.
 
     A picture of it, which the program saves, has the same text, and takes ten times as long.
     """
     update = app.screen._compositor.render_update(full=True, screen_stack=app._background_screens)
     assert isinstance(update, LayoutUpdate)
     parts = [[part.text for strip in line for part in strip] for line in update.strips]
-    found = ("".join(text for text in line if text.strip(" ")) for line in parts)
-    return [line for line in found if line]
+    return ["".join(text for text in line if text.strip(" ")) for line in parts]
 
 
 def page(app: SniffApp) -> str:
