@@ -327,7 +327,7 @@ def test_faults_are_counted_one_by_one(feed: Any, odd_rows: list[Row]) -> None:
         await press(app, pilot, "f")
         await type_line(app, pilot, "faults = ")
         await until(app, pilot, lambda: ("'noise'", "2 rows") in dropdown(app))
-        assert ("'line_error'", "1 rows") in dropdown(app)
+        assert ("'line_error'", "1 row") in dropdown(app)
 
     play(feed, scenario)
 
