@@ -183,6 +183,14 @@ class Batch:
             counts = np.diff(starts, append=len(rows))
             Keep.TOTAL.add(self._column(Keep.TOTAL, name), at, counts)
 
+    def count_each(self, name: str, groups: Ints, last: int) -> None:
+        """Count all rows by their groups, which are numbers from 1 to `last`; 0 is not counted."""
+        width = last + 1
+        counts = np.bincount(self._at * width + groups, minlength=len(self.keys) * width)
+        for group, column in enumerate(counts.reshape(-1, width).T[1:], 1):
+            if column.any():
+                self.columns[Keep.TOTAL, f"{name} {group}"] = column
+
     def range(self, name: str, rows: Ints, values: Ints) -> None:
         """Extend a range by the values of rows, by indices."""
         at, starts = self._runs(rows)
@@ -504,8 +512,8 @@ class Events(Model):
         batch.count("feedback", np.flatnonzero(directions == _CODES[Direction.FEEDBACK]))
         named = np.where(NAMES_MOTOR[rows.kinds[own]], rows.nums[own], 0)
         motors = np.where(is_damaged, rows.motor_hint[own], named)
-        for motor in MOTORS:
-            batch.count(f"rows {motor}", np.flatnonzero(motors == motor))
+        motors = np.where((motors >= MOTORS[0]) & (motors <= MOTORS[-1]), motors, 0)
+        batch.count_each("rows", motors, MOTORS[-1])
         if len(damaged):
             at = own[damaged]
             batch.events("damaged", damaged)

@@ -58,10 +58,11 @@ _NAMING_CMDS: Final = np.array(
 class Facts(Model):
     """Computes the columns of `rows.FACTS`; rows wait until all of their facts are decided."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, previous: bool = True) -> None:
+        """Compute all of them, or without the frame before of each row."""
         self._held = NO_ROWS
         self._past = _Past()
-        self._previous = PreviousFrames()
+        self._previous = PreviousFrames() if previous else None
         self._lost: bool | None = None
         """Whether a port is lost, so that no command is unanswered."""
         self._has_feedback = False
@@ -81,7 +82,8 @@ class Facts(Model):
         """A gap, or the end: returns the rows that waited; what they lack is not known."""
         found, self._held = self._with_facts(self._held)[0], NO_ROWS
         self._past = _Past()
-        self._previous.interrupt()
+        if self._previous is not None:
+            self._previous.interrupt()
         self._has_feedback |= first_feedback(found) < len(found)
         if gap is not None:
             self._has_feedback &= gap.kind is not GapKind.OTHER_RECORDING
@@ -92,7 +94,8 @@ class Facts(Model):
     def _decide(self, rows: Rows) -> Rows:
         if not len(rows):
             return NO_ROWS
-        rows = self._previous.add(rows)
+        if self._previous is not None:
+            rows = self._previous.add(rows)
         rows = Rows.concat([self._held, rows]) if len(self._held) else rows
         whole, decided = self._with_facts(rows)
         open_at = np.flatnonzero(~decided)

@@ -459,7 +459,7 @@ class Findings(RowModel):
         self.total = RowCount()
         self.frames = 0
         self._events = Events()
-        self._facts: Facts | None = Facts()
+        self._facts: Facts | None = Facts(previous=False)
         self._waiting = 0
         """Rows whose facts are not decided."""
         self._opening = _Opening()
@@ -524,7 +524,7 @@ class Findings(RowModel):
         if self._facts is None:
             return self._events
         found = Events()
-        found.observe(self._opening.with_facts(Facts(), 0))
+        found.observe(self._opening.with_facts(Facts(previous=False), 0))
         found.merge(self._events)
         if not self._opening.is_open:
             found.observe(self._facts.copy().interrupt())
