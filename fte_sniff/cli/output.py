@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def format_option(help_text: str, forms: Iterable[str], default: str | None = None) -> Decorator:
-    """The `--format` option; its value is one of the forms, None if there is no default."""
+    """The `--format` option; its value is one of the forms, or None if not given and no default."""
     return click.option(
         "--format",
         "form",

@@ -1,9 +1,9 @@
 """Explain the bytes of a row field by field.
 
 The framer decides what is wrong with a row; its decision is `row.faults`. The explanation follows
-it: each fault is shown at the bytes that have it, and no other fault is reported. Why damage is no
-frame, its readings say, see `protocol.readings`. Rows read from a file carry the same faults and
-get the same explanation.
+it: each fault is shown at the bytes that have it, and no other fault is reported. The readings of
+a row explain why damage is not a frame, see `protocol.readings`. Rows read from a file carry the
+same faults and get the same explanation.
 """
 
 from __future__ import annotations
