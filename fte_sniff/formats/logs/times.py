@@ -95,7 +95,10 @@ _FORMS: Final[tuple[tuple[str, int, str], ...]] = (
 )
 """Kinds of times, nanoseconds of one, and regular expressions; an earlier one is preferred."""
 _PRECISE: Final = _CLOCK.replace("FRACTION", _POINT)
-_ANY: Final = rf"{_BEGIN}(?:(?:{'|'.join(one for _, one in _DATES)}){_THEN})?{_PRECISE}"
+_ANY: Final = (  # digits that go on in a word may be bytes
+    rf"{_BEGIN}(?:(?:{'|'.join(one for _, one in _DATES)}){_THEN})?{_PRECISE}"
+    r"(?!(?<=\d)[+/-]?\w)"
+)
 _HEADING: Final = (
     r"(?:[^,\n]*(?:time|stamp|start|\bts\b|时间)[^,\n]*[\[(_ ]|[^\w,\n]*(?:t_?)?)"
     r"([nuµm]s)(?:ec|\b)[^,\n]*"
@@ -130,10 +133,13 @@ def beside_times(pattern: bytes) -> re.Pattern[bytes]:
     """Finds each line of a text that may match a pattern once its first time is `masked`.
 
     It is faster than to hide the times. A time is passed over at the start of a line, if white
-    space follows, so that the rest matches as it would after a hidden time.
+    space follows, so that the rest matches as it would after a hidden time. Elsewhere a time
+    that is hidden lets a run before it end with a sign, such as `=`.
     """
-    time = rb"[\[({<]?(?>%b)[\])}>]?(?=\s)" % _ANY.encode()
-    return re.compile(rb"(?m)^(?:%b)?+.*?%b" % (time, pattern))
+    time = re.sub("[?]P<[^>]+>", "?:", _ANY).encode()
+    return re.compile(
+        rb"(?m)^(?:[\[({<]?(?>%b)[\])}>]?(?=\s))?+.*?(?:%b|[+/=-](?=%b))" % (time, pattern, time)
+    )
 
 
 @dataclass(slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.formats.logs import forms
@@ -110,6 +110,10 @@ BESIDE = (
         max_size=4,
     ),
 )
+@example("base64", ["2026-01-31 12:00:00.123cafe 12"])
+@example("base64", ["nQ==Jan 31 12:00:00"])
+@example("base64", ["1632026-01-31 12:00:00.123"])
+@example("x before each byte", ["12:00:00,120x1F"])
 @examples(1000)
 def test_lines_with_runs_beside_their_time_are_found_without_hiding_it(
     name: str, lines: list[str]
