@@ -2,13 +2,14 @@
 
 A shape is a line with the places of its bytes, its time and other numbers. Where lines have the
 same length and bytes in two digits, numpy reads them; else a regular expression made of the shape.
+Words such as names may differ too, if they tell nothing of the bytes.
 """
 
 from __future__ import annotations
 
 import re
 from bisect import bisect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import accumulate, compress, pairwise
 from operator import add
@@ -26,7 +27,7 @@ from fte_sniff.formats.logs.evidence import (
     runs_in_lanes,
 )
 from fte_sniff.formats.logs.layout import GAP, Found, Layout, without_bytes
-from fte_sniff.formats.logs.times import OF_CLOCK, Fields, TimeRule, beside_times, masked
+from fte_sniff.formats.logs.times import OF_CLOCK, Fields, beside_times, masked
 
 _MOST_SHAPES: Final = 24
 """Of one length; also those that regular expressions read."""
@@ -76,17 +77,36 @@ class Alike(NamedTuple):
     data: bytes
     """Of all of them, in their order."""
     sizes: Any
-    """How many bytes are of each, int64, or of all."""
+    """How many bytes are of each, an int64 column, or one for all."""
     label: str | None
     stamps: Any
     """Their times, an int64 column, or one for all."""
+
+    def is_sound(self, layout: Layout, line_of: Callable[[int], bytes]) -> bool:
+        """Whether the first of the lines, one in the middle, and the last are read so alone.
+
+        `line_of` returns the line with an index in the text.
+        """
+        count = len(self.rows)
+        sizes, stamps = (np.broadcast_to(own, count) for own in (self.sizes, self.stamps))
+        for at in (0, count // 2, count - 1):
+            found, other = layout.read(line_of(self.rows[at]))
+            if other or not found or any(one.gap for one in found):
+                return False
+            start = int(sizes[:at].sum())
+            read = self.label, int(stamps[at]), self.data[start : start + int(sizes[at])]
+            data = b"".join(one.data for one in found)
+            if read != (found[0].label, found[0].stamp, data):
+                return False
+        return True
 
 
 class Shapes:
     """The shapes of the lines of a log with a layout."""
 
     def __init__(self, layout: Layout) -> None:
-        self._layout, self._varying = layout, _Varying(layout)
+        self._layout, self._names = layout, _Names(layout)
+        self._varying = _Varying(layout, self._names)
 
     def alike_lines(self, text: bytes) -> Iterator[Alike]:
         """The lines of a text that have the shape of another line, shape by shape.
@@ -101,7 +121,7 @@ class Shapes:
         for length in np.flatnonzero(counts).tolist():
             rows = np.flatnonzero(lengths == length)
             lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
-            for alike in _of_one_length(lines, starts, rows, self._layout):
+            for alike in self._of_one_length(lines, starts, rows):
                 left[alike.rows] = False
                 yield alike
         left &= (lengths > 0) & (lengths <= _LONGEST_SHAPE)
@@ -110,25 +130,57 @@ class Shapes:
             others = [text[start:end] for start, end in places]
             yield from self._varying.read(others, np.flatnonzero(left))
 
+    def _of_one_length(self, lines: Any, starts: Any, rows: Any) -> Iterator[Alike]:
+        """The lines of a text at some starts, all of one length, whose shapes numpy reads."""
+        for _ in range(_MOST_SHAPES):
+            if len(rows) < 2:
+                return
+            line = lines[starts[rows[0]]].tobytes()
+            shape = _shape_of(line, self._layout)
+            pairs = shape and _pairs_of(shape, self._layout)
+            if not shape or not pairs:
+                return
+            table = lines[starts[rows]].view(np.uint8).reshape(len(rows), -1)
+            same, data, stamp = self._read(shape, *pairs, np.ascontiguousarray(table.T))
+            if same.sum() > 1 and same.sum() >= _LEAST_SHARE * len(rows):
+                if stamp is not None:
+                    alike = Alike(rows[same], data, pairs[1], shape.label, stamp)
+                    if not alike.is_sound(self._layout, lambda at: lines[starts[at]].tobytes()):
+                        return
+                    yield alike
+                rows = rows[~same]
+            else:
+                return
 
-def _of_one_length(lines: Any, starts: Any, rows: Any, layout: Layout) -> Iterator[Alike]:
-    """The lines of a text at some starts, all of one length, that have shapes which numpy reads."""
-    for _ in range(_MOST_SHAPES):
-        if len(rows) < 2:
-            return
-        line = lines[starts[rows[0]]].tobytes()
-        shape = _shape_of(line, layout)
-        pairs = shape and _pairs_of(shape, layout)
-        if not shape or not pairs:
-            return
-        table = np.ascontiguousarray(lines[starts[rows]].view(np.uint8).reshape(len(rows), -1).T)
-        same, data, stamp = _read(shape, *pairs, table, layout.times)
-        if same.sum() > 1 and same.sum() >= _LEAST_SHARE * len(rows):
-            if stamp is not None:
-                yield Alike(rows[same], data, pairs[1], shape.label, stamp)
-            rows = rows[~same]
-        else:
-            return
+    def _read(
+        self, shape: _Shape, pairs: Sequence[int], size: int, table: Any
+    ) -> tuple[Any, bytes, Any]:
+        """Which lines have a shape, their bytes and times; no times if one of them is impossible.
+
+        `table` has a column for each line, uint8.
+        """
+        names = self._names.places(shape)
+        named = {at for start, stop in names for at in range(start, stop)}
+        fixed = np.ones(len(table), np.bool_)
+        digits = sorted(shape.timed | shape.numbers - named)
+        fixed[[*digits, *pairs, *(at + 1 for at in pairs), *named]] = False
+        same = (table[fixed] == table[fixed, :1]).all(0)
+        same &= (table[digits] - _ZERO < 10).all(0)
+        high, low = (_HEX_DIGITS.take(table[[at + n for at in pairs]]) for n in (0, 1))
+        same &= ((high | low) < 16).all(0)
+        for start, stop in names:
+            words = np.ascontiguousarray(table[start:stop].T).view(f"V{stop - start}")
+            texts = words.ravel().tolist()
+            others = self._names.unlike(texts, self._names[shape.line[start:stop]])
+            same &= [text not in others for text in texts] if others else True
+        if not same.all():
+            table, high, low = (own[:, same] for own in (table, high, low))
+        data = (high << np.uint8(4) | low)[:size].T.tobytes()
+        read = partial(_number, table)
+        stamp = (
+            self._layout.times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
+        )
+        return same, data, stamp
 
 
 def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
@@ -170,28 +222,6 @@ def _pairs_of(shape: _Shape, layout: Layout) -> tuple[list[int], int] | None:
     if layout.hypothesis.extractor.swaps or not data or data.hex().encode() != digits.lower():
         return None
     return pairs + skipped, len(data)
-
-
-def _read(
-    shape: _Shape, pairs: Sequence[int], size: int, table: Any, times: TimeRule
-) -> tuple[Any, bytes, Any]:
-    """Which lines have a shape, their bytes and times; no times if one of them is impossible.
-
-    `table` has a column for each line, uint8.
-    """
-    fixed = np.ones(len(table), np.bool_)
-    digits = sorted(shape.timed | shape.numbers)
-    fixed[[*digits, *pairs, *(at + 1 for at in pairs)]] = False
-    same = (table[fixed] == table[fixed, :1]).all(0)
-    same &= (table[digits] - _ZERO < 10).all(0)
-    high, low = (_HEX_DIGITS.take(table[[at + n for at in pairs]]) for n in (0, 1))
-    same &= ((high | low) < 16).all(0)
-    if not same.all():
-        table, high, low = (own[:, same] for own in (table, high, low))
-    data = (high << np.uint8(4) | low)[:size].T.tobytes()
-    read = partial(_number, table)
-    stamp = times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
-    return same, data, stamp
 
 
 def _number(table: Any, start: int, stop: int) -> Any:
@@ -243,6 +273,10 @@ class _Checked(dict[bytes, Any]):
             self.clear()
         return self.setdefault(text, self._check(text))
 
+    def unlike(self, texts: Iterable[bytes], like: Any) -> set[bytes]:
+        """Those of the texts that are like something else."""
+        return {text for text in {*texts} if self[text] != like}
+
 
 def _column(columns: Sequence[Sequence[bytes]], pattern: _Pattern, start: int, stop: int) -> Any:
     """The numbers of the time that are between two offsets in the line of a pattern."""
@@ -253,18 +287,50 @@ def _column(columns: Sequence[Sequence[bytes]], pattern: _Pattern, start: int, s
     return _number(np.frombuffer(text, np.uint8).reshape(-1, width).T, 0, width)
 
 
+class _Names(_Checked):
+    """The words before bytes that tell nothing of them, and may differ.
+
+    Each has how many numbers are in it; None of a word that makes a lane, a direction or bytes.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(self._numbers_in)
+        self._common = layout.hypothesis.common
+        self._run = re.compile(layout.hypothesis.extractor.pattern)
+
+    def places(self, shape: _Shape) -> list[tuple[int, int]]:
+        """Where such words are in a line of a shape."""
+        ends = (one.start for one in shape.found if one.stop)
+        text, times = shape.line[: next(ends, 0)], shape.fields.values()
+        if self._common is None or len(text) > _LONGEST_NAMED:
+            return []
+        words = (word.span() for word in re.finditer(rb"\S+", text))
+        return [
+            (start, stop)
+            for start, stop in words
+            if all(stop <= begin or end <= start for begin, end in times)
+            and self[text[start:stop]] is not None
+        ]
+
+    def _numbers_in(self, word: bytes) -> int | None:
+        key = folded(word)
+        labels = (label_of(kind, word) for kind in ("word", "arrow", "port"))
+        matters = key in (self._common or ()) or self._run.search(word) or any(labels)
+        return None if matters or word.split() != [word] else key.count(b"0")
+
+
 class _Varying:
     """Reads lines of a layout whose numbers, names or bytes have different lengths."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, names: _Names) -> None:
         self._layout, self._extractor = layout, layout.hypothesis.extractor
-        self._common = layout.hypothesis.common
+        self._common, self._names = layout.hypothesis.common, names
         self._run = re.compile(self._extractor.pattern)
         self._beside_times = beside_times(self._extractor.pattern)
         above = {"above", "below"} & {layout.labelled, layout.times.where}
         self._has_headings = bool(above)
         self._is_tail_free = "after" not in (layout.labelled, layout.times.where)
-        self._tails, self._names = _Checked(self._tail_of), _Checked(self._name_of)
+        self._tails = _Checked(self._tail_of)
 
     def read(self, lines: Sequence[bytes], rows: Any) -> Iterator[Alike]:
         """The lines that are alike, of those with these indices in a text."""
@@ -347,20 +413,12 @@ class _Varying:
         if shape.fields:
             read = partial(_column, columns, pattern)
             stamps = self._layout.times.stamp(shape.line, shape.fields, read)
-        for one in (0, len(rows) // 2, len(rows) - 1):
-            stamp = stamps if stamps is None or isinstance(stamps, int) else int(stamps[one])
-            if self._parsed(lines[rows[one]]) != (shape.label, stamp, data[one]):
-                return None
+        if stamps is None:
+            return None
         sizes = np.array([*map(len, data)], np.int64)
         indices = np.array(rows, np.int64)
-        return which, Alike(indices, b"".join(data), sizes, shape.label, stamps)
-
-    def _parsed(self, line: bytes) -> tuple[str | None, int, bytes] | None:
-        """Label, time and bytes of a line that is parsed; None if it has no shape."""
-        found, other = self._layout.read(line)
-        if other or not found or any(one.gap for one in found):
-            return None
-        return found[0].label, found[0].stamp, b"".join(one.data for one in found)
+        alike = Alike(indices, b"".join(data), sizes, shape.label, stamps)
+        return (which, alike) if alike.is_sound(self._layout, lines.__getitem__) else None
 
     def _data_of(
         self, pattern: _Pattern, columns: Sequence[Sequence[bytes]], count: int
@@ -372,8 +430,7 @@ class _Varying:
         ]
         alike += [(at, self._names, common) for at, common in pattern.names.items()]
         for at, checked, like in alike:
-            others = {text for text in {*columns[at]} if checked[text] != like}
-            if others:
+            if others := checked.unlike(columns[at], like):
                 fits = [
                     own and text not in others for own, text in zip(fits, columns[at], strict=True)
                 ]
@@ -391,12 +448,12 @@ class _Varying:
         """The regular expression of a shape."""
         line, fields = shape.line, shape.fields
         runs = [one for one in shape.found if one.stop]
+        names = self._names.places(shape)
         end = runs[-1].stop if runs and self._is_tail_free else len(line)
         clock = {fields[name]: name for name in fields.keys() & OF_CLOCK}
         groups = {one.start: (one.stop, b"(%b)" % self._extractor.pattern) for one in runs}
         for (start, stop), name in clock.items():
             groups[start] = stop, b"([0-9]+)" if name == "n" else b"([0-9]{%d})" % (stop - start)
-        names = self._names_in(line[: runs[0].start] if runs else b"", fields)
         groups |= {start: (stop, rb"(\S+)") for start, stop in names}
         if runs and self._is_tail_free:
             groups[end] = len(line), b"(.*)"
@@ -430,25 +487,6 @@ class _Varying:
                 parts.append(b"[0-9]+")
             was = is_number
         return b"".join(parts)
-
-    def _names_in(self, text: bytes, fields: Fields) -> list[tuple[int, int]]:
-        """Where words are in the text before bytes that make no lane, direction or time."""
-        if self._common is None or len(text) > _LONGEST_NAMED:
-            return []
-        words = (word.span() for word in re.finditer(rb"\S+", text))
-        return [
-            (start, stop)
-            for start, stop in words
-            if all(stop <= begin or end <= start for begin, end in fields.values())
-            and self._names[text[start:stop]] is not None
-        ]
-
-    def _name_of(self, word: bytes) -> int | None:
-        """How many numbers are in a word that makes no lane and no direction; None of others."""
-        key = folded(word)
-        labels = (label_of(kind, word) for kind in ("word", "arrow", "port"))
-        matters = key in (self._common or ()) or self._run.search(word) or any(labels)
-        return None if matters else key.count(b"0")
 
     def _tail_of(self, text: bytes) -> Tail:
         """What the text after bytes is like."""
