@@ -18,11 +18,9 @@ import select
 import shutil
 import signal
 import subprocess
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import monotonic, sleep
 from typing import Final
 
 from fte_sniff.capture.bridge import HOST
@@ -32,7 +30,7 @@ from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.reconnect import OpenedPort
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, ControlLine, PortSettings
-from fte_sniff.capture.source import SourceEnd, ThreadedSource
+from fte_sniff.capture.source import AS_ASKED, ThreadedSource
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
@@ -49,10 +47,7 @@ _END_S: Final = 2.0
 """How long strace may take to let go of the target before it is killed."""
 _MOST_SAID: Final = 1 << 16
 """Characters of strace's own messages that are kept."""
-_LOOK_AGAIN_S: Final = 0.5
 _PTRACE_SCOPE = Path("/proc/sys/kernel/yama/ptrace_scope")
-
-_AS_ASKED: Final = TranslatableText("as asked")
 
 LIMITS = TranslatableText(
     "times are those of system calls, not of the wire; mmap and io_uring are not seen"
@@ -156,91 +151,51 @@ class Attachment:
 class AttachSource(ThreadedSource):
     """The chunks and events of both directions, ordered by time; iterate once."""
 
+    _port: Strace
+    _awaited = TranslatableText("waiting for a program that opens it")
+
     def __init__(self, wanted: Attachment, strace: Strace, clock: Clock) -> None:
         """Read a strace that watches the programs; it is ended at the end."""
-        super().__init__(strace, wanted.port, ChunkQueue(*wanted.names), clock, None)
-        self._wanted = wanted
-        self._strace = strace
-        self._lines = StraceLines()
-        self._rest = b""
+        follows = wanted.reconnect and wanted.pid is None
+        reopen = (lambda: OpenedPort(Strace.on(wanted), wanted.port)) if follows else None
+        super().__init__(strace, wanted.port, ChunkQueue(*wanted.names), clock, reopen)
+        self._names = wanted.names
+        # What is known is the order of the system calls.
+        self.uncertainty_ns = dict.fromkeys(wanted.names, 0)
+        how = f"attached: {holders_text(strace.holders)}; {LIMITS}"
+        self.capabilities = dict.fromkeys(wanted.names, how)
+        self._lines, self._rest = StraceLines(), b""
         self._last_ns = dict.fromkeys(wanted.names, 0)
         """By wire: no later item may have an earlier time."""
-        self._watched = str(holders_text(strace.holders))
         self._put(HOST, PortEventKind.OPENED, self._attached())
         self._start(f"watches {wanted.port}", self._attached())
         self._put_event(PortEventKind.WIRING, LIMITS)
 
-    @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """None: what is known is the order of the system calls."""
-        return dict.fromkeys(self._wanted.names, 0)
-
-    @property
-    def capabilities(self) -> Mapping[str, str]:
-        """By wire: how it is seen."""
-        how = f"attached: {self._watched}; {LIMITS}"
-        return dict.fromkeys(self._wanted.names, how)
-
     def _attached(self) -> TranslatableText:
-        return TranslatableText("attached: {holders}", holders=holders_text(self._strace.holders))
-
-    def _read_until_end(self) -> None:
-        while (error := self._read_until_lost()) is not None:
-            lost = one_line(error)
-            self._put(HOST, PortEventKind.CLOSED, lost)
-            if not self._follows:
-                # A target that ends is no fault of the port.
-                ended = isinstance(error, ProcessLookupError)
-                end = SourceEnd.STOPPED if ended else SourceEnd.LOST
-                self._finish(end, PortEventKind.LOST, lost)
-                return
-            again = TranslatableText("{error}; waiting for a program that opens it", error=lost)
-            self._put_event(PortEventKind.LOST, again)
-            if not self._attach_again():
-                break
-        else:
-            self._put(HOST, PortEventKind.CLOSED, _AS_ASKED)
-        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, _AS_ASKED)
-
-    @property
-    def _follows(self) -> bool:
-        """Whether it waits for the next program that opens the port."""
-        return self._wanted.reconnect and self._wanted.pid is None
-
-    def _attach_again(self) -> bool:
-        """Wait for a program that opens the port; False if the end is due before."""
-        look_at = 0.0
-        while not self._end_due():
-            if monotonic() >= look_at:
-                look_at = monotonic() + _LOOK_AGAIN_S
-                with suppress(PortError):
-                    self._strace = self._port = Strace.on(self._wanted)
-                    self._lines, self._rest = StraceLines(), b""
-                    self._put(HOST, PortEventKind.OPENED, self._attached())
-                    self._put_event(PortEventKind.FOUND_AGAIN, self._attached())
-                    return True
-            sleep(_STEP_S)
-            self._put_silence()
-        return False
+        return TranslatableText("attached: {holders}", holders=holders_text(self._port.holders))
 
     def _read_until_lost(self) -> OSError | None:
         detached = False
-        while (data := self._strace.read()) is not None:
+        while (data := self._port.read()) is not None:
             self._put_lines(data)
             if not data:
                 self._put_silence()
             if not detached and self._end_due():
                 detached = True
-                self._strace.detach()
+                self._port.detach()
         if b'"' in self._rest:  # else a call that waits, and has moved no bytes
             self._put_unreadable(self._rest, TranslatableText("strace ended within a line"))
-        code = self._strace.close()
-        if detached:
-            return None
+        code = self._port.close()
+        error = None if detached else self._loss(code)
+        self._put(HOST, PortEventKind.CLOSED, AS_ASKED if error is None else one_line(error))
+        return error
+
+    def _loss(self, code: int) -> OSError:
+        """Why strace ended with an exit code, or by a signal."""
         if code < 0:
             name = signal.Signals(-code).name
             return OSError(TranslatableText("strace was ended by {signal}", signal=name))
-        programs = listed(self._strace.holders, Joint.AND)
+        programs = listed(self._port.holders, Joint.AND)
         return ProcessLookupError(TranslatableText("{programs} ended", programs=programs))
 
     def _put_lines(self, data: bytes) -> None:
@@ -270,7 +225,7 @@ class AttachSource(ThreadedSource):
     def _put_unreadable(self, line: bytes, reason: TranslatableText) -> None:
         """Report a line that is cut, on the wires whose bytes it may have had."""
         names = [self.name] * (b"read" in line) + [HOST] * (b"write" in line)
-        for wire in names or self._wanted.names:
+        for wire in names or self._names:
             self._put_lost(wire, 0, reason)
 
     def _put_lost(self, wire: str, count: int, reason: TranslatableText) -> None:
@@ -289,11 +244,14 @@ class AttachSource(ThreadedSource):
     def _put_silence(self) -> None:
         t_ns = self._clock.now_ns() - _SETTLED_NS
         if t_ns > max(self._last_ns.values()):
-            for wire in self._wanted.names:
+            for wire in self._names:
                 self._put_chunk(wire, t_ns, b"")
 
     def _resume(self, opened: OpenedPort, away_s: float) -> None:
-        """Not used: `_attach_again` begins to read again."""
+        self._port = opened.port
+        self._lines, self._rest = StraceLines(), b""
+        self._put(HOST, PortEventKind.OPENED, self._attached())
+        self._put_event(PortEventKind.FOUND_AGAIN, self._attached())
 
 
 def untouched(settings: PortSettings) -> PortSettings:

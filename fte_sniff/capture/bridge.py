@@ -12,7 +12,7 @@ from __future__ import annotations
 import fcntl
 import termios
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -128,8 +128,9 @@ class BridgeSource(ThreadedSource):
         self.device: str = host.name
         self._host = host
         self._wires = wires
-        self._low_latency = request_low_latency(port)
-        self._latency_ns = max_latency_ns(port)
+        # Line errors are not requested: a host program that sets its baud switches off the marks.
+        self.capabilities = {self.name: str(request_low_latency(port)), HOST: "a pseudo-terminal"}
+        self.uncertainty_ns = {self.name: max_latency_ns(port), HOST: 0}
         _set_exclusive(port, termios.TIOCEXCL)
         self._forwarder = Forwarder(port, host, wires, self._end_due)
         self._detail = detail
@@ -144,19 +145,6 @@ class BridgeSource(ThreadedSource):
     def __iter__(self) -> Iterator[Item]:
         return super(BridgeSource, self.__enter__()).__iter__()
 
-    @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """By wire: how much earlier than their time stamp bytes may have been on it."""
-        return {self.name: self._latency_ns, HOST: 0}
-
-    @property
-    def capabilities(self) -> Mapping[str, str]:
-        """By wire: what its driver supports.
-
-        Line errors are not requested: a host program that sets its baud would switch off the marks.
-        """
-        return {self.name: str(self._low_latency), HOST: "a pseudo-terminal"}
-
     def _read_until_lost(self) -> OSError | None:
         error = self._forwarder.run()
         self._host.close()
@@ -170,9 +158,6 @@ class BridgeSource(ThreadedSource):
         self._put_found_again(opened, away_s)
         self._wires.port_reopened(self._port.baudrate)
         self._forwarder = Forwarder(self._port, self._host, self._wires, self._end_due)
-
-    def _put_event(self, kind: PortEventKind, detail: str) -> None:
-        self._wires.put_event(self.name, kind, detail)
 
     def _put_silence(self) -> None:
         self._wires.put_feedback(self._clock.now_ns(), b"")

@@ -133,24 +133,14 @@ class PortSource(ThreadedSource):
             uncertainty_ns: how much earlier than their time stamp bytes may have arrived.
             reopen: opens the port again when it is lost; None to end then.
         """
-        self._queue = queue or ChunkQueue(name)
-        super().__init__(port, name, self._queue, clock, reopen)
-        self._capabilities = capabilities or request_capabilities(port)
-        self._line: LineWatch = self._capabilities.line
+        super().__init__(port, name, queue or ChunkQueue(name), clock, reopen)
+        capabilities = capabilities or request_capabilities(port)
+        self.uncertainty_ns = {name: uncertainty_ns}
+        self.capabilities = {name: str(capabilities)}
+        self._line: LineWatch = capabilities.line
         self._read = reader_of(port)
-        self._uncertainty_ns = uncertainty_ns
         self._bytes_at_loss = -1
         self._start(f"reads {name}", detail)
-
-    @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """How much earlier than their time stamp bytes may have arrived."""
-        return {self.name: self._uncertainty_ns}
-
-    @property
-    def capabilities(self) -> Mapping[str, str]:
-        """What the port's driver supports, as text for users."""
-        return {self.name: str(self._capabilities)}
 
     def _read_until_lost(self) -> OSError | None:
         error = self._read_chunks()
@@ -168,7 +158,7 @@ class PortSource(ThreadedSource):
             now_ns = self._clock.now_ns()
             data, line_errors = self._line.feed(data)
             self._put_line_errors(now_ns, self._line.report(now_ns))
-            self._queue.put(Chunk(self.name, now_ns, data, line_errors))
+            self._items.put(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
             if last:
                 return None
@@ -187,13 +177,7 @@ class PortSource(ThreadedSource):
     def _put_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
         if counts:
             kind = PortEventKind.LINE_ERROR
-            self._queue.put_event(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
-
-    def _put_event(self, kind: PortEventKind, detail: str) -> None:
-        self._queue.put_event(PortEvent(self._clock.now_ns(), self.name, kind, detail))
-
-    def _put_silence(self) -> None:
-        self._queue.put(Chunk(self.name, self._clock.now_ns(), b""))
+            self._items.put_event(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
 
 
 class SourceGroup:

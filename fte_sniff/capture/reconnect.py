@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, TypeGuard
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard
 
 import serial
 from serial.tools.list_ports import comports
@@ -34,10 +34,19 @@ _REPORTED_REFUSAL = 2
 _PTY_FOLDER = "/dev/pts/"
 
 
+class Closable(Protocol):
+    """What a source reads: a port, or a program that watches one."""
+
+    def close(self) -> object:
+        """End it."""
+        ...
+
+
 class OpenedPort(NamedTuple):
     """A port that is open again."""
 
-    port: serial.Serial
+    port: Any
+    """Of the kind that the source reads."""
     name: str
 
 

@@ -17,10 +17,10 @@ from typing import Protocol, Self
 from fte_sniff.capture.chunk_queue import ChunkQueue, Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, OpenedPort, Reconnector, Reopen
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, Closable, OpenedPort, Reconnector, Reopen
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import FileError, TranslatableText
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 
 class SourceEnd(StrEnum):
@@ -109,13 +109,8 @@ class Wiring(Protocol):
         ...
 
 
-class Closable(Protocol):
-    """What a source reads: a port, or a program that watches one."""
-
-    def close(self) -> object:
-        """End it."""
-        ...
-
+AS_ASKED = TranslatableText("as asked")
+"""The detail of a port that was closed on request."""
 
 _SILENCE_INTERVAL_S = 0.05  # between empty chunks while a lost port is awaited
 
@@ -127,6 +122,12 @@ class ThreadedSource(ABC):
     """Why reading ended, although items may still be queued; None while it continues."""
     device: str | None = None
     """The device that host programs open; None for all but a bridge."""
+    uncertainty_ns: Mapping[str, int]
+    """By wire: how much earlier than their time stamp bytes may have been on it."""
+    capabilities: Mapping[str, str]
+    """By wire: what its driver supports, as text for users."""
+    _awaited = TranslatableText("waiting for it to come back")
+    """What follows after a loss."""
 
     def __init__(
         self,
@@ -199,12 +200,13 @@ class ThreadedSource(ABC):
         while (error := self._read_until_lost()) is not None:
             lost = one_line(error)
             if self._reopen is None:
-                self._finish(SourceEnd.LOST, PortEventKind.LOST, lost)
+                # A program that is watched and ends is no fault of the port.
+                ended = isinstance(error, ProcessLookupError)
+                end = SourceEnd.STOPPED if ended else SourceEnd.LOST
+                self._finish(end, PortEventKind.LOST, lost)
                 return
-            self._put_event(
-                PortEventKind.LOST,
-                TranslatableText("{error}; waiting for it to come back", error=lost),
-            )
+            detail = TranslatableText("{error}; {awaited}", error=lost, awaited=self._awaited)
+            self._put_event(PortEventKind.LOST, detail)
             lost_ns = self._clock.now_ns()
             opened = self._wait_for_port(self._reopen)
             if opened is None:
@@ -214,7 +216,7 @@ class ThreadedSource(ABC):
             except FileError as refused:
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.message)
                 return
-        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
+        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, AS_ASKED)
 
     def _wait_for_port(self, reopen: Reopen) -> OpenedPort | None:
         self._close_port()
@@ -260,10 +262,10 @@ class ThreadedSource(ABC):
     def _resume(self, opened: OpenedPort, away_s: float) -> None:
         """Prepare to read again and put `found_again`; a FileError loses the port for good."""
 
-    @abstractmethod
     def _put_event(self, kind: PortEventKind, detail: str) -> None:
         """Put an event of the port, stamped with the time now."""
+        self._items.put_event(PortEvent(self._clock.now_ns(), self.name, kind, detail))
 
-    @abstractmethod
     def _put_silence(self) -> None:
         """Put an empty chunk for each wire, so that no consumer waits for a port that is away."""
+        self._items.put(Chunk(self.name, self._clock.now_ns(), b""))

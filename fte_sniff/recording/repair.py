@@ -95,9 +95,9 @@ class Repair:
         times: list[tuple[int, int]] = []
         for found, rows in self._ranges():
             damage.messages += len(rows) + len(rows.events)
-            if len(rows) or rows.events:
+            if (span_ns := rows.span_ns) is not None:
                 starts.append(found.records[0][0])
-                times.append(_times(rows))
+                times.append(span_ns)
         for lost in reader.damage:
             if lost.start < lost.stop:
                 after = bisect_left(starts, lost.start)
@@ -155,13 +155,6 @@ class Repair:
             "lost.messages": "" if damage.lost_messages is None else str(damage.lost_messages),
             **{f"lost.{number}": lost_text(gap) for number, gap in listed},
         }
-
-
-def _times(rows: Rows) -> tuple[int, int]:
-    times = [event.t_ns for event in rows.events]
-    if len(rows):
-        times += [int(rows.t_ns.min()), int(rows.t_ns.max())]
-    return min(times), max(times)
 
 
 _NO_CHUNK = "no whole chunk is left in it, so there is nothing to repair"

@@ -239,7 +239,7 @@ def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> No
 @needs("strace")
 def test_killed_strace_is_reported_and_the_target_goes_on(pty) -> None:
     with host_at(pty.device) as host, attached(pty.device, reconnect=False) as seen:
-        seen.source._strace.process.kill()
+        seen.source._port.process.kill()
         seen.ended()
         assert seen.source.end is SourceEnd.LOST
         assert seen.events(HOST)[-1].detail == "strace was ended by SIGKILL"
@@ -253,7 +253,7 @@ def test_killed_strace_is_started_again(pty) -> None:
     with host_at(pty.device) as host, attached(pty.device) as seen:
         host.does("os.write(line, b'one')")
         wait_until(lambda: seen.data(HOST) == b"one")
-        seen.source._strace.process.kill()
+        seen.source._port.process.kill()
         wait_until(lambda: "found_again" in seen.kinds(pty.device))
         host.does("os.write(line, b'two')")
         wait_until(lambda: seen.data(HOST) == b"onetwo")

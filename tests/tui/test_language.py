@@ -204,7 +204,8 @@ def test_every_mistake_in_a_filter_is_shown_in_chinese(text: str) -> None:
 
 def test_port_events_are_shown_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        lost = TranslatableText("{error}; waiting for it to come back", error="EIO")
+        awaited = TranslatableText("waiting for it to come back")
+        lost = TranslatableText("{error}; {awaited}", error="EIO", awaited=awaited)
         feed.emit(PortEvent(0, "p", PortEventKind.LOST, lost))
         await settle(app, pilot)
         assert "EIO；等待其恢复" in squeezed(app)
