@@ -16,6 +16,7 @@ Modules:
     extras             Packages of the extras: the command that installs one.
     findings           `fte-sniff findings`: what is wrong, when, and the rows that show it.
     foxglove_server    Rows of a capture for viewers, over WebSocket.
+    foxglove_websocket The protocol that viewers speak, and a queue for each.
     hex                `fte-sniff hex`: explain pasted bytes.
     input_files        Input arguments to session inputs.
     live               `fte-sniff live`: capture a port, record it, and show it.

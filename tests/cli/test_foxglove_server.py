@@ -10,14 +10,23 @@ import struct
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from socket import SO_RCVBUF, SOL_SOCKET, socket
-from typing import Any, NamedTuple
+from typing import Any
 
+import foxglove
 import pytest
 from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from fte_sniff.cli.foxglove_server import ServedChannels
+from fte_sniff.cli.foxglove_websocket import (
+    ENDED,
+    PAUSED,
+    PLAYING,
+    SUBPROTOCOLS,
+    FoxgloveWebSocket,
+    PlayState,
+)
 from fte_sniff.protocol import Damage, Fault, Rows
 from fte_sniff.recording.messages.schema import TOPICS, message_class
 from tests.beside import server_socket
@@ -27,23 +36,25 @@ from tests.cli.terminals import terminal
 from tests.slow import first
 from tests.waiting import BOUND_S
 
-pytest.importorskip("foxglove")
-
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
 WORDS = ("live", SIM, "--headless", "-o", "x.mcap", "--serve", "127.0.0.1:0")
-PROTOCOL = "foxglove.sdk.v1"
 _MESSAGE = struct.Struct("<BIQ")
+
+
+_STATE = struct.Struct("<BBQf?")
+_REQUEST = struct.Struct("<B?f?QI")
 
 
 class Viewer:
     """A client that subscribes to all channels."""
 
     def __init__(self, connection: ClientConnection) -> None:
-        assert connection.subprotocol == PROTOCOL
+        assert connection.subprotocol in SUBPROTOCOLS
         self._connection = connection
         self.channels: dict[int, dict[str, Any]] = {}
         self.info: dict[str, Any] = {}
         self.states: list[PlayState] = []
+        self.statuses: list[dict[str, Any]] = []
         while not self.channels:
             received = connection.recv(BOUND_S)
             if isinstance(received, bytes):
@@ -69,7 +80,7 @@ class Viewer:
     def _received(self) -> bytes:
         """The next binary message; a state of playback is kept too."""
         while isinstance(data := self._connection.recv(BOUND_S), str):
-            pass
+            self.statuses.append(json.loads(data))
         if data[0] == 5:
             self.states.append(PlayState(*_STATE.unpack_from(data)[1:]))
         return data
@@ -89,20 +100,6 @@ class Viewer:
             self._received()
 
 
-class PlayState(NamedTuple):
-    """The state of a playback, as the protocol encodes it."""
-
-    status: int
-    t_ns: int
-    speed: float
-    jumped: bool
-
-
-PLAYING, PAUSED, _, ENDED = range(4)
-_STATE = struct.Struct("<BBQf?")
-_REQUEST = struct.Struct("<B?f?QI")
-
-
 def address_in(text: str) -> str:
     found = re.search(r"ws://127\.0\.0\.1:\d+", text)
     assert found
@@ -110,7 +107,7 @@ def address_in(text: str) -> str:
 
 
 def viewer_at(address: str, **options: Any) -> ClientConnection:
-    return connect(address, subprotocols=[PROTOCOL], open_timeout=BOUND_S, **options)  # type: ignore[list-item]
+    return connect(address, subprotocols=SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options)
 
 
 def recorded(path: Path) -> dict[tuple[str, int], Any]:
@@ -165,25 +162,143 @@ def test_clients_that_never_read_cost_no_row(environment, tmp_path, clients: int
     assert "overrun" not in errors
 
 
-def test_viewer_that_reads_too_slowly_loses_messages_is_named_and_delays_no_end(capsys) -> None:
+def test_viewer_that_reads_too_slowly_loses_messages_that_are_counted(capsys) -> None:
     channels = ServedChannels(("127.0.0.1", 0), ["p"])
     channels.advertise()
     damage = [Damage("p", 1000 * n, bytes(1000), n, (Fault.NOISE,)) for n in range(1, 501)]
-    rows = Rows.from_rows(damage)
+    rows, sent = Rows.from_rows(damage), 0
     with socket() as narrow:
         narrow.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
         narrow.connect(("127.0.0.1", channels.server.port))
         name = "{}:{}".format(*narrow.getsockname())
         with viewer_at(address_in(channels.text), sock=narrow, max_queue=1) as slow:
-            Viewer(slow)
-            wait_until(lambda: channels.send(rows, []) or channels.slow)
+            viewer = Viewer(slow)
+            wait_until(lambda: channels.server.wanted)
+            while not (losses := channels.server.losses):
+                channels.send(rows, [])
+                sent += len(damage)
+            (lost,) = losses.values()
+            got = [viewer.message() for _ in range(sent - lost)]
+            with pytest.raises(TimeoutError):
+                slow.recv(0)
+            assert got[-1][1] == damage[-1].t_ns
+            assert channels.server.losses == {name: lost}
             channels.close()
-            with suppress(ConnectionClosed):  # or its end waits for what it does not read
+    warning = "this viewer reads too slowly and loses messages"
+    assert viewer.statuses == [{"op": "status", "level": 1, "message": warning}]
+    assert capsys.readouterr().err == (
+        f"1 viewer read too slowly and lost {lost:,} messages ({name})\n"
+    )
+
+
+def test_viewer_that_never_reads_delays_no_end_and_loses_what_waits(capsys) -> None:
+    channels = ServedChannels(("127.0.0.1", 0), ["p"])
+    channels.advertise()
+    damage = [Damage("p", 1000 * n, bytes(10_000), n, (Fault.NOISE,)) for n in range(1, 501)]
+    with socket() as narrow:
+        narrow.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
+        narrow.connect(("127.0.0.1", channels.server.port))
+        with viewer_at(address_in(channels.text), sock=narrow, max_queue=1) as slow:
+            Viewer(slow)
+            wait_until(lambda: channels.server.wanted)
+            channels.send(Rows.from_rows(damage), [])
+            assert channels.server.losses == {}
+            channels.close()
+            got = 0
+            with suppress(ConnectionClosed):
                 while True:
-                    slow.recv(BOUND_S)
-    said = capsys.readouterr().err
-    assert said.startswith(f"1 viewer read too slowly and lost messages ({name}); how many,")
-    assert said.count("\n") == 1
+                    got += isinstance(slow.recv(BOUND_S), bytes)
+    said = re.fullmatch(
+        r"1 viewer read too slowly and lost ([\d,]+) messages \(.*\)\n", capsys.readouterr().err
+    )
+    assert said
+    assert got + int(said[1].replace(",", "")) <= len(damage)
+
+
+@pytest.mark.parametrize("protocol", SUBPROTOCOLS)
+def test_each_viewer_gets_what_it_subscribed_to(protocol: str) -> None:
+    channels = ServedChannels(("127.0.0.1", 0), ["p"])
+    channels.advertise()
+    rows = Rows.from_rows([Damage("p", 1000 * n, b"x", n, (Fault.NOISE,)) for n in range(5)])
+    with connect(
+        address_in(channels.text), subprotocols=[protocol], open_timeout=BOUND_S
+    ) as connection:
+        channels.send(rows, [])  # nobody subscribed to it
+        viewer = Viewer(connection)
+        wait_until(lambda: channels.server.wanted)
+        channels.send(rows, [])
+        assert [viewer.message()[1] for _ in range(5)] == [*range(5)]
+        connection.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [*viewer.channels]}))
+        wait_until(lambda: not channels.server.wanted)
+        channels.send(rows, [])
+        channels.close()
+        with suppress(ConnectionClosed):
+            while True:
+                assert isinstance(connection.recv(BOUND_S), str)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        '{"op": "nonsense"}', "nonsense", "[]", "[" * 100_000, '{"op": "subscribe"}',
+        '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": Infinity, "channelId": 1}]}',
+        '{"op": "unsubscribe", "subscriptionIds": ["\\u001b[2J"]}', '{"op": "getParameters"}',
+        b"", b"\x09abc", b"\x03", _REQUEST.pack(3, 0, 1.0, 0, 0, 7),
+    ],
+    ids=lambda one: repr(one[:40]),
+)  # fmt: skip
+@pytest.mark.parametrize("plays", [False, True])
+def test_what_a_viewer_cannot_ask_is_answered(message: str | bytes, plays: bool) -> None:
+    options: dict[str, Any] = {"span_ns": (0, 1), "on_control": None} if plays else {}
+    server = FoxgloveWebSocket(("127.0.0.1", 0), **options)
+    with viewer_at(f"ws://127.0.0.1:{server.port}") as connection:
+        asked = [json.loads(connection.recv(BOUND_S))["op"] for _ in range(2)]
+        assert asked == ["serverInfo", "advertise"]
+        connection.send(message)
+        said = json.loads(connection.recv(BOUND_S))
+        assert (said["op"], said["level"]) == ("status", 2)
+        assert "\x1b" not in said["message"]
+        assert server.close() == {}
+
+
+def test_protocol_is_that_of_the_library_of_foxglove() -> None:
+    """foxglove-sdk, which does not count what a viewer loses, sends the same."""
+    span_ns, t_ns = (10**18 + 1, 2 * 10**18), 10**18 + 7
+    own = FoxgloveWebSocket(("127.0.0.1", 0), span_ns=span_ns)
+    number = own.add_channel("/a", "X", b"schema", {"port": "p"})
+    context = foxglove.Context()
+    other = foxglove.start_server(
+        name="fte-sniff", port=0, context=context, playback_time_range=span_ns
+    )
+    schema = foxglove.Schema(name="X", encoding="protobuf", data=b"schema")
+    channel = foxglove.Channel(
+        "/a", schema=schema, message_encoding="protobuf", metadata={"port": "p"}, context=context
+    )
+    received = []
+    for port, at in ((own.port, number), (other.port, channel.id())):
+        with viewer_at(f"ws://127.0.0.1:{port}") as connection:
+            texts = [json.loads(connection.recv(BOUND_S)) for _ in range(2)]
+            for name in ("sessionId", "metadata"):  # the library names itself
+                texts[0].pop(name, None)
+            assert texts[1]["channels"][0].pop("id") == at
+            wanted = [{"id": 5, "channelId": at}]
+            connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+            if port == own.port:
+                wait_until(lambda: own.wanted)
+                own.send([(at, t_ns, b"data")])
+                own.report(PlayState(PAUSED, t_ns, 1.5, jumped=True))
+            else:
+                wait_until(channel.has_sinks)
+                channel.log(b"data", log_time=t_ns)
+                status = foxglove.websocket.PlaybackStatus.Paused
+                state = foxglove.websocket.PlaybackState(status, t_ns, 1.5, True, None)
+                other.broadcast_playback_state(state)
+            received.append((texts, {connection.recv(BOUND_S) for _ in range(2)}))
+    assert received[0] == received[1]
+    own.close()
+    other.stop()
 
 
 def test_a_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path) -> None:
@@ -235,13 +350,13 @@ def test_port_or_file_behind_serve_is_not_its_address(run, samples, words) -> No
 def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) -> None:
     hidden = tmp_path / "hidden"
     hidden.mkdir()
-    (hidden / "foxglove.py").write_text("raise ImportError")
+    (hidden / "websockets.py").write_text("raise ImportError")
     environment["PYTHONPATH"] = f"{hidden}:{ROOT}"
     with started(environment, tmp_path, "live", SIM, "--headless", "--serve") as capture:
         code, _, errors = ended(capture)
     assert code == 2
-    assert "--serve needs the package foxglove-sdk: " in errors
-    assert re.search(r"install .*foxglove-sdk", errors)
+    assert "--serve needs the package websockets: " in errors
+    assert re.search(r"install .*websockets", errors)
     assert errors.count("\n") == 1
 
 

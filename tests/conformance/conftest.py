@@ -50,15 +50,21 @@ def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def typescript(builds: Path) -> Lines:
-    """`@mcap/core`, which Foxglove and Lichtblick read with, and protobufjs."""
+def node_programs(builds: Path) -> Path:
+    """The folder of the programs in `node/`."""
     _needs(shutil.which("npm"), "npm")
     folder = builds / "node"
     shutil.copytree(HERE / "node", folder, dirs_exist_ok=True)
     _run("npm", "install", "--no-audit", "--no-fund", "--no-package-lock", cwd=folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def typescript(node_programs: Path) -> Lines:
+    """`@mcap/core`, which Foxglove and Lichtblick read with, and protobufjs."""
 
     def lines(path: Path) -> list[str]:
-        reported = _run("node", "read.mjs", path, cwd=folder, within_s=READ_WITHIN_S)
+        reported = _run("node", "read.mjs", path, cwd=node_programs, within_s=READ_WITHIN_S)
         return reported.splitlines()
 
     return lines

@@ -1,12 +1,16 @@
 """The rows that went into a recording come out of every reader that people have, as they were."""
 
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from fte_sniff.cli.foxglove_server import ServedChannels
+from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording.messages.schema import TOPICS
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder
@@ -18,6 +22,7 @@ from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
+from tests.waiting import BOUND_S, wait_until
 
 pytestmark = pytest.mark.conformance
 
@@ -31,6 +36,21 @@ def test_every_reader_finds_the_rows_that_went_in(
     wanted = expected_lines(rows, events)
     assert read[:5] == wanted[:5]
     assert digest(read) == digest(wanted)
+
+
+def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_programs: Path) -> None:
+    """`@foxglove/ws-protocol`, with which Lichtblick connects."""
+    rows = some_rows(1_000)
+    events = [PortEvent(START - 5, rows[0].port, PortEventKind.OPENED, "115200 8N1 串口")]
+    channels = ServedChannels(("127.0.0.1", 0), [rows[0].port])
+    channels.advertise()
+    watch = ("node", "watch.mjs", f"ws://127.0.0.1:{channels.server.port}")
+    with subprocess.Popen(watch, cwd=node_programs, stdout=subprocess.PIPE, text=True) as viewer:
+        wait_until(lambda: len(channels.server.wanted) == len(TOPICS) or viewer.poll() is not None)
+        channels.send(Rows.from_rows(rows), events)
+        channels.close()
+        read = viewer.communicate(timeout=BOUND_S)[0].splitlines()
+    assert read == expected_lines(rows, events)
 
 
 def test_the_checker_has_nothing_to_report(recorded: Recorded, doctor: Lines) -> None:

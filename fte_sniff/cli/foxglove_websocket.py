@@ -1,0 +1,331 @@
+"""A server of Foxglove's WebSocket protocol: each viewer has a queue, and its losses are counted.
+
+The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md, with the playback
+control of foxglove-sdk. The WebSockets are those of the package websockets.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+import struct
+from base64 import b64encode
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from threading import Thread
+from time import time_ns
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from fte_sniff.cli.extras import install_command
+from fte_sniff.errors import UsageError, reason_of
+from fte_sniff.session.replay import PlayRequest
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+
+SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""Of Foxglove, and of programs before 2025, such as Lichtblick; they are equal in what is used."""
+MOST_WAITING: Final = 4096
+"""Messages that wait for a slow viewer; then it loses the oldest."""
+_MOST_REPLIES: Final = 64
+_MOST_VIEWERS: Final = 64
+_HANG_UP_S: Final = 1.0
+"""How long viewers may take to read the last messages at the end, seconds."""
+_MOST_SHOWN: Final = 80
+
+_WARNING, _ERROR = 1, 2
+"""Levels of a status."""
+_MESSAGE: Final = struct.Struct("<BIQ")
+"""1, subscription, time in nanoseconds; the message follows."""
+_REQUEST: Final = struct.Struct("<BBf?QI")
+"""3, whether to pause, speed, whether to seek, to which time; the length of the request's id, which
+follows."""
+_STATE: Final = struct.Struct("<BBQf?I")
+"""5, status, time, speed, whether the time jumped; the length of the request's id, as above."""
+PLAYING, PAUSED, ENDED = 0, 1, 3
+"""Statuses of a playback."""
+
+
+class PlayState(NamedTuple):
+    """What viewers learn about a playback."""
+
+    status: int
+    t_ns: int
+    speed: float
+    jumped: bool = False
+    """Whether the time did not follow from the last one."""
+
+
+class _Viewer:
+    """A connected viewer: its subscriptions, and what waits for it."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self.connection = connection
+        self.address = "{}:{}".format(*connection.remote_address[:2])
+        self.subscriptions: dict[int, int] = {}
+        """Their numbers by channel."""
+        self.replies = deque[str | bytes](maxlen=_MOST_REPLIES)
+        self.waiting = deque[bytes]()
+        self.lost = 0
+        self.ends = False
+        """Whether to hang up once nothing waits."""
+        self.wakes = asyncio.Event()
+
+    def put(self, message: bytes) -> None:
+        """Let a message wait; the oldest one gives way."""
+        if len(self.waiting) == MOST_WAITING:
+            self.waiting.popleft()
+            self.lost += 1
+            if self.lost == 1:
+                self.reply(_status(_WARNING, "this viewer reads too slowly and loses messages"))
+        self.waiting.append(message)
+        self.wakes.set()
+
+    def reply(self, message: str | bytes) -> None:
+        """Let a message wait that comes before all others."""
+        self.replies.append(message)
+        self.wakes.set()
+
+    async def send_all(self) -> None:
+        """Send what waits, until the end."""
+        while not self.ends or self.replies or self.waiting:
+            self.wakes.clear()
+            while self.replies or self.waiting:
+                await self.connection.send((self.replies or self.waiting).popleft())
+            if not self.ends:
+                await self.wakes.wait()
+        await self.connection.close(1001)
+
+
+def _status(level: int, message: str) -> str:
+    return json.dumps({"op": "status", "level": level, "message": message})
+
+
+class FoxgloveWebSocket:
+    """Serves channels of messages; its methods are called from one other thread."""
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        *,
+        span_ns: tuple[int, int] | None = None,
+        on_control: Callable[[PlayRequest], PlayState] | None = None,
+    ) -> None:
+        """Listen at the address.
+
+        Args:
+            address: host and port; port 0 is any that is free.
+            span_ns: the first and the last time of data that are played, if viewers may control it.
+            on_control: is called with each request of a viewer, and returns the state.
+
+        Raises UsageError if the package is not installed, or the address cannot be used.
+        """
+        try:
+            from websockets.asyncio.server import serve
+        except ImportError:
+            raise UsageError(
+                f"--serve needs the package websockets: {install_command('foxglove')}"
+            ) from None
+        host, port = address
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            self._socket = socket.create_server(address, family=family)
+        except OSError as error:
+            reason, _, _ = reason_of(error).partition(" (while")  # Python adds the address
+            raise UsageError(
+                f"--serve {host}:{port}: {reason}; name another port, as in"
+                f" --serve {(port + 1) % (1 << 16)}"
+            ) from None
+        self.port = int(self._socket.getsockname()[1])
+        self._channels: list[dict[str, Any]] = []
+        self._viewers: set[_Viewer] = set()
+        self._lost: dict[str, int] = {}
+        """By the address of viewers that are gone."""
+        self.wanted: frozenset[int] = frozenset()
+        """The channels that viewers subscribed to."""
+        self._on_control = on_control
+        self._info: dict[str, Any] = {
+            "op": "serverInfo",
+            "name": "fte-sniff",
+            "capabilities": ["playbackControl"] if span_ns else [],
+            "sessionId": str(time_ns() // 10**6),
+        }
+        for name, t_ns in zip(("dataStartTime", "dataEndTime"), span_ns or (), strict=False):
+            self._info[name] = dict(zip(("sec", "nsec"), divmod(t_ns, 10**9), strict=True))
+        quiet = logging.getLogger(f"{__name__}.library")  # it would write on the screen
+        quiet.propagate = False
+        quiet.handlers = [logging.NullHandler()]
+        self._loop = asyncio.new_event_loop()
+        self._options: dict[str, Any] = {
+            "subprotocols": SUBPROTOCOLS,
+            "compression": None,
+            # A viewer that reads slowly also answers pings slowly.
+            "ping_interval": None,
+            "logger": quiet,
+        }
+        self._server = asyncio.run_coroutine_threadsafe(self._listen(serve), self._loop)
+        self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
+        self._thread.start()
+        self._server.result()
+
+    async def _listen(self, serve: Any) -> Any:
+        return await serve(self._serve, sock=self._socket, **self._options)
+
+    def add_channel(
+        self, topic: str, schema_name: str, schema: bytes, metadata: Mapping[str, str]
+    ) -> int:
+        """Advertise a channel of protobuf messages; the schema is a FileDescriptorSet."""
+        number = len(self._channels) + 1
+        channel = {
+            "id": number,
+            "topic": topic,
+            "encoding": "protobuf",
+            "schemaName": schema_name,
+            "schemaEncoding": "protobuf",
+            "schema": b64encode(schema).decode(),
+            "metadata": dict(metadata),
+        }
+        self._channels.append(channel)
+        self._loop.call_soon_threadsafe(self._reply_to_all, _advertised([channel]))
+        return number
+
+    def send(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
+        """Send messages to the viewers of their channels: channel, time and message of each."""
+        self._loop.call_soon_threadsafe(self._send, [*messages])
+
+    def report(self, state: PlayState) -> None:
+        """Report the state of the playback to all viewers."""
+        self._loop.call_soon_threadsafe(self._reply_to_all, _packed(state))
+
+    def close(self) -> dict[str, int]:
+        """Hang up, and return the losses."""
+        asyncio.run_coroutine_threadsafe(self._hang_up(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+        return self._lost
+
+    @property
+    def losses(self) -> dict[str, int]:
+        """How many messages viewers lost because they read too slowly, by their address."""
+        return self._lost | {one.address: one.lost for one in [*self._viewers] if one.lost}
+
+    # What follows runs in the thread of the loop.
+
+    def _send(self, messages: list[tuple[int, int, bytes]]) -> None:
+        for viewer in self._viewers:
+            subscriptions = viewer.subscriptions
+            for channel, t_ns, message in messages:
+                if (number := subscriptions.get(channel)) is not None:
+                    viewer.put(_MESSAGE.pack(1, number, t_ns) + message)
+
+    def _reply_to_all(self, message: str | bytes) -> None:
+        for viewer in self._viewers:
+            viewer.reply(message)
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        """Serve one viewer."""
+        from websockets.exceptions import ConnectionClosed
+
+        if len(self._viewers) >= _MOST_VIEWERS:
+            await connection.close(1013, f"{_MOST_VIEWERS} viewers are connected")
+            return
+        viewer = _Viewer(connection)
+        viewer.reply(json.dumps(self._info))
+        viewer.reply(_advertised(self._channels))
+        self._viewers.add(viewer)
+        sends = asyncio.ensure_future(viewer.send_all())
+        try:
+            with suppress(ConnectionClosed):
+                async for message in connection:
+                    if reply := self._reply_of(viewer, message):
+                        viewer.reply(reply)
+        finally:
+            sends.cancel()
+            with suppress(ConnectionClosed, asyncio.CancelledError):
+                await sends
+            self._forget(viewer)
+
+    def _forget(self, viewer: _Viewer) -> None:
+        if viewer not in self._viewers:
+            return
+        self._viewers.remove(viewer)
+        self._find_wanted()
+        if viewer.lost:
+            self._lost[viewer.address] = self._lost.get(viewer.address, 0) + viewer.lost
+
+    def _find_wanted(self) -> None:
+        self.wanted = frozenset().union(*(one.subscriptions for one in self._viewers))
+
+    def _reply_of(self, viewer: _Viewer, message: str | bytes) -> str | bytes | None:
+        """Do what a viewer asks, and return the answer."""
+        if isinstance(message, bytes):
+            return self._control(message)
+        try:
+            asked = json.loads(message)
+            operation = asked["op"]
+            if operation == "subscribe":
+                pairs = [(int(one["id"]), int(one["channelId"])) for one in asked["subscriptions"]]
+                return self._subscribe(viewer, pairs)
+            if operation == "unsubscribe":
+                gone = {*map(int, asked["subscriptionIds"])}
+                kept = ((at, own) for at, own in viewer.subscriptions.items() if own not in gone)
+                viewer.subscriptions = dict(kept)
+                self._find_wanted()
+                return None
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+            operation = message
+        return _status(_ERROR, f"not supported: {str(operation)[:_MOST_SHOWN]}")
+
+    def _subscribe(self, viewer: _Viewer, pairs: Iterable[tuple[int, int]]) -> str | None:
+        for number, channel in pairs:
+            if not 0 < channel <= len(self._channels):
+                return _status(_ERROR, f"channel {channel} does not exist")
+            if not 0 <= number < 1 << 32 or number in viewer.subscriptions.values():
+                return _status(_ERROR, f"subscription {number} cannot be used")
+            viewer.subscriptions.setdefault(channel, number)
+        self._find_wanted()
+        return None
+
+    def _control(self, message: bytes) -> str | bytes:
+        """The state of the playback after what a viewer asks."""
+        if self._on_control is None or message[:1] != b"\x03" or len(message) < _REQUEST.size:
+            return _status(_ERROR, f"not supported: {message[:_MOST_SHOWN].hex(' ')}")
+        _, pauses, speed, seeks, t_ns, size = _REQUEST.unpack_from(message)
+        identity = message[_REQUEST.size :]
+        if len(identity) != size:
+            return _status(_ERROR, "the request has another length than it says")
+        asked = PlayRequest(not pauses, speed, t_ns if seeks else None)
+        return _packed(self._on_control(asked), identity)
+
+    async def _hang_up(self) -> None:
+        server, left = self._server.result(), [*self._viewers]
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        server.close(close_connections=False)
+        for viewer in left:
+            viewer.ends = True
+            viewer.wakes.set()
+        ends = [asyncio.ensure_future(one.connection.wait_closed()) for one in left]
+        if ends:
+            await asyncio.wait(ends, timeout=_HANG_UP_S)
+        for viewer in [*self._viewers]:
+            viewer.lost += len(viewer.waiting)
+            viewer.connection.transport.abort()
+            self._forget(viewer)
+        for task in tasks:  # those that still connect too
+            task.cancel()
+        await server.wait_closed()
+        await asyncio.gather(*tasks, *ends, return_exceptions=True)
+
+
+def _advertised(channels: list[dict[str, Any]]) -> str:
+    return json.dumps({"op": "advertise", "channels": channels})
+
+
+def _packed(state: PlayState, request: bytes = b"") -> bytes:
+    """The state of a playback in bytes, with the id of the request that it answers."""
+    status, t_ns, speed, jumped = state
+    return _STATE.pack(5, status, t_ns, speed, jumped, len(request)) + request
