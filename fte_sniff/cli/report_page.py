@@ -18,6 +18,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.models import (
     BasicTicker,
@@ -112,6 +113,10 @@ def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
     plots = _Plots(timeline, gaps, zone)
     delays = _delay_plot(facts.delays_ns)
     parts = [*plots.figures.values(), *([delays] if delays else [])]
+    document = Document()
+    with document.models.freeze():  # else each plot collects the models of all plots again
+        for part in parts:
+            document.add_root(part)
     script, divs = components(tuple(parts)) if parts else ("", ())
     resources = Resources(mode="inline", components=["bokeh"])
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
