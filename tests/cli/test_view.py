@@ -40,10 +40,13 @@ def test_live_shows_rows_and_names_the_recording_at_the_end(
 
 
 def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) -> None:
-    with terminal(environment, tmp_path, "live", "sim://?rate=500", "--no-record") as screen:
-        screen.until("speed fb")
+    """Without any colour where NO_COLOR is set."""
+    plain = environment | {"NO_COLOR": "1"}
+    with terminal(plain, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
+        screen.until("truncated")
         screen.type("\x03")
         assert screen.ended() == 0
+    assert b"\x1b[38;2" not in screen.drawn
     with terminal(
         environment, tmp_path, "live", "sim://", "--count", "9", "-o", "x.mcap"
     ) as screen:
@@ -65,15 +68,6 @@ def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path
     assert b"recorded to" not in screen.drawn
 
 
-def test_no_color(environment, tmp_path: Path) -> None:
-    environment = environment | {"NO_COLOR": "1"}
-    with terminal(environment, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
-        screen.until("truncated")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert b"\x1b[38;2" not in screen.drawn
-
-
 def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
     environment, tmp_path: Path
 ) -> None:
@@ -91,7 +85,7 @@ def test_a_killed_screen_leaves_a_file_that_opens(run, environment, tmp_path: Pa
     assert run("decode", "x.mcap").returncode == 0
 
 
-@pytest.mark.parametrize("name", ["clean.mcap", "damaged.raw", "midstream.hex"])
+@pytest.mark.parametrize("name", first(1, ["midstream.hex", "damaged.raw", "clean.mcap"]))
 def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
     with terminal(environment, tmp_path, "view", str(SAMPLES / name), size=(200, 60)) as screen:
         screen.until("speed_feed")
@@ -101,7 +95,8 @@ def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "words"), [("en", "! the file is damaged: it is cut"), ("zh", "文件已损坏")]
+    ("language", "words"),
+    first(1, [("zh", "文件已损坏"), ("en", "! the file is damaged: it is cut")]),
 )
 def test_view_shows_that_a_file_is_damaged(
     environment, tmp_path: Path, language: str, words: str
@@ -131,7 +126,7 @@ def test_hex_takes_a_frame_apart_in_the_width_of_the_terminal(environment, tmp_p
     assert "10000 pulses" in text
 
 
-ROWS = 400_000
+ROWS = 200_000
 FIRST_NS = 1_769_860_800_000_000_000
 RPMS = 1000
 
@@ -157,15 +152,15 @@ def test_every_row_is_reached_and_found(environment, tmp_path: Path, recording: 
     with terminal(environment, tmp_path, *few, size=(120, 40)) as screen:
         screen.until("FILE")
         screen.type("G")
-        screen.until("12:06:39.999")
+        screen.until("12:03:19.999")
         screen.type("g")
         screen.until("12:00:00.000")
         screen.type(":50%\r")
-        screen.until("12:03:20.000")
+        screen.until("12:01:40.000")
         screen.type("frpm = 777\r")
-        screen.until("400 of 400,000 rows")
+        screen.until("200 of 200,000 rows")
         screen.type("G")
-        screen.until("12:06:39.777")
+        screen.until("12:03:19.777")
         screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
@@ -186,7 +181,7 @@ def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
     assert b"Traceback" not in screen.drawn
 
 
-@pytest.mark.parametrize("key", ["Q", "\x03"])
+@pytest.mark.parametrize("key", first(1, ["\x03", "Q"]))
 def test_it_can_be_left_while_it_loads(
     environment, tmp_path: Path, recording: Path, key: str
 ) -> None:
@@ -212,7 +207,7 @@ TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1")
 def draws_much(screen: Terminal) -> None:
     """Wait until the screen is up, and have it draw at every key."""
     screen.until(ROWS_TERMINAL)
-    screen.type("M" + "kkkjjj" * 40)
+    screen.type("M" + "kkkjjj" * 10)
 
 
 def stands_still(recording: Path) -> None:
@@ -335,7 +330,7 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
     ) as screen:
         before = screen.attributes
         screen.until(ROWS_TERMINAL)
-        for _ in range(3):
+        for _ in range(2):
             screen.process.send_signal(signal.SIGSTOP)
             captures_on(recording)
             screen.process.send_signal(signal.SIGCONT)
