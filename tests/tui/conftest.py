@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import re
-from collections.abc import Awaitable, Callable, Sequence
+import gc
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
@@ -14,8 +14,9 @@ import pytest
 from textual import events
 from textual._compositor import LayoutUpdate
 from textual.pilot import Pilot
+from textual.screen import Screen
 
-from docs.picture import idle
+from docs.picture import PictureApp, idle
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange
 from fte_sniff.protocol import (
     KIND_BY_NAME,
@@ -121,6 +122,41 @@ def searches_end_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "SEARCH_BLOCK_S", 3600.0)
 
 
+class UndrawnApp(SniffApp):
+    """The screen without the frames that nobody reads, which are half of what a test costs.
+
+    It is laid out after every key, and drawn by `lines`, and by `play` at the start and at the end.
+    """
+
+
+@pytest.fixture(autouse=True)
+def frames_are_drawn_where_they_are_read(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame is drawn for a test that reads it, not after every key; slow tests draw all."""
+    if request.node.get_closest_marker("slow"):
+        return
+    draw = Screen._compositor_refresh
+
+    def draw_unless_undrawn(screen: Screen[Any]) -> None:
+        app: object = screen.app
+        if not isinstance(app, UndrawnApp | PictureApp) or screen is not app.screen:
+            draw(screen)
+
+    monkeypatch.setattr(Screen, "_compositor_refresh", draw_unless_undrawn)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def garbage_is_collected_seldom() -> Iterator[None]:
+    """An app is many objects in cycles: to look for them again and again is a quarter of a test."""
+    thresholds = gc.get_threshold()
+    gc.freeze()  # what is imported stays
+    gc.set_threshold(500_000, 50, 100)
+    yield
+    gc.set_threshold(*thresholds)
+    gc.unfreeze()
+
+
 @pytest.fixture
 def samples() -> Path:
     return Path(__file__).parents[2] / "samples"
@@ -167,16 +203,23 @@ def play(
     leave_at_end: bool = False,
     options: StartOptions | None = None,
     rows: int = 0,
+    frames: bool = False,
 ) -> SniffApp:
-    """Run the screen without a terminal, with rows of speed commands, and the scenario on it."""
+    """Run the screen without a terminal, with rows of speed commands, and the scenario on it.
+
+    With `frames`, the screen is drawn after every key, as for a user.
+    """
     if rows:
         feed.give(_speed_rows(rows))
-    app = SniffApp(feed, options or StartOptions(leave_at_end, zone=UTC))
+    kind = SniffApp if frames else UndrawnApp
+    app = kind(feed, options or StartOptions(leave_at_end, zone=UTC))
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:
             await settle(app, pilot)
+            page(app)
             await scenario(app, pilot)
+            page(app)
 
     asyncio.run(run())
     return app
@@ -227,11 +270,16 @@ def table(app: SniffApp) -> RowTable:
     return app.query_one(RowTable)
 
 
+def row_texts(app: SniffApp) -> list[str]:
+    """The lines of the table in the window, as drawn."""
+    page(app)  # a table that is not drawn has the columns of before
+    here = table(app)
+    return [here.render_line(y).text for y in range(here.viewport.height)]
+
+
 def rpms(app: SniffApp) -> list[int]:
     """The RPM of each row in the window, as drawn."""
-    here = table(app)
-    texts = [here.render_line(y).text for y in range(here.viewport.height)]
-    return [int(re.split("rpm=", text)[1].split()[0]) for text in texts if "rpm=" in text]
+    return [int(text.split("rpm=")[1].split()[0]) for text in row_texts(app) if "rpm=" in text]
 
 
 async def wheel(app: SniffApp, pilot: Pilot[None], notch: type[events.MouseEvent]) -> None:

@@ -237,12 +237,11 @@ def test_no_key_of_a_page_moves_the_focus_behind_it(
     on_rows(feed, check, tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("opener", ["slash", "colon"])
 def test_a_line_typed_in_the_top_view_is_text_and_no_command(
-    feed: Any, opener: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def check(app: SniffApp, pilot: Pilot[None]) -> None:
-        for send in (press, rush):
+        for opener, send in product(("slash", "colon"), (press, rush)):
             await begin(app, "top")
             await send(app, pilot, opener, *"mum")
             assert line_of(app, opener).value == "mum"

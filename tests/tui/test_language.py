@@ -60,6 +60,7 @@ from fte_sniff.tui.status_bar import (
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.text import event_text, landmark_text
 from tests.analysis.filter.test_parser import MISTAKES
+from tests.slow import first
 from tests.tui.conftest import NOON_NS, Rows, Scenario, enter_line, lines, page, play, press, settle
 
 CHINESE = StartOptions(language="zh")
@@ -425,7 +426,7 @@ def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, sample
         assert not re.search(r"\b(a|the|is|of|at|bytes?|chunk|record|not|it)\b", plain), loss
 
 
-@pytest.mark.parametrize("size", [(80, 24), (40, 10), (200, 60)])
+@pytest.mark.parametrize("size", first(2, [((80, 24),), ((40, 10),), ((200, 60),)]))
 def test_nothing_is_wider_than_the_screen(
     feed: Any, odd_rows: list[Any], speed_rows: Rows, size: tuple[int, int]
 ) -> None:

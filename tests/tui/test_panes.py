@@ -141,20 +141,22 @@ def shown(app: SniffApp) -> list[type[Pane]]:
     return [type(pane) for pane in app.query(Pane) if pane.display]
 
 
-@pytest.mark.parametrize("width", [40, 100])
-def test_the_motors_of_an_old_row_name_the_row(feed: Any, width: int) -> None:
+def test_the_motors_of_an_old_row_name_the_row(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
         await press(app, pilot, "M")
-        await settle(app, pilot)
-        title = app.query_one(MotorsPane)
-        assert "as of" not in str(title.border_title)
-        await press(app, pilot, "g")
-        app._panes.redraw()
-        assert "as of row 1, 12:00:00.000 - G: end" in str(title.border_title)
+        pane = app.query_one(MotorsPane)
+        for width in (40, 100):
+            await pilot.resize_terminal(width, 24)
+            await press(app, pilot, "G")
+            app._panes.redraw()
+            assert "as of" not in str(pane.border_title)
+            await press(app, pilot, "g")
+            app._panes.redraw()
+            assert "as of row 1, 12:00:00.000 - G: end" in str(pane.border_title)
 
-    play(feed, scenario, (width, 24))
+    play(feed, scenario)
 
 
 def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
@@ -174,48 +176,51 @@ def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
 
 
 @pytest.mark.parametrize("size", first(1, [((40, 12),), ((80, 24),), ((200, 60),)]))
-@pytest.mark.parametrize("key", PANES)
-def test_a_key_opens_a_pane_and_the_table_stays(feed: Any, key: str, size: tuple[int, int]) -> None:
+def test_a_key_opens_a_pane_and_the_table_stays(feed: Any, size: tuple[int, int]) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
-        await press(app, pilot, key)
-        await settle(app, pilot)
-        assert shown(app) == [PANES[key]]
-        assert app.focused is table(app)
-        assert table(app).size.height >= (2 if size[1] < LOW else 3)
-        cursor = table(app).cursor_row
-        await press(app, pilot, "k")
-        assert table(app).cursor_row != cursor
-        await press(app, pilot, key)
-        assert shown(app) == []
-        await press(app, pilot, key, "escape", "escape")
-        assert shown(app) == []
-        assert app.is_running
+        for key, pane in PANES.items():
+            await press(app, pilot, key)
+            await settle(app, pilot)
+            assert shown(app) == [pane]
+            assert app.focused is table(app)
+            assert table(app).size.height >= (2 if size[1] < LOW else 3)
+            cursor = table(app).cursor_row
+            await press(app, pilot, "k")
+            assert table(app).cursor_row != cursor
+            await press(app, pilot, key)
+            assert shown(app) == []
+            await press(app, pilot, key, "escape", "escape")
+            assert shown(app) == []
+            assert app.is_running
 
     play(feed, scenario, size)
 
 
-@pytest.mark.parametrize("key", PANES)
-def test_a_pane_about_rows_that_stay_is_drawn_once(feed: Any, key: str) -> None:
+def test_a_pane_about_rows_that_stay_is_drawn_once(feed: Any) -> None:
     refreshed = []
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         feed.state = replace(feed.state, live=False, running=False)
         await settle(app, pilot)
-        await press(app, pilot, key)
-        await settle(app, pilot)
-        await until(app, pilot, lambda: not app._panes.models_pending)
-        for _ in range(10):  # the statistics are complete some drawings after the last row
-            app._panes._drawn_at_ns.clear()
+        for key, kind in PANES.items():
+            await press(app, pilot, key)
             await settle(app, pilot)
-        pane = app.query_one(PANES[key])
-        pane.refresh = lambda *_args, **_options: refreshed.append(pane)  # type: ignore[method-assign]
-        for _ in range(20):
-            app._panes._drawn_at_ns.clear()
-            await settle(app, pilot)
-        assert not refreshed
+            await until(app, pilot, lambda: not app._panes.models_pending)
+            for _ in range(10):  # the statistics are complete some drawings after the last row
+                app._panes._drawn_at_ns.clear()
+                await settle(app, pilot)
+            refreshed.clear()
+            pane = app.query_one(kind)
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(pane, "refresh", lambda *_args, **_options: refreshed.append(1))
+                for _ in range(20):
+                    app._panes._drawn_at_ns.clear()
+                    await settle(app, pilot)
+            assert not refreshed, key
+            await press(app, pilot, key)
 
     play(feed, scenario)
 
@@ -234,22 +239,24 @@ def test_one_pane_takes_the_place_of_another(feed: Any) -> None:
     play(feed, scenario)
 
 
-@pytest.mark.parametrize("key", PANES)
 @pytest.mark.parametrize("size", first(1, [((20, 6),), ((40, 12),), ((80, 24),)]))
 def test_every_pane_opens_on_nothing_and_on_everything_odd(
-    feed: Any, odd_rows: list[Row], key: str, size: tuple[int, int]
+    feed: Any, odd_rows: list[Row], size: tuple[int, int]
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, key)
-        await settle(app, pilot)
-        assert len(shown(app)) == 1
-        feed.give(odd_rows)
-        for _ in odd_rows:
+        for rows in ([], odd_rows):
+            feed.give(rows)
             await settle(app, pilot)
-            await press(app, pilot, "k", "J", "z")
+            for key in PANES:
+                await press(app, pilot, "G", key)
+                await settle(app, pilot)
+                assert len(shown(app)) == 1
+                for _ in rows:
+                    await press(app, pilot, "k", "J", "z")
+                await press(app, pilot, key)
         assert app.is_running
 
-    play(feed, scenario, size)
+    play(feed, scenario, size, frames=True)
 
 
 def test_the_motors_are_those_at_the_cursor_and_the_newest_while_the_end_is_followed(
@@ -317,37 +324,40 @@ def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> No
     asyncio.run(run())
 
 
-@pytest.mark.parametrize(
-    ("key", "current", "ended"),
-    [("S", "lately", "mean"), ("M", " now", "at the end, 12:00:"), ("T", " rate ", "ø")],
-)
-def test_after_the_end_no_pane_shows_a_rate_as_current(
-    feed: Any, speed_rows: Rows, key: str, current: str, ended: str
-) -> None:
+def test_after_the_end_no_pane_shows_a_rate_as_current(feed: Any, speed_rows: Rows) -> None:
+    keys = {"S": ("lately", "mean"), "M": (" now", "at the end, 12:00:"), "T": (" rate ", "ø")}
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(200))
-        await press(app, pilot, key)
-        await until(app, pilot, lambda: current in page(app))
-        assert "ø" not in page(app)
+        for key, (current, _ended) in keys.items():
+            await press(app, pilot, key)
+            await until(app, pilot, lambda current=current: current in page(app))
+            assert "ø" not in page(app)
+            await press(app, pilot, key)
         feed.end("unplugged")
-        await until(app, pilot, lambda: ended in page(app) and "ended: unplugged" in page(app))
-        assert (current in page(app)) == (key == "T")
+        for key, (current, ended) in keys.items():
+            await press(app, pilot, key)
+            await until(app, pilot, lambda ended=ended: ended in page(app))
+            assert "ended: unplugged" in page(app)
+            assert (current in page(app)) == (key == "T")
+            await press(app, pilot, key)
 
     play(feed, scenario, (120, 40))
 
 
-@pytest.mark.parametrize(("key", "stays"), [("S", True), ("i", False)])
 def test_a_pane_about_all_rows_opens_where_it_was_scrolled_to(
-    feed: Any, odd_rows: list[Row], key: str, stays: bool
+    feed: Any, odd_rows: list[Row]
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(odd_rows)
         await settle(app, pilot)
-        await press(app, pilot, "g", key)
-        pane = app.query_one(StatisticsPane if key == "S" else DetailPane)
-        await until(app, pilot, lambda: pane.max_scroll_y > 2)
-        await press(app, pilot, "J", "J", key, key)
-        await until(app, pilot, lambda: pane.scroll_y == (2 if stays else 0))
+        await press(app, pilot, "g")
+        for key, kind, y in (("S", StatisticsPane, 2), ("i", DetailPane, 0)):
+            await press(app, pilot, key)
+            pane: Pane = app.query_one(kind)
+            await until(app, pilot, lambda pane=pane: pane.max_scroll_y > 2)
+            await press(app, pilot, "J", "J", key, key)
+            await until(app, pilot, lambda pane=pane, y=y: pane.scroll_y == y)
 
     play(feed, scenario, (60, 16))
 
@@ -858,22 +868,22 @@ def test_one_lane_for_several_kinds_of_events_has_their_signs(size: tuple[int, i
     assert {"x", "!"} <= signs
 
 
-@pytest.mark.parametrize("key", ["b", "M", "i", "S", "exclamation_mark"])
-@pytest.mark.parametrize("size", [(80, 24), (118, 30), (60, 20)])
-def test_title_of_a_pane_has_the_keys_that_fit_and_always_that_it_closes(
-    feed: Any, key: str, size: tuple[int, int]
-) -> None:
+def test_title_of_a_pane_has_the_keys_that_fit_and_always_that_it_closes(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(_troubled())
         await settle(app, pilot)
-        await press(app, pilot, "k", key)
-        await settle(app, pilot)
-        (pane,) = [pane for pane in app.query(Pane) if pane.display]
-        title = str(pane.border_title)
-        assert cell_len(title) <= size[0] - 4
-        assert "esc: close" in title
+        await press(app, pilot, "k")
+        for width, height in ((80, 24), (118, 30), (60, 20)):
+            await pilot.resize_terminal(width, height)
+            for key in ("b", "M", "i", "S", "exclamation_mark"):
+                await press(app, pilot, key)
+                await settle(app, pilot)
+                (pane,) = [pane for pane in app.query(Pane) if pane.display]
+                title = str(pane.border_title)
+                assert cell_len(title) <= width - 4
+                assert "esc: close" in title
 
-    play(feed, scenario, size)
+    play(feed, scenario)
 
 
 def test_an_unknown_value_is_a_dash() -> None:

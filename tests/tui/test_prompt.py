@@ -191,7 +191,9 @@ def test_tab_completes_and_never_leaves_a_field(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f", *"mot")
         await settle(app, pilot)
+        assert "enter Apply" in page(app)
         await press(app, pilot, "tab", "shift+tab", "tab")
+        assert app.query_one(FilterField).line.value == "motor "
         await type_line(app, pilot, " = 1")
         await press(app, pilot, "enter")
         await settle(app, pilot)

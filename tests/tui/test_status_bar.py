@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC
 from typing import Any
@@ -61,41 +60,41 @@ from tests.tui.conftest import (
 from tests.waiting import BOUND_S
 
 
-@pytest.mark.parametrize("width", [40, 60, 80])
-def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, width: int) -> None:
+def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any) -> None:
     def footer(app: SniffApp) -> str:
         return lines(app)[-1].replace(" ", "")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        # Textual sets the footer's keys a few rounds after the screen opens.
-        await until(app, pilot, lambda: "?HelpqQuit" in footer(app))
+        for width in (40, 60, 80):
+            await pilot.resize_terminal(width, 12)
+            # Textual sets the footer's keys a few rounds after the screen opens.
+            await until(app, pilot, lambda: "?HelpqQuit" in footer(app))
 
-    play(feed, scenario, (width, 12))
+    play(feed, scenario)
 
 
-@pytest.mark.parametrize(
-    ("opener", "reported", "words"),
-    [
-        ("question_mark", ("esc Back", "down Down", "G End"), "Keys and signs"),
-        ("ctrl+p", ("enter Pick", "esc Back", "up Up"), "type to find"),
-        ("x", ("enter Pick", "esc Back"), "type to find"),
-        ("C", ("enter Apply", "esc Back", "space Show"), "columns"),
-    ],
-)
-def test_the_bottom_line_shows_the_keys_of_the_open_page(
-    feed: Any, opener: str, reported: Sequence[str], words: str
-) -> None:
+PAGES = {
+    "question_mark": ("Keys and signs", "esc Back", "down Down", "G End"),
+    "ctrl+p": ("type to find", "enter Pick", "esc Back", "up Up"),
+    "x": ("type to find", "enter Pick", "esc Back"),
+    "C": ("columns", "enter Apply", "esc Back", "space Show"),
+}
+"""Keys that open a page, what the page has, and the keys in the bottom line."""
+
+
+def test_the_bottom_line_shows_the_keys_of_the_open_page(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, opener)
-        await settle(app, pilot)
-        assert words in page(app)
-        bottom = lines(app)[-1]
-        assert all(key in bottom for key in reported)
-        assert "Follow" not in bottom
-        await pilot.click(KeyLine, offset=(bottom.index("esc"), 0))
-        await settle(app, pilot)
-        assert words not in page(app)
-        assert "G Follow" in lines(app)[-1]
+        for opener, (words, *keys) in PAGES.items():
+            await press(app, pilot, opener)
+            await settle(app, pilot)
+            assert words in page(app)
+            bottom = lines(app)[-1]
+            assert all(key in bottom for key in keys)
+            assert "Follow" not in bottom
+            await pilot.click(KeyLine, offset=(bottom.index("esc"), 0))
+            await settle(app, pilot)
+            assert words not in page(app)
+            assert "G Follow" in lines(app)[-1]
 
     play(feed, scenario, rows=50)
 
@@ -115,16 +114,19 @@ def test_keys_stand_whole_and_help_always() -> None:
         assert len("  ".join(texts)) <= width
 
 
-@pytest.mark.parametrize("size", [(24, 10), (200, 60)])
-def test_the_line_of_keys_ends_with_a_whole_one(feed: Any, size: tuple[int, int]) -> None:
+def test_the_line_of_keys_ends_with_a_whole_one(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        last = lines(app)[-1]
-        assert last.startswith("? Help  q Quit")
-        assert last.split()[-1] in {key.description for key in SHOWN}
-        await press(app, pilot, "f")
-        assert lines(app)[-1].startswith("enter Apply  esc Back")
+        for size in ((24, 10), (200, 60)):
+            await pilot.resize_terminal(*size)
+            await settle(app, pilot)
+            last = lines(app)[-1]
+            assert last.startswith("? Help  q Quit")
+            assert last.split()[-1] in {key.description for key in SHOWN}
+            await press(app, pilot, "f")
+            assert lines(app)[-1].startswith("enter Apply  esc Back")
+            await press(app, pilot, "escape")
 
-    play(feed, scenario, size)
+    play(feed, scenario)
 
 
 def test_the_key_line_of_a_file_has_the_keys_of_a_file(feed: Any) -> None:
@@ -386,29 +388,28 @@ async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
             await pilot.pause(0.01)
 
 
-@pytest.mark.parametrize(
-    ("keys", "reported"),
-    [
-        (("u",), "no row is marked"),
-        (("n",), "no search yet"),
-        (("colon", "9", "9", "9", "enter"), "row 999 does not exist"),
-        (("colon", "at", "9", "9", "9", "9", "enter"), "has byte 9,999"),
-        (("slash", "z", "z", "enter"), "no row has zz"),
-        (("w", "escape"), ""),
-        (("v",), "selecting"),
-        (("t",), "row"),
-    ],
-)
-def test_the_notice_of_a_key_ends_with_the_next_key(
-    feed: Any, keys: Sequence[str], reported: str
-) -> None:
+ANSWERS = {
+    ("u",): "no row is marked",
+    ("n",): "no search yet",
+    ("colon", *"999", "enter"): "row 999 does not exist",
+    ("colon", *"@9999", "enter"): "has byte 9,999",
+    ("slash", *"zz", "enter"): "no row has zz",
+    ("w", "escape"): "",
+    ("v",): "selecting",
+    ("t",): "row",
+}
+"""Keys, and the notice that answers them."""
+
+
+def test_the_notice_of_a_key_ends_with_the_next_key(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         notice = app.query_one(NoticeLine)
-        await press(app, pilot, *(key.replace("at", "@") if key == "at" else key for key in keys))
-        assert notice.display == bool(reported)
-        assert reported in page(app)
-        await press(app, pilot, "k")
-        assert not notice.display
+        for keys, reported in ANSWERS.items():
+            await press(app, pilot, *keys)
+            assert notice.display == bool(reported), keys
+            assert reported in page(app)
+            await press(app, pilot, "k")
+            assert not notice.display
 
     play(feed, scenario, rows=50)
 
@@ -554,30 +555,31 @@ LONG = (
 )
 
 
-@pytest.mark.parametrize("size", [(80, 24), (40, 20), (40, 12), (200, 60)])
-def test_a_long_notice_keeps_the_mistake_and_the_fix(feed: Any, size: tuple[int, int]) -> None:
+def test_a_long_notice_keeps_the_mistake_and_the_fix(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         app.query_one(NoticeLine).warn(LONG)
-        await settle(app, pilot)
-        reported = " ".join(" ".join(lines(app)).split())
-        assert reported.count("-o") == 1
-        if size != (40, 12):
-            assert "20260131T120000Z.mcap cannot be written" in reported
-        assert "the disk is full; name another place with -o" in reported
-        assert max(map(cell_len, lines(app))) <= size[0]
+        for size in ((80, 24), (40, 20), (40, 12), (200, 60)):
+            await pilot.resize_terminal(*size)
+            await settle(app, pilot)
+            reported = " ".join(" ".join(lines(app)).split())
+            assert reported.count("-o") == 1
+            if size != (40, 12):
+                assert "20260131T120000Z.mcap cannot be written" in reported
+            assert "the disk is full; name another place with -o" in reported
+            assert max(map(cell_len, lines(app))) <= size[0]
 
-    play(feed, scenario, size)
+    play(feed, scenario)
 
 
-@pytest.mark.parametrize("size", [(80, 24), (40, 20), (40, 12)])
-def test_what_is_wrong_with_a_filter_ends_with_the_way_out(
-    feed: Any, size: tuple[int, int]
-) -> None:
+def test_what_is_wrong_with_a_filter_ends_with_the_way_out(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await enter_line(app, pilot, "f", "motor = 1 AND moter = 1")
-        assert "did you mean motor?" in " ".join(page(app).split())
+        for size in ((80, 24), (40, 20), (40, 12)):
+            await pilot.resize_terminal(*size)
+            await settle(app, pilot)
+            assert "did you mean motor?" in " ".join(page(app).split())
 
-    play(feed, scenario, size)
+    play(feed, scenario)
 
 
 @given(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from datetime import timedelta, timezone
+from itertools import product
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -29,6 +30,7 @@ from tests.tui.conftest import (
     page,
     play,
     press,
+    row_texts,
     rpms,
     rush,
     settle,
@@ -38,32 +40,25 @@ from tests.tui.conftest import (
 )
 
 
-@pytest.mark.parametrize("key", ["up", "pageup", "g", "E"])
-def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows, key: str) -> None:
+def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give([*_odd(feed), *speed_rows(100)])
+        feed.give([Damage(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,)), *speed_rows(100)])
         await settle(app, pilot)
-        await press(app, pilot, key)
-        where, shown = table(app).viewport.cursor, table(app).viewport.top
-        feed.give(speed_rows(500, start=100))
-        await settle(app, pilot)
-        view = table(app).viewport
-        assert (view.following, view.cursor, view.top) == (False, where, shown)
-        assert view.cursor < 100
-        assert f"SCROLLED +{601 - shown - view.height:,}" in page(app)
-        await press(app, pilot, "G")
-        await pilot.pause()
-        assert table(app).viewport.following
-        assert rpms(app)[-1] == 599
-        assert "LIVE" in page(app)
+        for count, key in zip(range(100, 2100, 500), ("up", "pageup", "g", "E"), strict=True):
+            await press(app, pilot, key)
+            where, shown = table(app).viewport.cursor, table(app).viewport.top
+            assert where < count
+            feed.give(speed_rows(500, start=count))
+            await settle(app, pilot)
+            view = table(app).viewport
+            assert (view.following, view.cursor, view.top) == (False, where, shown)
+            assert f"SCROLLED +{count + 501 - shown - view.height:,}" in page(app)
+            await press(app, pilot, "G")
+            assert table(app).viewport.following
+            assert rpms(app)[-1] == count + 499
+            assert "LIVE" in page(app)
 
     play(feed, scenario)
-
-
-def _odd(feed: Any) -> list[Row]:
-    from fte_sniff.protocol import Damage, Fault
-
-    return [Damage(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,))]
 
 
 def test_the_wheel_leaves_the_end_and_takes_it_up_again(feed: Any) -> None:
@@ -99,20 +94,18 @@ def test_a_click_puts_the_cursor_there(feed: Any) -> None:
     play(feed, scenario, rows=100)
 
 
-@pytest.mark.parametrize("key", ["space", "p"])
-def test_pause_freezes_the_view_and_counts_what_is_new(
-    feed: Any, speed_rows: Rows, key: str
-) -> None:
+def test_pause_freezes_the_view_and_counts_what_is_new(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, key)
-        feed.give(speed_rows(1234, start=100))
-        await settle(app, pilot)
-        assert rpms(app) == list(range(80, 100))
-        assert "PAUSED, 1,234 new" in page(app)
-        assert "1,334 rows" in page(app)
-        await press(app, pilot, "end" if key == "p" else key)
-        assert rpms(app)[-1] == 1333
-        assert "LIVE" in page(app)
+        for count, key, back in ((100, "space", "space"), (1334, "p", "end")):
+            await press(app, pilot, key)
+            feed.give(speed_rows(1234, start=count))
+            await settle(app, pilot)
+            assert rpms(app) == list(range(count - 20, count))
+            assert "PAUSED, 1,234 new" in page(app)
+            assert f"{count + 1234:,} rows" in page(app)
+            await press(app, pilot, back)
+            assert rpms(app)[-1] == count + 1233
+            assert "LIVE" in page(app)
 
     play(feed, scenario, rows=100)
 
@@ -175,9 +168,7 @@ def test_a_narrow_head_still_names_the_zone() -> None:
 
 def times(app: SniffApp) -> list[str]:
     """What stands in the column of times of the rows in view."""
-    here = table(app)
-    texts = [here.render_line(y).text for y in range(here.viewport.height)]
-    return [text[2:14].strip() for text in texts if text.strip()]
+    return [text[2:14].strip() for text in row_texts(app) if text.strip()]
 
 
 def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any) -> None:
@@ -364,25 +355,24 @@ def test_everything_can_be_picked_from_a_list(feed: Any) -> None:
     play(feed, scenario, rows=100)
 
 
-@pytest.mark.parametrize("typed", ["[/", '[a="', "[/x]", "[b]"])
-def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(feed: Any, typed: str) -> None:
+def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        for list_key in ("ctrl+p", "x"):
-            await press(app, pilot, list_key)
-            await press(app, pilot, *typed)
+        for list_key, typed in product(("ctrl+p", "x"), ("[/", '[a="', "[/x]", "[b]")):
+            await press(app, pilot, list_key, *typed)
             box = app.screen.query_one("#picker")
             assert box._border_subtitle is not None
             assert f"{typed}_" in box._border_subtitle.plain
+            assert page(app)
             await press(app, pilot, "escape")
         assert len(app.screen_stack) == 1
 
     play(feed, scenario, rows=10)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 2), (20, 5), (40, 10)])
-def test_lists_draw_on_the_smallest_terminals(feed: Any, size: tuple[int, int]) -> None:
+def test_lists_draw_on_the_smallest_terminals(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        for key in ("ctrl+p", "x", "C"):
+        for size, key in product(((1, 1), (3, 2), (20, 5), (40, 10)), ("ctrl+p", "x", "C")):
+            await pilot.resize_terminal(*size)
             await press(app, pilot, key, "down", "down")
             await settle(app, pilot)
             assert len(app.screen_stack) == 2
@@ -393,7 +383,7 @@ def test_lists_draw_on_the_smallest_terminals(feed: Any, size: tuple[int, int]) 
             await press(app, pilot, "escape")
             assert len(app.screen_stack) == 1
 
-    play(feed, scenario, size, rows=100)
+    play(feed, scenario, (1, 1), rows=100)
 
 
 def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_rows: Rows) -> None:
@@ -404,14 +394,13 @@ def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_row
         far = encode(KIND_BY_NAME["position_feedback"], {"motor": 4, "pulses": -(2**31)})
         feed.give([Frame("a", 0, raw, 1_000_000_000) for raw in (fast, far)])
         await settle(app, pilot)
-        drawn = [table(app).render_line(y).text.rstrip() for y in range(2)]
-        assert drawn == [
+        assert [text.rstrip() for text in row_texts(app)[:2]] == [
             "  00:01.000 speed fb motor=4 rpm=-30000",
             "  00:01.000 posit fb M4 p=-2147483648",
         ]
         feed.give(speed_rows(2, port="/dev/ttyUSB0") + speed_rows(2, port="/dev/ttyUSB1"))
         await settle(app, pilot)
-        drawn = [table(app).render_line(y).text.rstrip() for y in range(6)]
+        drawn = [text.rstrip() for text in row_texts(app)[:6]]
         assert len({line[12:16] for line in drawn[2:]}) == 2
         assert drawn[-1].endswith(" motor=2 rpm=1")
 
