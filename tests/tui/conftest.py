@@ -18,6 +18,7 @@ from textual.screen import Screen
 
 from docs.picture import PictureApp, idle
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange
+from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
@@ -203,6 +204,7 @@ def play(
     leave_at_end: bool = False,
     options: StartOptions | None = None,
     rows: int = 0,
+    source: BlockSource | None = None,
     frames: bool = False,
 ) -> SniffApp:
     """Run the screen without a terminal, with rows of speed commands, and the scenario on it.
@@ -212,7 +214,7 @@ def play(
     if rows:
         feed.give(_speed_rows(rows))
     kind = SniffApp if frames else UndrawnApp
-    app = kind(feed, options or StartOptions(leave_at_end, zone=UTC))
+    app = kind(feed, options or StartOptions(leave_at_end, zone=UTC), source)
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import random
 import re
@@ -62,23 +61,18 @@ def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
 
 
 def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, StartOptions(keep_rows=1000))
-    feed.give(speed_rows(1000))
-
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        table(app).jump(700)
+        for start in (1000, 1600):
+            feed.give(speed_rows(600, start=start))
             await settle(app, pilot)
-            table(app).jump(700)
-            for start in (1000, 1600):
-                feed.give(speed_rows(600, start=start))
-                await settle(app, pilot)
-                row = table(app).cursor_row
-                assert row is not None
-                assert row.offset == 10 * max(700, start + 600 - 1000)
-                assert table(app).viewport.count == 1000
-            assert "2,200 rows" in page(app)
+            row = table(app).cursor_row
+            assert row is not None
+            assert row.offset == 10 * max(700, start + 600 - 1000)
+            assert table(app).viewport.count == 1000
+        assert "2,200 rows" in page(app)
 
-    asyncio.run(run())
+    play(feed, scenario, options=StartOptions(keep_rows=1000), rows=1000)
 
 
 def test_the_help_moves_to_its_ends_and_is_put_away_once(feed: Any) -> None:

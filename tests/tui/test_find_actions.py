@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 from datetime import UTC
@@ -358,22 +357,16 @@ def test_marks_that_the_filter_hides_are_passed_over_and_come_again(feed: Any) -
 
 
 def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        table(app).jump(50)
+        await press(app, pilot, "m", "t", "t", "t")
+        feed.give(speed_rows(100, start=100))
+        await settle(app, pilot)
+        assert not table(app).marks
+        await press(app, pilot, "u", "m", "u", "t", "t")
+        assert app.is_running
 
-    app = SniffApp(feed, StartOptions(keep_rows=100))
-
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
-            feed.give(speed_rows(100))
-            await settle(app, pilot)
-            table(app).jump(50)
-            await press(app, pilot, "m", "t", "t", "t")
-            feed.give(speed_rows(100, start=100))
-            await settle(app, pilot)
-            assert not table(app).marks
-            await press(app, pilot, "u", "m", "u", "t", "t")
-            assert app.is_running
-
-    asyncio.run(run())
+    play(feed, scenario, options=StartOptions(keep_rows=100), rows=100)
 
 
 def test_quick_filters_add_to_the_filter_and_are_gone_back_from(feed: Any) -> None:

@@ -177,11 +177,17 @@ def test_the_help_is_drawn_as_it_was_broken_into_lines(
     play(feed, scenario, (width, 24), options=StartOptions(language=language))
 
 
-def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
-    feed: Any, speed_rows: Rows
-) -> None:
+def test_mistakes_examples_and_keys_are_chinese_and_names_stay(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
+        await press(app, pilot, "question_mark")
+        assert "↓、pgdn、end" in squeezed(app)
+        await press(app, pilot, "escape", "number_sign")
+        assert "用手按住了轮子" in squeezed(app)
+        await press(app, pilot, "escape")
+        await enter_line(app, pilot, "slash", "hex:AA 0g")
+        await settle(app, pilot)
+        assert "'aa0g'不是十六进制：每个字节写两位" in squeezed(app)
+        await press(app, pilot, "escape")
         await enter_line(app, pilot, "f", "moter")
         text = squeezed(app)
         assert "第1个字符处：没有名称'moter'" in text
@@ -189,7 +195,7 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
         assert "过滤moter" in text
         assert "回车应用" in text
 
-    play_chinese(feed, scenario)
+    play(feed, scenario, options=CHINESE, rows=10)
 
 
 @pytest.mark.parametrize("text", [text for text, _fragments in MISTAKES], ids=ascii_id)
@@ -203,10 +209,9 @@ def test_every_mistake_in_a_filter_is_shown_in_chinese(text: str) -> None:
     assert str(caught.value).isascii() or not text.isascii()
 
 
-def test_port_events_are_shown_in_chinese(feed: Any) -> None:
+def test_port_events_and_the_end_of_a_feed_are_shown_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        awaited = TranslatableText("waiting for it to come back")
-        lost = TranslatableText("{error}; {awaited}", error="EIO", awaited=awaited)
+        lost = TranslatableText("{error}; waiting for it to come back", error="EIO")
         feed.emit(PortEvent(0, "p", PortEventKind.LOST, lost))
         await settle(app, pilot)
         assert "EIO；等待其恢复" in squeezed(app)
@@ -214,12 +219,7 @@ def test_port_events_are_shown_in_chinese(feed: Any) -> None:
         feed.emit(PortEvent(0, "p", PortEventKind.LINE_ERROR, detail, 3))
         await settle(app, pilot)
         assert "UART帧格式错误2，break（线路间断）1" in squeezed(app)
-
-    play_chinese(feed, scenario)
-
-
-def test_the_end_of_a_feed_is_shown_in_chinese(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "escape", "escape")
         feed.end(TranslatableText("{port} was lost: {why}", port="ttyUSB0", why="EIO"))
         await settle(app, pilot)
         assert "ttyUSB0断开：EIO" in squeezed(app)
@@ -311,17 +311,6 @@ def test_events_of_a_port_are_shown_in_chinese(error: OSError, chinese: str) -> 
     assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, reported))
 
 
-def test_a_search_that_cannot_be_read_is_explained_in_chinese(feed: Any, speed_rows: Rows) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(9))
-        await settle(app, pilot)
-        await enter_line(app, pilot, "slash", "hex:AA 0g")
-        await settle(app, pilot)
-        assert "'aa0g'不是十六进制：每个字节写两位" in squeezed(app)
-
-    play_chinese(feed, scenario)
-
-
 AMBIGUOUS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 """A position frame that can also be two truncated frames."""
 
@@ -381,20 +370,6 @@ def test_texts_of_a_file_are_chinese_where_their_parts_are_known() -> None:
     for kind, reason in (DAMAGED, ANOTHER):
         text = landmark_text(Gap(kind, reason=str(reason)))
         assert not re.search("[a-z]", text), text
-
-
-def test_the_example_of_a_note_and_the_keys_of_the_help_are_chinese(
-    feed: Any, speed_rows: Rows
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(9))
-        await settle(app, pilot)
-        await press(app, pilot, "question_mark")
-        assert "↓、pgdn、end" in squeezed(app)
-        await press(app, pilot, "escape", "number_sign")
-        assert "用手按住了轮子" in squeezed(app)
-
-    play_chinese(feed, scenario)
 
 
 def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, samples: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -259,57 +258,50 @@ def test_every_pane_opens_on_nothing_and_on_everything_odd(
     play(feed, scenario, size, frames=True)
 
 
-def test_the_motors_are_those_at_the_cursor_and_the_newest_while_the_end_is_followed(
-    feed: Any,
-) -> None:
+def test_panes_are_about_the_cursor_and_the_newest_while_the_end_is_followed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        async def shown_after(*keys: str) -> str:
+            await press(app, pilot, *keys)
+            await settle(app, pilot)
+            app._panes.redraw()
+            await settle(app, pilot)
+            return page(app)
+
         feed.give(feedback_rows(400))
-        await press(app, pilot, "M")
-        await settle(app, pilot)
-        app._panes.redraw()
-        await settle(app, pilot)
-        assert "392 RPM" in page(app)
-        await press(app, pilot, "g", "j", "j", "j")
-        app._panes.redraw()
-        await settle(app, pilot)
-        text = page(app)
+        assert "392 RPM" in await shown_after("M")
+        text = await shown_after("g", "j", "j", "j")
         assert "now    0 RPM" in text
         assert "now    2 RPM" in text
         assert text.count("– RPM") == 2
-        await press(app, pilot, "G")
-        app._panes.redraw()
-        await settle(app, pilot)
-        assert "392 RPM" in page(app)
+        assert "392 RPM" in await shown_after("G")
+        assert "bytes around offset 3,990" in await shown_after("b")
+        assert "bytes around offset 0" in await shown_after("g")
 
     play(feed, scenario, (120, 48))
 
 
-def test_the_window_of_time_is_made_longer_and_shorter(feed: Any) -> None:
+def test_the_window_of_time_and_the_range_of_a_plot_are_changed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(40))
         await press(app, pilot, "M")
         await settle(app, pilot)
         assert "motors, 10 s:" in page(app)
-        await press(app, pilot, "Z", "Z")
-        await settle(app, pilot)
-        assert "motors, 60 s:" in page(app)
-        await press(app, pilot, *"zzzzzzzz")
-        await settle(app, pilot)
-        assert "motors, 1 s:" in page(app)
-        await press(app, pilot, *"ZZZZZZZZZZZZZZ")
-        await settle(app, pilot)
-        assert "motors, 4 h:" in page(app)
+        for keys, window in ("ZZ", "60 s"), ("z" * 8, "1 s"), ("Z" * 14, "4 h"):
+            await press(app, pilot, *keys)
+            await settle(app, pilot)
+            assert f"motors, {window}:" in page(app)
+        for full_range in (False, True, False):
+            assert ("full range" in page(app)) is full_range
+            await press(app, pilot, "r")
 
-    play(feed, scenario)
+    play(feed, scenario, (120, 40))
 
 
 def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> None:
     raw = encode(KIND_BY_NAME["position_feedback"], {"motor": 2, "pulses": 5000})
     feed.give([Frame("p", 0, raw, NOON_NS)])
-    app = SniffApp(feed, StartOptions(line_setup=LineSetup(resolution=500, gear_ratio=20)))
 
-    async def scenario(pilot: Pilot[None]) -> None:
-        await settle(app, pilot)
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "i")
         await settle(app, pilot)
         assert "0.500 turns" in page(app)
@@ -317,11 +309,8 @@ def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> No
         await settle(app, pilot)
         assert "5000 pulses 0.500 turns" in page(app)
 
-    async def run() -> None:
-        async with app.run_test(size=(80, 40)) as pilot:
-            await scenario(pilot)
-
-    asyncio.run(run())
+    options = StartOptions(line_setup=LineSetup(resolution=500, gear_ratio=20))
+    play(feed, scenario, (80, 40), options=options)
 
 
 def test_after_the_end_no_pane_shows_a_rate_as_current(feed: Any, speed_rows: Rows) -> None:
@@ -395,20 +384,6 @@ def test_line_errors_of_the_port_are_counted(feed: Any) -> None:
         assert "port events: line error 3 (last" in page(app)
 
     play(feed, scenario, (80, 40))
-
-
-def test_the_bytes_pane_follows_the_cursor(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(feedback_rows(400))
-        await settle(app, pilot)
-        await press(app, pilot, "b")
-        await settle(app, pilot)
-        assert "bytes around offset 3,990" in page(app)
-        await press(app, pilot, "g")
-        await settle(app, pilot)
-        assert "bytes around offset 0" in page(app)
-
-    play(feed, scenario)
 
 
 def test_rows_go_on_to_be_counted_while_no_pane_is_open(feed: Any, speed_rows: Rows) -> None:
@@ -1059,16 +1034,6 @@ def test_the_time_axis_has_what_fits(width: int, texts: int) -> None:
     assert cell_len(axis) == width
     if texts == 3:
         assert axis.index("╵-5 s") == 8 + (width - 8) // 2
-
-
-def test_a_key_plots_the_full_range_and_the_usual_one_again(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "M")
-        for shown in (False, True, False):
-            assert ("full range" in page(app)) is shown
-            await press(app, pilot, "r")
-
-    play(feed, scenario, (120, 40), rows=50)
 
 
 def test_feedback_is_held_for_a_second_and_a_target_until_the_next() -> None:

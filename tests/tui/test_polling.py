@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -224,24 +223,21 @@ def test_rows_that_were_dropped_are_read_again_as_one_goes_there(
     feed: Any, speed_rows: Rows
 ) -> None:
     rows = speed_rows(3000)
-    app = SniffApp(feed, source=Rereading(rows))
+    feed.give(rows)
 
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
-            feed.give(rows)
-            await settle(app, pilot)
-            await press(app, pilot, "g")
-            assert rpms(app)[0] == 0
-            await enter_line(app, pilot, "slash", "rpm=1234")
-            assert table(app).viewport.cursor == 1234
-            await press(app, pilot, "f")
-            await type_line(app, pilot, "motor = 1")
-            await press(app, pilot, "enter", "g")
-            await settle(app, pilot)
-            assert rpms(app)[:3] == [0, 4, 8]
-            assert "750 of 3,000 rows" in page(app)
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "g")
+        assert rpms(app)[0] == 0
+        await enter_line(app, pilot, "slash", "rpm=1234")
+        assert table(app).viewport.cursor == 1234
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter", "g")
+        await settle(app, pilot)
+        assert rpms(app)[:3] == [0, 4, 8]
+        assert "750 of 3,000 rows" in page(app)
 
-    asyncio.run(run())
+    play(feed, scenario, source=Rereading(rows))
 
 
 @pytest.mark.usefixtures("few_in_memory")
@@ -250,21 +246,18 @@ def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
 ) -> None:
     monkeypatch.setattr(switcher, "HEALTH_EVERY_NS", 0)  # health needs the cursor's row each time
     source = Rereading(speed_rows(3000))
-    app = SniffApp(feed, source=source)
+    feed.give(source.rows)
 
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
-            feed.give(source.rows)
-            await settle(app, pilot)
-            source.gone = True
-            await enter_line(app, pilot, "slash", "rpm=1234")
-            await settle(app, pilot)
-            assert "run.mcap: no such file any more" in page(app)
-            assert app.failure is None
-            await press(app, pilot, "g")
-            await settle(app, pilot)
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        source.gone = True
+        await enter_line(app, pilot, "slash", "rpm=1234")
+        await settle(app, pilot)
+        assert "run.mcap: no such file any more" in page(app)
+        assert app.failure is None
+        await press(app, pilot, "g")
+        await settle(app, pilot)
 
-    asyncio.run(run())
+    app = play(feed, scenario, source=source)
     assert isinstance(app.failure, FileError)
 
 
@@ -295,15 +288,13 @@ def test_rows_are_counted_before_they_leave_memory(
     monkeypatch.setattr(switcher, "CLOSED_BUDGET_S", 0.0)
     rows = speed_rows(1200)
     source = Rereading(rows)
-    app = SniffApp(Pieces(rows), source=source)
 
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
-            await until(app, pilot, lambda: "ENDED" in page(app) or "FILE" in page(app))
-            await press(app, pilot, "S")
-            # What is left, and does not yet leave memory, is counted while somebody looks.
-            await until(app, pilot, lambda: "rows to go" not in page(app))
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await until(app, pilot, lambda: "ENDED" in page(app) or "FILE" in page(app))
+        await press(app, pilot, "S")
+        # What is left, and does not yet leave memory, is counted while somebody looks.
+        await until(app, pilot, lambda: "rows to go" not in page(app))
 
-    asyncio.run(run())
+    play(Pieces(rows), scenario, source=source)
     # The first block is where the cursor stays.
     assert set(source.starts) <= {0}

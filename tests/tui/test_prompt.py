@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -108,21 +107,16 @@ def test_a_filter_that_hides_everything_is_named(feed: Any, speed_rows: Rows) ->
     play(feed, scenario)
 
 
-def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, StartOptions(row_filter=RowFilter.parse("motor = 2")))
-    feed.give(speed_rows(400))
+def test_begins_with_a_filter_that_was_asked_for(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        assert rpms(app)[-1] == 397
+        assert "motor = 2" in page(app)
+        assert "100 of 400 rows" in page(app)
+        await press(app, pilot, "F")
+        await settle(app, pilot)
+        assert rpms(app)[-1] == 399
 
-    async def run() -> None:
-        async with app.run_test(size=(80, 24)) as pilot:
-            await settle(app, pilot)
-            assert rpms(app)[-1] == 397
-            assert "motor = 2" in page(app)
-            assert "100 of 400 rows" in page(app)
-            await press(app, pilot, "F")
-            await settle(app, pilot)
-            assert rpms(app)[-1] == 399
-
-    asyncio.run(run())
+    play(feed, scenario, options=StartOptions(row_filter=RowFilter.parse("motor = 2")), rows=400)
 
 
 def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(feed: Any) -> None:
@@ -223,11 +217,12 @@ def test_a_field_is_left_by_a_click_elsewhere_but_not_with_the_window(
     play(feed, scenario)
 
 
-def test_the_count_beside_the_filter_is_that_of_the_filter_that_is_on(
-    feed: Any, speed_rows: Rows
+def test_the_count_beside_the_filter_is_that_of_the_one_that_is_on_and_does_not_cut_it(
+    feed: Any,
 ) -> None:
+    long = "unanswered AND kind = 'speed' AND motor = 1 AND offset > 2"
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
         await enter_line(app, pilot, "f", "motor = 1")
         await settle(app, pilot)
         assert "100 of 400 rows" in page(app)
@@ -237,8 +232,14 @@ def test_the_count_beside_the_filter_is_that_of_the_filter_that_is_on(
         await press(app, pilot, "ctrl+u", "enter", "f")
         await settle(app, pilot)
         assert "of 400 rows" not in page(app)
+        await type_line(app, pilot, long)
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        (shown,) = (one for one in lines(app) if "offset" in one)
+        assert long in shown
+        assert "0/400" in shown
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_keys_typed_into_the_filter_are_text(feed: Any) -> None:
@@ -363,26 +364,20 @@ def test_a_mistake_stays_where_its_last_letter_is_reported_after_enter(feed: Any
     play(feed, scenario)
 
 
-def test_the_cursor_is_behind_the_present_filter(feed: Any) -> None:
+def test_a_filter_is_continued_behind_the_present_one_or_pasted_whole(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await enter_line(app, pilot, "f", "motor = 1")
         await enter_line(app, pilot, "f", " AND rpm > 390")
         assert app.filters.field.current == "motor = 1 AND rpm > 390"
-
-    play(feed, scenario, rows=400)
-
-
-def test_both_lines_of_a_paste_are_kept(feed: Any, speed_rows: Rows) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(400))
-        await press(app, pilot, "f")
+        await press(app, pilot, "F", "f")
         app.post_message(events.Paste("motor = 1\r\n  AND rpm > 390\n"))
         await settle(app, pilot)
+        assert app.filters.field.current == ""
         await press(app, pilot, "enter")
         await settle(app, pilot)
-        assert app.query_one(FilterField).current == "motor = 1 AND rpm > 390"
+        assert app.filters.field.current == "motor = 1 AND rpm > 390"
 
-    play(feed, scenario)
+    play(feed, scenario, rows=400)
 
 
 def test_a_filter_is_saved_by_name_and_listed(feed: Any, speed_rows: Rows) -> None:
@@ -437,28 +432,21 @@ def test_ctrl_c_copies_selected_text_of_a_field_first(feed: Any) -> None:
     play(feed, scenario)
 
 
-def test_copies_the_rows_bytes(feed: Any) -> None:
+def test_a_row_is_copied_to_the_terminal_and_to_a_file(feed: Any, cache: Path) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "c")
-        assert app.clipboard == "AA 01 01 00 00 00 00 00 00 EE"
-
-    play(feed, scenario, rows=1)
-
-
-@pytest.mark.parametrize(("key", "copied"), [("Y", "AA 01 03 00 62"), ("y", "motor=3 rpm=98")])
-def test_a_row_is_copied_to_the_terminal_and_to_a_file(
-    feed: Any, cache: Path, key: str, copied: str
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, key)
-        await settle(app, pilot)
-        assert copied in app.clipboard
-        assert "\n" not in app.clipboard
-        assert "   " not in app.clipboard
-        kept = cache / "fte-sniff" / "copied.txt"
-        assert kept.read_text() == app.clipboard
-        assert kept.stat().st_mode & 0o777 == 0o600
-        assert "(also in" in page(app)
+        assert app.clipboard == "AA 01 03 00 62 00 00 00 00 EE"
+        for key, copied in (("Y", "AA 01 03 00 62"), ("y", "motor=3 rpm=98")):
+            await press(app, pilot, key)
+            await settle(app, pilot)
+            assert copied in app.clipboard
+            assert "\n" not in app.clipboard
+            assert "   " not in app.clipboard
+            kept = cache / "fte-sniff" / "copied.txt"
+            assert kept.read_text() == app.clipboard
+            assert kept.stat().st_mode & 0o777 == 0o600
+            assert "(also in" in page(app)
+            await press(app, pilot, "escape")
 
     play(feed, scenario, (200, 30), rows=99)
 
@@ -729,23 +717,6 @@ def test_nothing_is_there_to_take(feed: Any) -> None:
         assert len(app.screen_stack) == 1
 
     play(feed, scenario)
-
-
-def test_the_filter_in_effect_is_not_cut_for_its_count(feed: Any) -> None:
-    line = "unanswered AND kind = 'speed' AND motor = 1 AND offset > 2"
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await enter_line(app, pilot, "f", "motor = 1")
-        await settle(app, pilot)
-        assert "100 of 400 rows" in page(app)
-        await press(app, pilot, "F")
-        await enter_line(app, pilot, "f", line)
-        await settle(app, pilot)
-        (shown,) = (one for one in lines(app) if "offset" in one)
-        assert line in shown
-        assert "0/400" in shown
-
-    play(feed, scenario, rows=400)
 
 
 def test_a_filter_that_hides_what_is_probably_wanted_is_explained(feed: Any) -> None:

@@ -61,13 +61,16 @@ def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows) -
     play(feed, scenario)
 
 
-def test_the_wheel_leaves_the_end_and_takes_it_up_again(feed: Any) -> None:
+def test_the_wheel_and_a_click_leave_the_end_and_the_wheel_takes_it_up_again(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await wheel(app, pilot, events.MouseScrollUp)
         assert not table(app).viewport.following
         assert rpms(app) == list(range(77, 97))
         await wheel(app, pilot, events.MouseScrollDown)
         assert table(app).viewport.following
+        await pilot.click(RowTable, offset=(20, 3))
+        assert table(app).viewport.cursor == 83
+        assert not table(app).viewport.following
 
     play(feed, scenario, rows=100)
 
@@ -83,15 +86,6 @@ def test_columns_move_sideways_as_far_as_there_are_any(feed: Any) -> None:
         assert lines(app)[1].strip().startswith("time UTC     kind")
 
     play(feed, scenario, rows=5)
-
-
-def test_a_click_puts_the_cursor_there(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await pilot.click(RowTable, offset=(20, 3))
-        assert table(app).viewport.cursor == 83
-        assert not table(app).viewport.following
-
-    play(feed, scenario, rows=100)
 
 
 def test_pause_freezes_the_view_and_counts_what_is_new(feed: Any, speed_rows: Rows) -> None:
@@ -239,11 +233,16 @@ def test_the_mouse_opens_rows_and_the_chooser(feed: Any) -> None:
     play(feed, scenario, rows=50)
 
 
-def test_the_scroll_bar_reaches_every_row(feed: Any, speed_rows: Rows) -> None:
+def test_the_scroll_bar_reaches_every_row_and_stays_while_it_looks_the_same(
+    feed: Any, speed_rows: Rows
+) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(30_000))
-        await settle(app, pilot)
         here = table(app)
+        before = (here.virtual_size, here.scroll_y)
+        for start in range(30_000, 31_000, 100):
+            feed.give(speed_rows(100, start=start))
+            await settle(app, pilot)
+        assert (here.virtual_size, here.scroll_y) == before
         assert here.max_scroll_y == round(here.scroll_y)
         await press(app, pilot, "g")
         assert here.scroll_y == 0
@@ -252,21 +251,7 @@ def test_the_scroll_bar_reaches_every_row(feed: Any, speed_rows: Rows) -> None:
         await settle(app, pilot)
         assert here.viewport.top == here.viewport.height
 
-    play(feed, scenario)
-
-
-def test_the_scroll_bar_is_left_alone_while_it_looks_the_same(feed: Any, speed_rows: Rows) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(30_000))
-        await settle(app, pilot)
-        here = table(app)
-        before = (here.virtual_size, here.scroll_y)
-        for start in range(30_000, 31_000, 100):
-            feed.give(speed_rows(100, start=start))
-            await settle(app, pilot)
-        assert (here.virtual_size, here.scroll_y) == before
-
-    play(feed, scenario)
+    play(feed, scenario, rows=30_000)
 
 
 def test_rows_without_times_have_none_to_count_from(feed: Any) -> None:
