@@ -50,7 +50,7 @@ from fte_sniff.protocol import (
     PortEventKind,
 )
 from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit, online_bit_text
 
 ALPHA: Final = 0.01
 """Bound on the probability of any false finding in a recording."""
@@ -814,9 +814,9 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
         return text, f"{_MOTOR} = {motor} AND {errors} != 0"
 
     of_online = _sentence(
-        "motor {motor} was not ONLINE in {events} of {rows} frames; {usual}",
+        "{bit} was 0 in {events} of {rows} frames; {usual}",
         f"{online} & {1 << motor_bit(motor)} = 0",
-        motor=motor,
+        bit=online_bit_text(motor),
     )
     exposed = np.where(feedback.any(), any_feedback, 0)
     for cause, name, rows, describe in (

@@ -15,7 +15,7 @@ from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, MOTORS, Gap
 from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
-from fte_sniff.protocol.spec import Role, motor_bit
+from fte_sniff.protocol.spec import Role, motor_bit, online_bit_text
 
 
 @dataclass
@@ -112,8 +112,8 @@ def flag_texts(
             )
         if motor.offline.rows:
             text = TranslatableText(
-                "motor {motor}: not ONLINE in {seen}",
-                motor=motor.motor,
+                "{bit} was 0 in {seen}",
+                bit=online_bit_text(motor.motor),
                 seen=_count_text(motor.offline, time_text),
             )
             lost = _lost_text(motor.times_lost)

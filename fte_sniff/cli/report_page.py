@@ -56,6 +56,7 @@ from fte_sniff.protocol import (
     zone_at,
 )
 from fte_sniff.protocol.look import LOOKS, Ground
+from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
@@ -306,7 +307,8 @@ class _Plots:
         if self._timeline.errors[motor].points()[1].any():
             self._bands(made, f"{plot}-error", _BAD, "ERROR")
         if not self._timeline.online[motor].points()[1].all():
-            self._bands(made, f"{plot}-offline", _OFF, _("not ONLINE"), hatch_pattern="/")
+            label = _("{bit} is 0", bit=_(online_bit_text(motor)))
+            self._bands(made, f"{plot}-offline", _OFF, label, hatch_pattern="/")
         self._line(made, f"{plot}-target", _TARGET, _("target"), holds=True)
         actual = self._line(made, f"{plot}-actual", _ACTUAL, _("actual"), holds=False)
         made.scatter(

@@ -26,12 +26,15 @@ from fte_sniff.protocol.spec import (
     HEADER_BYTES,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
+    MOTORS,
     NUM_OFFSET,
     TAIL,
     Direction,
     Fault,
     Field,
     FrameKind,
+    Role,
+    motor_bit,
 )
 
 __all__ = ["ExplainedBit", "ExplainedField", "byte_names", "dissect", "explain", "explain_readings"]
@@ -257,8 +260,9 @@ def _flags(row: Frame, field: Field) -> ExplainedField:
         "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
     )
     bits = (
-        ExplainedBit(number, _has(byte, number), _has(raised, number), *_bit_meaning(field, number))
+        ExplainedBit(number, is_set, _has(raised, number), *_bit_meaning(field, number, is_set))
         for number in range(8)
+        for is_set in [_has(byte, number)]
     )
     return _explained(
         row,
@@ -277,14 +281,16 @@ def _has(byte: int, bit: int) -> bool:
     return bool(byte >> bit & 1)
 
 
-def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
+def _bit_meaning(field: Field, number: int, is_set: bool) -> tuple[str, str]:
     if field.legal_bits is not None and not field.legal_bits >> number & 1:
         return TranslatableText("undefined"), TranslatableText("undefined")
-    if field.name == "online":
-        motor = TranslatableText("motor {number}", number=number + 1)
+    if field.role is Role.ONLINE:
+        number = next(motor for motor in MOTORS if motor_bit(motor) == number)
+        motor = TranslatableText("motor {number}", number=number)
         return motor, TranslatableText(
-            "{motor} online (assumption: the protocol does not say which bit is which motor)",
+            "{motor} {state} (assumption: the protocol does not say which bit is which motor)",
             motor=motor,
+            state=TranslatableText("online") if is_set else TranslatableText("not online"),
         )
     return TranslatableText("unknown"), TranslatableText(
         "meaning unknown: the protocol does not say"

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
 
-from fte_sniff.errors import ValueRangeError
+from fte_sniff.errors import TranslatableText, ValueRangeError
 
 FRAME_LENGTH = 10
 TAIL = 0xEE
@@ -260,6 +260,13 @@ def motor_bit(motor: int) -> int:
     An assumption: the document says only that 0F is four motors online.
     """
     return motor - MOTORS[0]
+
+
+def online_bit_text(motor: int) -> TranslatableText:
+    """Name a motor's bit of ONLINE, and say that the motor is an assumption."""
+    return TranslatableText(
+        "bit {bit} of ONLINE (taken as motor {motor})", bit=motor_bit(motor), motor=motor
+    )
 
 
 def _int16(name: str, start: int, unit: str, meaning: str, option: str, role: Role) -> Field:

@@ -22,19 +22,23 @@ from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.relations import UNCHANGED
+from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
     FAULT_MEANINGS,
+    MOTORS,
     VALUE_FIELDS,
     status_of,
 )
 from fte_sniff.protocol.columns import short_names_of
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, bindings, key_names
 from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
+from fte_sniff.tui.panes.motors import OFFLINE
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
@@ -305,6 +309,10 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
 
 EVENT_MEANING = later("a port event, or rows that are missing: not a row")
 FAULTY_CELL = later("rows with a fault, few to many; the colour is that of the worst")
+OFFLINE_MEANING = later(
+    "its bit is 0; the protocol does not say which bit is which motor, this is an assumption:"
+    " {bits}"
+)
 RAISED = later("ERROR is not 00, or ONLINE is not 0F")
 
 Pair: TypeAlias = tuple[str | Text, str]
@@ -354,6 +362,8 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     ]
     in_bar.append((BAR_EVENT, _(EVENT_MEANING)))
     yield _("Signs in the scroll bar"), in_bar
+    bits = _(listed(online_bit_text(motor) for motor in MOTORS))
+    yield _("Motors"), [(_(OFFLINE), _(OFFLINE_MEANING, bits=bits))]
     yield _("Fields and their bytes"), list(field_pairs(palette))
     words: tuple[ExplainedWord, ...] = (*TimeStyle, *Delta)
     yield _("Times"), [(_(style), _(style.meaning)) for style in words]

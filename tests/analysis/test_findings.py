@@ -137,6 +137,7 @@ def test_a_flag_in_three_frames_in_a_row_is_a_finding(
     for one in found:
         own = rows.t_ns[values]
         assert (one.events, one.first_ns, one.last_ns) == (count, own[0], own[-1])
+        assert ("bit 2 of ONLINE (taken as motor 3)" in one.text) == (cause is Cause.OFFLINE)
 
 
 def test_flipped_bits_in_flags_are_not_a_finding() -> None:

@@ -153,7 +153,7 @@ def test_noise_without_times_names_the_missing_frames(run, tmp_path: Path) -> No
 
 def test_a_flag_of_a_second_is_a_finding_with_the_frames_that_stats_count(run, samples) -> None:
     path = samples / "clean.mcap"
-    assert "motor 4: not ONLINE in 23 frames, 12:00:24.066" in run("stats", path).stdout
+    assert "(taken as motor 4) was 0 in 23 frames, 12:00:24.066" in run("stats", path).stdout
     found = json.loads(run("findings", path, "--format", "json").stdout)["findings"][0]
     assert (found["cause"], found["motor"], found["events"]) == ("offline", 4, 23)
     assert (found["first"][11:23], found["last"][11:23]) == ("12:00:24.066", "12:00:25.266")

@@ -35,6 +35,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.writer import BulkWriter
 from tests.beside import running
@@ -384,7 +385,7 @@ def test_lines_end_at_silences_lost_ports_gaps_and_flipped_bits(tmp_path, made, 
             .map((one) => one.querySelector("i").classList.contains("hatched"));
     """
     assert set(browser.execute_script(script, "rows are missing")) == {False}
-    assert set(browser.execute_script(script, "not ONLINE")) == {True}
+    assert set(browser.execute_script(script, f"{online_bit_text(1)} is 0")) == {True}
 
 
 def at(browser: webdriver.Chrome, place: str) -> tuple[int, int]:

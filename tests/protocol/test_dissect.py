@@ -87,6 +87,12 @@ def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
     error, online = named(fields, "error"), named(fields, "online")
     assert [bit.is_set for bit in error.bits] == [True, True] + [False] * 6
     assert all("unknown" in bit.meaning for bit in error.bits[:4])
+    assert [bit.meaning.partition(" (")[0] for bit in online.bits[:4]] == [
+        "motor 1 online",
+        "motor 2 not online",
+        "motor 3 online",
+        "motor 4 online",
+    ]
     assert all("assumption" in bit.meaning for bit in online.bits[:4])
     assert [bit.number for bit in online.bits if bit.is_set] == [0, 2, 3, 4]
     assert [bit.number for bit in online.bits if bit.is_raised] == [1, 4]

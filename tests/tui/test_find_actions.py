@@ -80,7 +80,7 @@ def test_rows_with_raised_flags_are_found_and_e_points_to_them(feed: Any, speed_
         assert "no row with a fault below this one; a goes to a row whose" in page(app)
         assert table(app).viewport.cursor == 0
         await press(app, pilot, "S")
-        await until(app, pilot, lambda: "motor 4: not ONLINE in 2 frames" in page(app))
+        await until(app, pilot, lambda: "(taken as motor 4) was 0 in 2 frames" in page(app))
 
     play(feed, scenario, (80, 40))
 

@@ -16,7 +16,8 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
+from fte_sniff.protocol import FAULT_MEANINGS, MOTORS, PortEvent, PortEventKind
+from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import (
@@ -316,6 +317,8 @@ def test_the_help_has_every_key_and_every_fault(width: int) -> None:
             assert f"{key.key_display} {' '.join(key.tooltip.split())}" in flat
     for fault in FAULT_MEANINGS:
         assert fault in flat
+    for motor in MOTORS:
+        assert online_bit_text(motor) in flat
 
 
 def test_a_wide_help_has_two_columns_and_finds_words(feed: Any) -> None:

@@ -34,7 +34,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Ints
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, online_bit_text
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
@@ -309,13 +309,13 @@ class MotorCard:
             if not changes:
                 yield Text(_("  no error bit ever changed"), style=self.palette.muted)
         if state.online is not None:
-            bit = motor_bit(state.motor)
+            own = _(online_bit_text(state.motor))
             if state.online_changed_ns is None:
-                yield Text(_("  ONLINE bit {bit} never changed", bit=bit), style=self.palette.muted)
+                yield Text(_("  {bit} never changed", bit=own), style=self.palette.muted)
             else:
-                form, value = _("  ONLINE bit {bit} is {value} since {time}"), int(state.online)
+                form, value = _("  {bit} is {value} since {time}"), int(state.online)
                 time = self.view.clock(state.online_changed_ns)
-                yield Text(form.format(bit=bit, value=value, time=time))
+                yield Text(form.format(bit=own, value=value, time=time))
 
     def _label(self, word: str) -> Text:
         return Text.assemble((padded(word, _LABEL_WIDTH), self.palette.muted))
