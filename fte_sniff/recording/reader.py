@@ -17,7 +17,7 @@ Only the last pass, after the end of the writer, reads the tail and reports what
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
@@ -200,6 +200,11 @@ class RecordingReader:
         return sorted([*self._damage, *ending], key=lambda lost: lost.start)
 
     @property
+    def has_summary(self) -> bool:
+        """Whether the file ends with a summary, as a recording that is complete does."""
+        return self._summary is not None
+
+    @property
     def is_whole(self) -> bool:
         """Whether the passes so far found everything intact, and the file has a summary."""
         summary = self._summary
@@ -248,7 +253,7 @@ class RecordingReader:
 
     def ranges(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING, share: int = 1
-    ) -> Iterator[tuple[RowRange, Rows]]:
+    ) -> Generator[tuple[RowRange, Rows], None, None]:
         """The batches, each with the range with which `read` reads it again.
 
         Of a growing file, the records that are complete. `share` divides the memory: batches are
@@ -272,7 +277,7 @@ class RecordingReader:
         channels, counts = self._known_channels(), self._summary is None
         return ReadingPass(channels, codebook, span, count_sequences=counts, share=share)
 
-    def _read(self, current: ReadingPass) -> Iterator[tuple[RowRange, Rows]]:
+    def _read(self, current: ReadingPass) -> Generator[tuple[RowRange, Rows], None, None]:
         """The rows from the position of a pass to the end, or the last complete record."""
         stop = self._complete if self._grows else None
         if stop is not None and current.position >= stop:

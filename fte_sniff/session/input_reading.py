@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from functools import partial
@@ -132,6 +132,7 @@ class InputReading:
         The rows of inputs without times come last. Inputs are opened when their first rows are due.
         """
         chains = _chains(self.inputs)
+        batches: Generator[InputBatch, None, None]
         if len(chains) == 1:
             batches = self._successive(chains[0])
         else:
@@ -146,6 +147,7 @@ class InputReading:
             self.written += len(found.rows)
             yield found
             if self.written == self.limit:
+                batches.close()  # the inputs note what is known of them
                 break
         self._clip_gaps()
         if self.row_filter is not None:
@@ -192,7 +194,7 @@ class InputReading:
 
     def _successive(
         self, chain: Sequence[Input], open_inputs: int = 0, succession: _Succession | None = None
-    ) -> Iterator[InputBatch]:
+    ) -> Generator[InputBatch, None, None]:
         """The rows of inputs that follow each other, beside those of other open inputs."""
         own = succession or (_Succession() if open_inputs else self._last)
         waiting = deque(chain)
@@ -326,7 +328,7 @@ class TimedInput:
     """Reads its batches; the argument is the number of other open inputs."""
 
 
-def merged_by_time(inputs: Sequence[TimedInput]) -> Iterator[InputBatch]:
+def merged_by_time(inputs: Sequence[TimedInput]) -> Generator[InputBatch, None, None]:
     """The batches of inputs that are sorted by their first times, those without at the end.
 
     Raises what reading an input raises, after the rows up to there.

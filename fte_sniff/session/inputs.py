@@ -206,7 +206,8 @@ class Input(ABC):
 
         Args:
             span: only rows in it; None for all.
-            note: called after the last row with what is wrong with the input.
+            note: called after the last row with what is wrong with the input; with what is known
+                of it if the iterator is closed before.
             open_inputs: the number of other inputs that are read at the same time.
 
         Raises:
@@ -308,11 +309,18 @@ class RecordingInput(Input):
         troubles: Counter[PortEventKind] = Counter()
         some = False
         ranges = self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1)
-        for passage, rows in ranges:
-            if (found := self._batch_of(passage, rows)) is not None:
-                troubles.update(event.kind for event in rows.events)
-                some = some or bool(len(rows))
-                yield found
+        try:
+            for passage, rows in ranges:
+                if (found := self._batch_of(passage, rows)) is not None:
+                    troubles.update(event.kind for event in rows.events)
+                    some = some or bool(len(rows))
+                    yield found
+        except GeneratorExit:
+            ranges.close()  # with it the reader knows the damage up to here
+            self._note_end(None, note, troubles, some=some)
+            if not self.reader.has_summary and not self.reader.ending:
+                note(f"{self.name}: it has no summary, so its end is cut off, or not written yet")
+            raise
         self._note_end(span, note, troubles, some=some)
         self.failure = self.reader.nothing_read
 

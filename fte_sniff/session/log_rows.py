@@ -101,13 +101,28 @@ _WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.
 
 
 def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None) -> Iterator[Rows]:
-    """Read the rows of a log once; note at the end how it was read.
+    """Read the rows of a log once; note at the end how it was read, also if reading stops early.
 
     Raises:
         FileError: it cannot be read, or is empty.
         InputTextError: no bytes are found in it, or something in plain hex is not hex.
     """
-    streams, failed = _Streams(log), None
+    streams = _Streams(log)
+    try:
+        yield from _framed(log, streams)
+    except GeneratorExit:
+        # What depends on the rest of the log is not known.
+        for text in log.notes():
+            note(f"{log.where}{text}")
+        raise
+    notes = streams.notes(sampled=log.form.share, ends=log.options.whole)
+    for text in (*notes, *log.notes()):
+        note(f"{log.where}{text}")
+
+
+def _framed(log: LogReader, streams: _Streams) -> Iterator[Rows]:
+    """All rows of the log; raises as `rows_of_log` does."""
+    failed = None
     try:
         for block in log.read():
             size = streams.size
@@ -124,9 +139,6 @@ def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None
         raise failed
     if not streams.size:
         raise log.nothing_read()
-    notes = streams.notes(sampled=log.form.share, ends=log.options.whole)
-    for text in (*notes, *log.notes()):
-        note(f"{log.where}{text}")
 
 
 class _LogWire:

@@ -302,6 +302,24 @@ def test_a_limit_is_not_taken_for_the_whole_file(run, samples: Path) -> None:
     assert "malformed" not in reported
 
 
+def test_what_is_known_of_an_input_is_reported_also_at_the_limit(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    lines = (
+        f"03/04/2026 12:00:{n // 10:02}.{n % 10} AA 01 01 03 E8 00 00 00 00 EE" for n in range(500)
+    )
+    (tmp_path / "log.txt").write_text("\n".join(lines))
+    whole = (samples / "clean.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    for name, known in [("log.txt", ["day or month first", "zone"]), ("cut.mcap", ["cut off"])]:
+        for limit in ([], ["--limit", "3"]):
+            notes = run("decode", name, *limit).stderr.splitlines()[:-1]
+            for words in known:
+                assert len([one for one in notes if words in one]) == 1, notes
+    merged = run("decode", "log.txt", "cut.mcap", "--limit", "800").stderr
+    assert "day or month first" in merged
+
+
 def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
     (tmp_path / "long.hex").write_text("AA 00 00 00 00 00 00 00 00 EE " * 50_000)
     done = run("decode", "long.hex", "--format", "jsonl", "--filter", "NOT reset")
