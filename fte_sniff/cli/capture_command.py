@@ -517,6 +517,7 @@ class Screen(Observer):
         from fte_sniff.session.notes import Notes, capture_start
         from fte_sniff.tui.app import run_screen
 
+        self._rest.begin_with(Tally())  # if the end comes before the screen
         files = [path for path in session.state.recordings if path.is_file()]
         self._notes = Notes(files, [capture_start(path) for path in files])
         if session.stopping:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from heapq import merge
 from signal import Signals
 from typing import TYPE_CHECKING
 
-from fte_sniff.cli.streams import STDOUT, abandon_stdout, ending_signals, print_err
+from fte_sniff.cli.streams import NOT_BEGUN, STDOUT, abandon_stdout, ending_signals, print_err
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
@@ -100,6 +100,10 @@ def capture(
         for one in observers:
             one.starting()
         session.begin()
+        if not session.state.started:
+            session.close()
+            print_err(NOT_BEGUN)
+            return 0
         with ExitStack() as ends:
             try:
                 for one in observers:
@@ -108,8 +112,9 @@ def capture(
                 if drive is None:
                     _drain(session)
                 else:
-                    handlers.close()
-                    code = drive(session)
+                    with suppress(KeyboardInterrupt):  # before the screen handles signals
+                        handlers.close()
+                        code = drive(session)
             finally:
                 has_terminal = True
                 if drive is not None:

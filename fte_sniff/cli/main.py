@@ -19,6 +19,7 @@ import click
 from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     EXIT_INTERRUPTED,
+    NOT_BEGUN,
     STDOUT,
     abandon,
     abandon_stdout,
@@ -37,6 +38,9 @@ COMMANDS = (
     *("bridge", "simulate", "repair", "decoder", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""
+
+ENDED_BY_CTRL_C = ("live", "bridge", "simulate")
+"""The commands that Ctrl-C ends normally, also before they have begun."""
 
 JUDGING = ("check", "doctor")
 """The commands whose exit code 1 is a verdict."""
@@ -149,6 +153,7 @@ def fte_sniff() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the program and exit with its exit code."""
     prepare_streams()
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         with interruptible():
             code = 0
@@ -157,10 +162,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
                 code = shell_complete(fte_sniff, {}, PROGRAM, VARIABLE, asked)
             else:
-                given = sys.argv[1:] if arguments is None else arguments
                 # click's own `main` would turn a closed pipe into exit code 1.
                 try:
-                    with fte_sniff.make_context(PROGRAM, list(given)) as context:
+                    with fte_sniff.make_context(PROGRAM, given) as context:
                         fte_sniff.invoke(context)
                 except click.exceptions.Exit as end:
                     code = end.exit_code
@@ -191,6 +195,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _exit_with(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
+        if given[:1] and given[0] in ENDED_BY_CTRL_C:
+            print_err(NOT_BEGUN)
+            sys.exit(0)
         sys.exit(EXIT_INTERRUPTED)
 
 

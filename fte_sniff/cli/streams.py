@@ -35,6 +35,9 @@ EXIT_INTERRUPTED = 130
 """The exit code after Ctrl-C, except for commands that normally end that way."""
 
 
+NOT_BEGUN = "interrupted before the capture began; nothing was recorded"
+"""The line of a capture whose end was requested before its ports were open; it exits with 0."""
+
 STDOUT = "standard output"
 """The file name of errors of standard output."""
 

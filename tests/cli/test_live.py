@@ -18,6 +18,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.cli.live import check_attached
+from fte_sniff.cli.streams import NOT_BEGUN
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
@@ -402,6 +403,28 @@ def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Ad
     assert code == 3
     assert "adapter was lost" in errors
     assert decoded(run, "x.mcap")
+
+
+@pytest.mark.parametrize("command", ["live", "bridge"])
+def test_an_end_before_the_capture_begins_is_reported(
+    environment, tmp_path: Path, command: str
+) -> None:
+    os.mkfifo(tmp_path / "rules")
+    words = (command, "sim://", "-o", "x.mcap", "--headless", "--check", "rules")
+    with started(environment, tmp_path, *words) as process:
+        descriptor = os.open(tmp_path / "rules", os.O_WRONLY)  # once the program reads it
+        process.send_signal(signal.SIGINT)
+        assert ended(process) == (0, "", f"{NOT_BEGUN}\n")
+        os.close(descriptor)
+    with server_socket() as server:
+        port = f"rfc2217://127.0.0.1:{server.getsockname()[1]}"
+        words = (command, port, "-o", "x.mcap", "--headless")
+        with started(environment, tmp_path, *words) as process:
+            connection, _ = server.accept()  # and never answers
+            process.send_signal(signal.SIGINT)
+            assert ended(process) == (0, "", f"{NOT_BEGUN}\n")
+            connection.close()
+    assert not (tmp_path / "x.mcap").exists()
 
 
 def test_a_server_that_goes_and_comes_is_found_again(environment, tmp_path: Path) -> None:
