@@ -294,6 +294,13 @@ class SniffApp(App[None]):
         """Go to the most important row of a cell of the scroll bar that was clicked."""
         self._table.jump_to_cell(cell)
 
+    def get_default_screen(self) -> Screen[object]:
+        """Give the screen the class of its height: the first resize need not style all again."""
+        screen: Screen[object] = super().get_default_screen()
+        height = self.size.height
+        _, name = max(one for one in self.VERTICAL_BREAKPOINTS or () if one[0] <= height)
+        return screen.add_class(name, update=False)
+
     def get_driver_class(self) -> type[Driver]:
         """Our driver in place of Textual's for Linux."""
         driver = super().get_driver_class()
