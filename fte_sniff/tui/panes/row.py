@@ -294,7 +294,7 @@ DUMP_BYTES = (32, 16, 8)
 
 
 _OFFSET_WIDTH = 12
-_STEP_ROWS = 256
+_STEP_ROWS = 32
 
 
 def neighbours(store: RowStore, index: int, before: int, after: int) -> list[Row]:
