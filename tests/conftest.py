@@ -1,8 +1,9 @@
 """Settings of all tests.
 
 Hypothesis has no deadline, because a busy machine would exceed it. Examples stay random, so that
-each run can find more; a failure prints how to repeat it. `--hypothesis-profile thorough` runs
-twenty times as many. The installed form of the framer is tested; `--interpreted` tests its source.
+each run can find more; a failure prints how to repeat it. `--hypothesis-profile full` runs those
+of `.ci/full`, `thorough` twenty times as many. The installed form of the framer is tested;
+`--interpreted` tests its source.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ import sys
 import pytest
 from hypothesis import settings
 
-from tests.examples import HOUSE
+from tests.examples import FULL, QUICK
 from tests.framer_form import INTERPRETED, form_error, interpret
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
 # Tests of full disks limit the size of files. A module first imported under such a limit would
 # leave a truncated .pyc file, and break later imports.
-sys.dont_write_bytecode = True
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 
 # The conftest.py files of folders import the framer before pytest reads its options.
@@ -38,9 +38,10 @@ for number, handler in (
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
-settings.register_profile("house", deadline=None, print_blob=True, max_examples=HOUSE)
-settings.register_profile("thorough", settings.get_profile("house"), max_examples=20 * HOUSE)
-settings.load_profile("house")
+settings.register_profile("full", deadline=None, print_blob=True, max_examples=FULL)
+settings.register_profile("quick", settings.get_profile("full"), max_examples=QUICK)
+settings.register_profile("thorough", settings.get_profile("full"), max_examples=20 * FULL)
+settings.load_profile("quick")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -54,6 +55,11 @@ def pytest_configure(config: pytest.Config) -> None:
         wrong = form_error(os.environ)
         if wrong is not None:
             raise pytest.UsageError(wrong)
+
+
+def pytest_collection_finish() -> None:
+    # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
+    sys.dont_write_bytecode = True
 
 
 def pytest_report_header() -> str:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from hypothesis import settings
 
-HOUSE = 50
-"""Examples of a property in a usual run."""
+QUICK, FULL = 20, 50
+"""Examples of a property in a usual run, and in `.ci/full`."""
 
 
-def examples(usual: int, **further: int) -> settings:
-    """Settings with `usual` examples in a usual run, scaled in others as all properties are."""
-    return settings(max_examples=max(1, usual * settings.default.max_examples // HOUSE), **further)
+def examples(full: int, **further: int) -> settings:
+    """Settings with `full` examples in `.ci/full`, scaled in other runs as all properties are."""
+    return settings(max_examples=max(1, full * settings.default.max_examples // FULL), **further)

@@ -28,6 +28,7 @@ from tests.rfc2217_server import (
     answer_to,
     serving,
 )
+from tests.slow import crossed
 from tests.waiting import BOUND_S
 
 CLOCK = Clock.tied()
@@ -134,14 +135,13 @@ def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
         assert taken(source, 5) == b"bytes"
 
 
-@pytest.mark.parametrize("answer", [None, b"\x63\x63\x63\x63"])
-@pytest.mark.parametrize(
-    ("command", "name"),
-    [(SET_BAUDRATE, "baudrate"), (SET_DATASIZE, "datasize"), (SET_CONTROL, "control")],
-)
-def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, command, name, answer):
+OPTIONS = {SET_BAUDRATE: "baudrate", SET_DATASIZE: "datasize", SET_CONTROL: "control"}
+
+
+@pytest.mark.parametrize(("command", "answer"), crossed([*OPTIONS], [None, b"\x63\x63\x63\x63"]))
+def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, command, answer):
     server.answers[command] = answer
-    with pytest.raises(PortError, match=f"the server refuses {name};") as refused:
+    with pytest.raises(PortError, match=f"the server refuses {OPTIONS[command]};") as refused:
         open_port(server.url)
     assert "dict_values" not in str(refused.value)
 

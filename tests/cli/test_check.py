@@ -20,6 +20,7 @@ from fte_sniff.recording.metadata import PortFacts
 from tests.beside import running
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal
+from tests.slow import first
 from tests.support.recorded_rows import write_recording
 
 MS = 1_000_000
@@ -392,7 +393,7 @@ def test_the_documented_rules_pass_on_a_good_minute(run, documented: Path, tmp_p
     assert found == dict.fromkeys(BROKEN, "pass")
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("name", first(10, sorted(BROKEN, key=lambda name: name[-1] in "234")))
 def test_each_documented_rule_finds_its_fault(
     run, documented: Path, tmp_path: Path, name: str
 ) -> None:

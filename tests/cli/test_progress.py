@@ -15,6 +15,7 @@ from fte_sniff.cli.progress import PATIENCE_S, progress_text
 from fte_sniff.session.inputs import Progress
 from tests.cli.processes import BOUND_S, FRAME
 from tests.cli.terminals import terminal
+from tests.slow import first
 
 AT_ONCE = (
     "import fte_sniff.cli.progress as progress; progress.PATIENCE_S = 0\n"
@@ -78,7 +79,7 @@ def test_before_the_screen_opens(environment: Mapping[str, str], tmp_path: Path)
         assert screen.ended_by("q") == 0
 
 
-@pytest.mark.parametrize("command", ["decode", "stats", "repair"])
+@pytest.mark.parametrize("command", first(2, ["decode", "repair", "stats"]))
 def test_every_command_that_reads_files_shows_how_much_is_left(
     environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
 ) -> None:

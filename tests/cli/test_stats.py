@@ -25,6 +25,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
+from tests.slow import crossed
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 
@@ -233,9 +234,8 @@ def test_files_that_overlap_in_time_have_no_answers(run, samples: Path, tmp_path
     assert text.count("overlap in time") == 1
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("ending", ["raw", "hex"])
-def test_without_times_there_are_counts_alone(run, samples: Path, name: str, ending: str) -> None:
+@pytest.mark.parametrize(("ending", "name"), crossed(["raw", "hex"], NAMES))
+def test_without_times_there_are_counts_alone(run, samples: Path, ending: str, name: str) -> None:
     file = samples / f"{name}.{ending}"
     reported = numbers(run, file)
     rows = [json.loads(row) for row in run("decode", file, "--format", "jsonl").stdout.splitlines()]
@@ -466,8 +466,7 @@ def test_names_are_shown_and_not_obeyed(run, tmp_path: Path) -> None:
     assert numbers(run, "[[]red]*.mcap")["ports"][0]["port"] == port
 
 
-@pytest.mark.parametrize("columns", [40, 80, 200])
-@pytest.mark.parametrize("name", ["clean", "damaged"])
+@pytest.mark.parametrize(("columns", "name"), crossed([40, 80, 200], ["damaged", "clean"]))
 def test_on_a_terminal_it_keeps_to_the_width(
     environment, tmp_path: Path, samples: Path, columns: int, name: str
 ) -> None:

@@ -91,7 +91,7 @@ def peak_of(data: bytes) -> int:
         tracemalloc.stop()
 
 
-SIZE = 6 << 20
+SIZE = 3 << 20
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.repair import FileDamage, Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import is_whole, some_rows
+from tests.slow import first
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import events_in
 from tests.torture.damage import METADATA, records
@@ -110,11 +111,12 @@ def _every(count: int, most: int) -> range:
     return range(0, count, max(1, count // most))
 
 
+@pytest.mark.parametrize("count", first(1, [30, 150]))
 def test_a_file_cut_anywhere_keeps_every_chunk_before_the_cut(
-    tmp_path: Path, small: tuple[bytes, Spans]
+    tmp_path: Path, small: tuple[bytes, Spans], count: int
 ) -> None:
     content, spans = small
-    places = {*_every(len(content), 150), *(p for a, b, _ in spans for p in (a, a + 1, b - 1, b))}
+    places = {*_every(len(content), count), *(p for a, b, _ in spans for p in (a, a + 1, b - 1, b))}
     for place in places:
         left = _repaired(tmp_path, content[:place])
         rows, damage = left or ([], None)
@@ -123,7 +125,7 @@ def test_a_file_cut_anywhere_keeps_every_chunk_before_the_cut(
             assert damage.gaps == [] or f" to {place} (" in damage.gaps[-1].reason
 
 
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", first(1, range(4)))
 def test_a_flipped_bit_anywhere_costs_no_more_than_its_chunk(
     tmp_path: Path, small: tuple[bytes, Spans], part: int
 ) -> None:
@@ -162,10 +164,13 @@ def test_statistics_that_contradict_themselves_count_nothing(
         assert left[1].lost_messages in (None, 0)
 
 
-def test_a_flipped_bit_anywhere_is_noticed(tmp_path: Path, small: tuple[bytes, Spans]) -> None:
+@pytest.mark.parametrize("count", first(1, [100, 400]))
+def test_a_flipped_bit_anywhere_is_noticed(
+    tmp_path: Path, small: tuple[bytes, Spans], count: int
+) -> None:
     content, _ = small
     path = tmp_path / "x.mcap"
-    for place in _every(len(content), 400):
+    for place in _every(len(content), count):
         flipped = bytearray(content)
         flipped[place] ^= 16
         path.write_bytes(flipped)

@@ -44,6 +44,7 @@ from tests.analysis.test_measures import EXPECTED
 from tests.analysis.test_statistics import SECOND, frame
 from tests.cli.processes import wait_until
 from tests.examples import examples
+from tests.slow import first
 from tests.support.recorded_rows import write_recording
 
 START = "2026-01-31T12:00:00.000000000Z"
@@ -171,7 +172,7 @@ def test_a_file_that_begins_while_a_port_is_lost_is_read_so(tmp_path: Path) -> N
     assert measured([path], None).answers.stats()[0].pairing.unanswered == 1
 
 
-@pytest.mark.parametrize("rules", [None, ["delay(p95) < 20", "max_gap(motor = 1) < 1"]])
+@pytest.mark.parametrize("rules", first(1, [["delay(p95) < 20", "max_gap(motor = 1) < 1"], None]))
 def test_memory_does_not_grow_with_the_number_of_files(
     tmp_path: Path, rules: list[str] | None
 ) -> None:

@@ -22,7 +22,7 @@ from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row,
 from fte_sniff.session.log_rows import rows_of_log
 from tests.examples import examples
 from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent, clock, line
-from tests.slow import first
+from tests.slow import crossed, first
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -143,8 +143,10 @@ class Trickle(BytesIO):
         return super().read(self._few)
 
 
-@pytest.mark.parametrize("size", [1, 7, 1000])
-@pytest.mark.parametrize("name", ["CoolTerm", "Eltima", "Node-RED", "hexdump -C", "octal"])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    crossed(["CoolTerm", "Eltima", "Node-RED", "hexdump -C", "octal"], [1, 7, 1000]),
+)
 def test_the_way_a_file_is_split_changes_nothing(name: str, size: int) -> None:
     content = LAYOUTS[name](a_log(1, 60)).encode()
     whole, _ = rows_of(content)
@@ -156,16 +158,21 @@ def test_the_way_a_file_is_split_changes_nothing(name: str, size: int) -> None:
     assert sorted(rows, key=key) == sorted(whole, key=key)
 
 
+MANY_LINES = [
+    "CoolTerm", "hexdump -C", "candump", "DSView", "names", "Python repr", "JSON latin", "zeros",
+    "MQTT base64", "usbmon", "Docklight", "Termite", "number before", "Java", "Swift", "Erlang",
+    "percent", "octal", "record number", "long label", "checksum in words", "Eltima", "od",
+    "journald", "Eclipse", "text beside", "words after bytes", "ESPHome, binary",
+]  # fmt: skip
+"""Layouts of the least and the most columns and words; the first ten are of all sorts."""
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        "CoolTerm", "Docklight", "candump", "Termite", "hexdump -C", "number before", "DSView",
-        "Python repr", "Java", "Swift", "JSON latin", "MQTT base64", "Erlang", "percent", "octal",
-        "record number", "long label", "checksum in words", "Eltima", "od", "journald", "Eclipse",
-        "text beside", "words after bytes", "ESPHome, binary", "usbmon", "names", "zeros",
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("foreign", [False, True])
+    ("name", "foreign"),
+    first(
+        10, [(name, (at + odd) % 2 == 0) for odd in (1, 0) for at, name in enumerate(MANY_LINES)]
+    ),
+)
 def test_many_lines_at_once_are_as_one_by_one(
     name: str, foreign: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -459,8 +466,7 @@ RECORDS = {
 }
 
 
-@pytest.mark.parametrize("between", [", ", ",", " "])
-@pytest.mark.parametrize("name", RECORDS)
+@pytest.mark.parametrize(("name", "between"), crossed([*RECORDS], [", ", ",", " "]))
 def test_records_in_one_line_are_as_in_lines_of_their_own(name: str, between: str) -> None:
     records = [
         RECORDS[name].format(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Container
 from itertools import product
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from librt.vecs import vec
 from mypy_extensions import u8
@@ -24,7 +24,7 @@ from tests.protocol.streams import near_frames, near_frames_of
 
 LONGEST = FRAME_LENGTH + tables.EXTRA
 
-OFTEN = 10
+OFTEN = settings.default.max_examples // 5
 """Least number of times that each answer must occur."""
 
 Pattern = re.Pattern[bytes]
@@ -64,7 +64,7 @@ def _kind_named(data: bytes, at: int) -> str:
 
 def _on_all(same: Callable[[bytes], None]) -> None:
     """Check fixed and random near frames."""
-    for seed in range(150):
+    for seed in range(5 * settings.default.max_examples):
         same(near_frames_of(seed))
     examples(100)(given(near_frames)(same))()
 
