@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import Protocol
 
 from textual.app import App
@@ -11,16 +10,6 @@ from textual.widget import Widget
 from fte_sniff.tui.commands import Where
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.table.widget import RowTable, TableHeader
-
-
-class FocusMode(Enum):
-    """What receives the keys."""
-
-    TABLE = "table"
-    TOP = "top"
-    FIELD = "field"
-    PAGE = "page"
-    """A page over the screen, such as the help; it has its own focus."""
 
 
 class TypedField(Protocol):
@@ -51,15 +40,6 @@ class Focus:
     def start(self) -> None:
         """Give the focus to its owner, once that is on the screen."""
         self._give()
-
-    @property
-    def mode(self) -> FocusMode:
-        """What receives the keys now."""
-        if len(self._app.screen_stack) > 1:
-            return FocusMode.PAGE
-        if self._field is not None:
-            return FocusMode.FIELD
-        return FocusMode.TOP if self._top.display else FocusMode.TABLE
 
     @property
     def owner(self) -> Widget:
@@ -105,11 +85,12 @@ class Focus:
 
     def allows(self, where: Where) -> bool:
         """Whether such an action may act now: an open field and a page have their own keys."""
-        return where is Where.ANYWHERE or self.mode in (FocusMode.TABLE, FocusMode.TOP)
+        is_page_open = len(self._app.screen_stack) > 1
+        return where is Where.ANYWHERE or not (is_page_open or self._field)
 
     def prepare(self, where: Where) -> None:
-        """Bring the table back for an action on rows."""
-        if where is Where.ROWS and self.mode is FocusMode.TOP:
+        """Bring the table back for an action on rows that is allowed."""
+        if where is Where.ROWS and self._top.display:
             self.show_top(False)
 
     def _give(self) -> None:
