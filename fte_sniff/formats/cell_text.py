@@ -110,6 +110,8 @@ _SPANS: Final = (
 _DAYS: Final = 86_400_000_000_000
 _SHORT: Final = ((1e9, "G"), (1e6, "M"), (1e4, "k"))
 _BLOCKS: Final = " ▁▂▃▄▅▆▇█"
+BLOCKS: Final = len(_BLOCKS) - 1
+"""Heights of a block in a sparkline, besides 0."""
 
 
 def span_text(ns: float | None) -> str:
@@ -172,9 +174,8 @@ def sparkline(values: Sequence[float], width: int, full: float | None = None) ->
     width = len(edges) - 1
     tops = [max(values[edges[cell] : edges[cell + 1]]) for cell in range(width)]
     most = full or max(tops) or 1
-    steps = len(_BLOCKS) - 1
     return "".join(
-        _BLOCKS[min(steps, max(1, round(top / most * steps))) if top > 0 else 0] for top in tops
+        _BLOCKS[min(BLOCKS, max(1, round(top / most * BLOCKS))) if top > 0 else 0] for top in tops
     )
 
 

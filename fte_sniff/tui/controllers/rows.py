@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 
@@ -35,8 +34,6 @@ class Goal:
     distance_ns: int | None = None
     """The first row at or after a distance from the cursor's row; negative is earlier."""
 
-
-NO_TIME = -(2**63)
 
 _ROW = re.compile(r"[0-9][0-9_,]*")
 _NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
@@ -100,7 +97,7 @@ def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None
     if goal.offset is not None:
         return _row_with_byte(store, cursor, goal.offset)
     t_ns = time_of(goal, store, cursor, zone)
-    return None if t_ns is None else min(_first_from(store, t_ns), last)
+    return None if t_ns is None else _first_from(store, t_ns)
 
 
 def _row_with_byte(store: RowStore, cursor: int, offset: int) -> int | None:
@@ -111,13 +108,9 @@ def _row_with_byte(store: RowStore, cursor: int, offset: int) -> int | None:
 
 
 def _first_from(store: RowStore, t_ns: int) -> int:
-    """First shown row at or after a time, as if times never fell."""
-
-    def time(position: int) -> int:
-        found = time_at(store, position)
-        return NO_TIME if found is None else found
-
-    return bisect_left(range(store.view.count), t_ns, key=time)
+    """The first shown row at or after a time, as if times never fell; at most the last one."""
+    position = store.view.position_of(store.index_from(t_ns))
+    return min(position, max(0, store.view.count - 1))
 
 
 def time_at(store: RowStore, position: int) -> int | None:
@@ -174,7 +167,7 @@ class RowController(ScreenController):
         """Go to the first shown row with a fault in a span of time, else to its first row."""
         store = self._store
         self._table.stop_following()
-        self._table.jump(min(_first_from(store, start_ns), max(0, store.view.count - 1)))
+        self._table.jump(_first_from(store, start_ns))
         row = self._table.cursor_row
         if row is None or not row.faults:
             index = find_fault(store, self._table.last_index, 1)

@@ -31,12 +31,14 @@ from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.analysis.usual_range import usual_range
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
+    BLOCKS,
     UNKNOWN,
     clock_text,
     fit,
     fit_right,
     rate_text,
     short_number,
+    sparkline,
 )
 from fte_sniff.protocol import KINDS, Direction
 from fte_sniff.protocol.spec import Role, motor_bit
@@ -67,8 +69,6 @@ OLD: Final = 4
 """Drawings after which a changed byte is as muted as one that never changed."""
 
 JITTER_FRAMES: Final = 64
-
-_LEVELS: Final = "▁▂▃▄▅▆▇█"
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,11 +211,9 @@ def _curve(line: TopLine, width: int) -> str:
         return ""
     low, high = extent
     share = (np.clip(values, low, high) - low) / (high - low) if high > low else values * 0 + 0.5
-    steps = np.nan_to_num(share * (len(_LEVELS) - 1)).round().astype(int).tolist()
-    known = (~np.isnan(values)).tolist()
-    return "".join(
-        _LEVELS[step] if is_known else " " for step, is_known in zip(steps, known, strict=True)
-    )
+    # The lowest value is one block high: an empty cell has no value.
+    levels = np.nan_to_num(1 + share * (BLOCKS - 1))
+    return sparkline(levels.tolist(), width, full=BLOCKS)
 
 
 @dataclass(frozen=True, slots=True)
