@@ -30,9 +30,10 @@ import os
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import click
 
@@ -96,19 +97,9 @@ class Settings:
     @property
     def choices(self) -> Choices:
         """Theme, view, filters and panes of the screen."""
-        from fte_sniff.tui.options import Choices, PaneLayout
+        from fte_sniff.tui.options import Choices
 
-        setting = self.screen.get
-        height, width = setting("pane_height"), setting("pane_width")
-        return Choices(
-            setting("theme"),
-            setting("columns"),
-            filters=tuple(self.filters.items()),
-            panes=PaneLayout(setting("pane_beside") is not False, height, width),
-            delta=Delta[setting("delta", "row").upper()],
-            changes=bool(setting("changes")),
-            events=setting("events") is not False,
-        )
+        return Choices(**self.screen, filters=tuple(self.filters.items()))
 
     def choices_at(self, place: Place) -> Choices:
         """The choices, with the columns of a view that was left."""
@@ -125,9 +116,9 @@ class Settings:
             if found.faults:
                 print_err(f"the screen settings are not saved: correct {self.path} first")
                 return
-            screen = {name: one.chosen(choices) for name, one in SCREEN_SETTINGS.items()}
-            screen["language"] = screen["language"] or found.screen.get("language")
-            save_screen(self.path, screen, dict(choices.filters))
+            defaults = asdict(type(choices)())
+            chosen = {name: one for name, one in asdict(choices).items() if one != defaults[name]}
+            save_screen(self.path, chosen, dict(choices.filters))
         except FteSniffError as error:
             print_err(f"the screen settings are not saved: {error}")
 
@@ -158,6 +149,10 @@ def _word(words: Collection[str]) -> _Convert:
     return _one((str,), f"one of {', '.join(words)}", lambda word: word in words)
 
 
+def _delta(value: Any) -> Delta:
+    return Delta[_word([delta.name.lower() for delta in Delta])(value).upper()]
+
+
 def _share(value: Any) -> int:
     from fte_sniff.tui.options import SHARES
 
@@ -179,29 +174,18 @@ def _columns(value: Any) -> tuple[str, ...]:
     return tuple(value)
 
 
-class ScreenSetting(NamedTuple):
-    """An entry of the table of the screen."""
-
-    convert: _Convert
-    chosen: Callable[[Choices], Any]
-    """The value for a choice of the user; None for the default."""
-
-
-SCREEN_SETTINGS: Final[Mapping[str, ScreenSetting]] = {
-    "theme": ScreenSetting(_word(THEMES), lambda one: one.theme),
-    "columns": ScreenSetting(_columns, lambda one: one.columns),
-    "delta": ScreenSetting(
-        _word([delta.name.lower() for delta in Delta]),
-        lambda one: None if one.delta is Delta.ROW else one.delta.name.lower(),
-    ),
-    "changes": ScreenSetting(_yes_or_no, lambda one: one.changes or None),
-    "events": ScreenSetting(_yes_or_no, lambda one: None if one.events else False),
-    "language": ScreenSetting(_word((*LANGUAGES, AUTO)), lambda one: one.language),
-    "pane_beside": ScreenSetting(_yes_or_no, lambda one: None if one.panes.beside else False),
-    "pane_height": ScreenSetting(_share, lambda one: one.panes.height),
-    "pane_width": ScreenSetting(_share, lambda one: one.panes.width),
+SCREEN_SETTINGS: Final[Mapping[str, _Convert]] = {
+    "theme": _word(THEMES),
+    "columns": _columns,
+    "delta": _delta,
+    "changes": _yes_or_no,
+    "events": _yes_or_no,
+    "language": _word((*LANGUAGES, AUTO)),
+    "pane_beside": _yes_or_no,
+    "pane_height": _share,
+    "pane_width": _share,
 }
-"""What the table of the screen may have; pane shares are percent of the table and the pane."""
+"""What the table of the screen may have: fields of `Choices`."""
 
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
 _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}
@@ -213,11 +197,7 @@ def parse_settings(content: Mapping[str, Any]) -> Settings:
     check = _Check()
     tables = check.known(content, _TABLES, "")
     return Settings(
-        check.values(
-            tables.get("screen", {}),
-            "screen",
-            {name: one.convert for name, one in SCREEN_SETTINGS.items()},
-        ),
+        check.values(tables.get("screen", {}), "screen", SCREEN_SETTINGS),
         check.values(tables.get("live", {}), "live", _LIVE).get("ports", ()),
         {
             name: check.values(table, f"port.{name}", _PORT)
@@ -360,12 +340,8 @@ def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, s
 
 
 def _toml(value: Any) -> Any:
-    import tomlkit
-
-    if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        table.update(value)
-        return table
+    if isinstance(value, Enum):
+        return value.name.lower()
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -349,15 +349,16 @@ class SniffApp(App[None]):
     @property
     def choices(self) -> Choices:
         """What the user has chosen by now."""
-        view = self._table.view
-        switched = self.language if self.language != self._options.language else None
-        filters = tuple(self.filters.saved.items())
+        view, panes, before = self._table.view, self._body.pane_layout, self._options
+        switched = self.language != before.language
         return Choices(
             self.theme,
             view.choice,
-            switched,
-            filters,
-            self._body.pane_layout,
+            self.language if switched else before.choices.language,
+            tuple(self.filters.saved.items()),
+            panes.beside,
+            panes.height,
+            panes.width,
             view.delta,
             view.changes,
             view.events,

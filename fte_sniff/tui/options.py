@@ -39,17 +39,22 @@ class PaneLayout:
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What the user chooses on the screen, and has again the next time."""
+    """What the user chooses on the screen, and has again the next time.
+
+    The fields, but for `filters`, are the settings of the screen in the settings file.
+    """
 
     theme: str | None = None
     """One of `i18n.THEMES`; None for the default."""
     columns: tuple[str, ...] | None = None
     """From left to right, at least one; None where the width of the window decides."""
     language: str | None = None
-    """A key of `i18n.LANGUAGES`; None where it was not switched."""
+    """A key of `i18n.LANGUAGES`, or its `AUTO`; None where it was never chosen."""
     filters: tuple[tuple[str, str], ...] = ()
     """Names of saved filters, each with its filter."""
-    panes: PaneLayout = PaneLayout()
+    pane_beside: bool = True
+    pane_height: int | None = None
+    pane_width: int | None = None
     delta: Delta = Delta.ROW
     changes: bool = False
     events: bool = True
@@ -60,6 +65,11 @@ class Choices:
         return TableView(
             choice=self.columns, delta=self.delta, changes=self.changes, events=self.events
         )
+
+    @property
+    def panes(self) -> PaneLayout:
+        """The place of the panes at the start."""
+        return PaneLayout(self.pane_beside, self.pane_height, self.pane_width)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from fte_sniff.cli.settings import (
 from fte_sniff.errors import FileError
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
-from fte_sniff.tui.table.columns import ORDER, VALUES
+from fte_sniff.tui.table.columns import ORDER, VALUES, Delta
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 from tests.cost import grows_linearly
@@ -60,7 +60,7 @@ screens = st.fixed_dictionaries(
     optional={
         "theme": st.sampled_from(THEMES),
         "columns": st.lists(names, min_size=1, unique=True).map(tuple),
-        "delta": st.sampled_from(["row", "frame", "answer"]),
+        "delta": st.sampled_from(Delta),
         "changes": st.booleans(),
         "events": st.booleans(),
         "language": st.sampled_from(["en", "zh"]),
@@ -93,7 +93,7 @@ def test_all_settings_are_read(file: Path) -> None:
     assert settings.screen == {
         "theme": "textual-light",
         "columns": ("time", "kind", "values"),
-        "delta": "frame",
+        "delta": Delta.FRAME,
         "changes": True,
         "events": False,
         "language": "zh",
@@ -252,6 +252,11 @@ def test_what_is_kept_is_read_again(
     for screen in (first, second):
         save_screen(file, screen, {})
         assert read_settings(file).screen == screen
+    chosen, other = read_settings(file).choices, Settings(first).choices
+    Settings(path=file).keep(other)
+    assert read_settings(file).choices == other
+    Settings(path=file).keep(chosen)
+    assert read_settings(file).choices == chosen
 
 
 def test_keeping_leaves_the_rest_as_it_was_written(file: Path) -> None:

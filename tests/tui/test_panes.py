@@ -1222,14 +1222,14 @@ def bytes_lines(app: SniffApp) -> list[str]:
 
 
 def test_the_panes_begin_where_they_were(feed: Any) -> None:
-    layout = PaneLayout(beside=True, width=30)
+    choices = Choices(pane_beside=True, pane_width=30)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "S")
         await settle(app, pilot)
         assert divider(app).region.x == pytest.approx(140, abs=1)
 
-    play(feed, scenario, (200, 40), options=StartOptions(choices=Choices(panes=layout)))
+    play(feed, scenario, (200, 40), options=StartOptions(choices=choices))
 
 
 def test_a_narrow_terminal_shows_from_which_width_a_pane_is_beside(feed: Any) -> None:
