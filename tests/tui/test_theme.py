@@ -102,7 +102,7 @@ XTERM_16 = f"{XTERM} 5c5cff ff00ff 00ffff ffffff".split()
 def test_texts_are_readable_in_16_colours_and_only_damage_is_red(name: str, ground: int) -> None:
     palette = palette_of(ALL_THEMES[name], Colors.SIXTEEN)
     texts = {
-        **{name: getattr(palette, name) for name in ("muted", "target", "signs", "events")},
+        **{name: getattr(palette, name) for name in ("muted", "target", "signs")},
         **palette.kinds,
         **palette.values,
         **palette.fields,

@@ -135,7 +135,7 @@ class Painter:
         """The line of a port event or a gap; the text is printable."""
         text = fit(f" {text} ", self.width - 1).rstrip()
         rule = "─" * max(0, self.width - 1 - cell_len(text) - 1)
-        style = self.palette.events
+        style = self.palette.signs
         return self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)
 
     def head(self, line: Style) -> Strip:
@@ -409,7 +409,7 @@ class OverviewBar:
                 found[at] = BarSign(shade(cell.share, fullest), Style(color=color))
         for landmark in self._landmarks.between(self._store.first, self._store.next + 1):
             if not landmark.is_routine:
-                found[self._cell_of(landmark.index)] = BarSign(BAR_EVENT, palette.events)
+                found[self._cell_of(landmark.index)] = BarSign(BAR_EVENT, palette.signs)
         for index in self._marks:
             found[self._cell_of(index)] = BarSign(BAR_MARKED, palette.signs)
         return found

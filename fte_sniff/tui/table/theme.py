@@ -39,8 +39,6 @@ class Palette:
 
     muted: Style
     """Times, and the bytes of rows without faults."""
-    hues: tuple[str, ...]
-    """A colour for each quantity, in the order of the frame table."""
     target: Style
     statuses: Mapping[Status, Style]
     marks: Mapping[Status, Style]
@@ -48,9 +46,9 @@ class Palette:
     """Values of a row with a raised flag byte."""
     raised_mark: Style
     signs: Style
+    """Signs of rows, and the lines of port events and gaps."""
     found: Style
     """Hits of the search; underlined too, since there may be no colours."""
-    events: Style
     field_hues: tuple[str, ...]
     """A colour for CMD, then for each field of a value, in the order of the frame table."""
     faint: Style
@@ -66,11 +64,10 @@ class Palette:
 
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
-        """The style of each kind, by name."""
-        subjects = list(dict.fromkeys(kind.subject for kind in KINDS))
+        """The style of each kind, by name: the colour of what it is about, else that of CMD."""
         return {
             kind.name: Style(
-                color=self.hues[subjects.index(kind.subject) % len(self.hues)],
+                color=self.values[kind.subject].color if kind.subject else self.field_hues[0],
                 bold=kind.direction is Direction.CONTROL,
             )
             for kind in KINDS
@@ -174,7 +171,6 @@ def _marks(ground: Ground) -> Mapping[Status, Style]:
 
 DARK = Palette(
     muted=Style(color="#96a0ac"),
-    hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
     target=Style(color="#e6b04a"),
     statuses=_statuses(Ground.DARK),
     marks=_marks(Ground.DARK),
@@ -182,9 +178,8 @@ DARK = Palette(
     raised_mark=_sign("#101010", "#f5a3a3"),
     signs=Style(color="#56b4e9", bold=True),
     found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
-    events=Style(color="#56b4e9", bold=True),
     field_hues=(
-        *("#dd9fc3", "#b3a1f0", "#56b4e9", "#2fc49b", "#e6b04a", "#b8d35a", "#f0906a"),
+        *("#dd9fc3", "#b3a1f0", "#56b4e9", "#2fc49b", "#f0906a", "#b8d35a", "#e6b04a"),
         *("#c9b8a0", "#7fcfd0"),
     ),
     faint=Style(color="#78828e"),
@@ -200,7 +195,6 @@ DARK = Palette(
 )
 LIGHT = Palette(
     muted=Style(color="#566069"),
-    hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
     target=Style(color="#7a5200"),
     statuses=_statuses(Ground.LIGHT),
     marks=_marks(Ground.LIGHT),
@@ -208,9 +202,8 @@ LIGHT = Palette(
     raised_mark=_sign("#ffffff", "#a01030"),
     signs=Style(color="#0062a0", bold=True),
     found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
-    events=Style(color="#0062a0", bold=True),
     field_hues=(
-        *("#8f3a6b", "#5b3fb0", "#0062a0", "#00694b", "#7a5200", "#4a6300", "#9a3412"),
+        *("#8f3a6b", "#5b3fb0", "#0062a0", "#00694b", "#9a3412", "#4a6300", "#7a5200"),
         *("#6b4a3a", "#00626b"),
     ),
     faint=Style(color="#6c747c"),
@@ -228,10 +221,9 @@ LIGHT = Palette(
 
 def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) -> Palette:
     """The palette in the 16 colours of a terminal, with looks that need no colours."""
-    cmd, _motor, rpm, pulses, *_, mecanum = hues
+    _cmd, _motor, rpm, pulses, *_ = hues
     ground = Ground.DARK_16 if hues is _DARK_16 else Ground.LIGHT_16
     malformed = LOOKS[Status.MALFORMED].inks[ground]
-    signs = Style(color=rpm, bold=True)
     return replace(
         palette,
         statuses=_statuses(ground),
@@ -239,9 +231,7 @@ def _with_few_colors(palette: Palette, hues: tuple[str, ...], framing: Style) ->
         raised=Style(color=malformed.text),
         raised_mark=_sign(*malformed[1:]),
         target=Style(color=pulses),
-        signs=signs,
-        events=signs,
-        hues=(cmd, rpm, pulses, mecanum),
+        signs=Style(color=rpm, bold=True),
         field_hues=hues,
         faint=framing,
         framing=framing,
