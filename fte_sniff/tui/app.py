@@ -151,6 +151,8 @@ class SniffApp(App[None]):
             "app": self,
             "table": self._table,
             "top": self._panes.top,
+            "panes": self._panes,
+            "body": self._body,
             "rows": self.rows,
             "search": self.search,
             "filters": self.filters,
@@ -240,19 +242,18 @@ class SniffApp(App[None]):
 
     def action_open(self) -> None:
         """Show the rows of the chosen finding or time of a pane, else explain the row."""
-        if self.findings.is_listed:
-            self.findings.go()
-        elif (span := self._panes.chosen_span) is not None:
+        pane = self._panes.open
+        if self.findings.go():
+            return
+        if pane is not None and (span := pane.chosen_span) is not None:
             self._panes.close()
             self.rows.go_to_fault_between(*span)
         else:
-            self.view.action_pane("detail")
+            self._panes.action_toggle("detail")
 
     def action_choose(self) -> None:
         """Show the rows of the chosen finding, else of the line of the top view."""
-        if self.findings.is_listed:
-            self.findings.go()
-        else:
+        if not self.findings.go():
             self.filters.choose()
 
     def action_theme(self) -> None:

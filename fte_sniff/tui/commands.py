@@ -317,7 +317,7 @@ HANDLING: tuple[Command, ...] = (
 UNDERSTANDING: tuple[Command, ...] = (
     _rows(
         "i",
-        "view.pane('detail')",
+        "panes.toggle('detail')",
         "what each byte means (also enter)",
         short="Detail",
         rank=9,
@@ -325,7 +325,7 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _key(
         "exclamation_mark",
-        "findings.list",
+        "panes.toggle('findings')",
         "what is wrong: cause, motor and time; enter shows its rows",
         short="Findings",
         rank=5,
@@ -351,13 +351,13 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _rows(
         "b",
-        "view.pane('bytes')",
+        "panes.toggle('bytes')",
         "the bytes around the row",
         words="hex dump",
     ),
     _key(
         "M",
-        "view.pane('motors')",
+        "panes.toggle('motors')",
         "target and feedback of each motor",
         short="Motors",
         rank=10,
@@ -373,24 +373,28 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _key(
         "S",
-        "view.pane('statistics')",
+        "panes.toggle('statistics')",
         "rates, use of the line, faults over time",
         short="Stats",
         rank=12,
         words="stats rates counters",
     ),
     *(
-        _key(f"{motor}", f"view.motor({motor})", "one motor on the whole screen, or all again")
+        _key(f"{motor}", f"panes.motor({motor})", "one motor on the whole screen, or all again")
         for motor in MOTORS
     ),
-    _key("z", "view.zoom(-1)", "less time in the plots of the motors", words="zoom in"),
-    _key("Z", "view.zoom(1)", "more time in the plots of the motors", words="zoom out"),
-    _key("r", "view.plot_range", "outliers of the motors: markers at the edge, or the full range"),
-    _key("plus", "view.grow_pane(1)", "a larger pane"),
-    _key("minus", "view.grow_pane(-1)", "a smaller pane"),
+    _key("z", "panes.change('zoom', -1)", "less time in the plots of the motors", words="zoom in"),
+    _key("Z", "panes.change('zoom', 1)", "more time in the plots of the motors", words="zoom out"),
+    _key(
+        "r",
+        "panes.change('switch_range')",
+        "outliers of the motors: markers at the edge, or the full range",
+    ),
+    _key("plus", "body.grow(1)", "a larger pane"),
+    _key("minus", "body.grow(-1)", "a smaller pane"),
     _key("L", "view.pane_side", "the pane beside the table or below it, from 160 columns on"),
-    _key("J", "view.scroll_pane(1)", "scroll the pane down"),
-    _key("K", "view.scroll_pane(-1)", "scroll the pane up"),
+    _key("J", "panes.change('scroll_lines', 1)", "scroll the pane down"),
+    _key("K", "panes.change('scroll_lines', -1)", "scroll the pane up"),
 )
 
 TOP: tuple[Command, ...] = (

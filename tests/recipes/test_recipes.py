@@ -444,7 +444,7 @@ class GreetingPane(Pane):
     recipe.after(
         "fte_sniff/tui/commands.py",
         "UNDERSTANDING: tuple[Command, ...] = (",
-        """    _rows("D", "view.pane('greeting')", "a greeting"),\n""",
+        """    _rows("D", "panes.toggle('greeting')", "a greeting"),\n""",
     )
     recipe.append("fte_sniff/tui/panes/__init__.py", "")
     with recipe.program() as copy:

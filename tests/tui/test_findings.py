@@ -183,11 +183,11 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
         pointer = next(line for line in shown if POINTER in line)
         faults = next(line for line in shown if "truncated" in line)
         assert faults[pointer.index(POINTER)] == "█", "the chosen cell can still be read"
-        start, end = app._panes.chosen_span or (0, 0)
+        start, end = (app._panes.open and app._panes.open.chosen_span) or (0, 0)
         assert start <= (rows[max(damaged)].t_ns or 0) < end, "the fullest is first"
         await press(app, pilot, "h", "l", "enter")
         await settle(app, pilot)
-        assert not app._panes.is_open()
+        assert app._panes.open is None
         assert table(app).viewport.cursor == sorted(damaged)[1]
 
     play(feed, scenario)

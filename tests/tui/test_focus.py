@@ -115,7 +115,7 @@ async def begin(app: SniffApp, view: str, pane: str = "") -> None:
     app._panes.close()
     app._focus.show_top(view == "top")
     if pane:
-        app._panes.toggle(pane)
+        app._panes.action_toggle(pane)
     await idle(app)
 
 

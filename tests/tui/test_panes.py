@@ -162,7 +162,7 @@ def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
-        app._panes.toggle("motors")
+        app._panes.action_toggle("motors")
         app._panes.redraw()
         assert app.query_one(MotorsPane)._drawn is None
         await settle(app, pilot)

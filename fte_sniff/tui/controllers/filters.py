@@ -10,6 +10,7 @@ from fte_sniff.errors import printable
 from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.modals import Entry, Picker
+from fte_sniff.tui.panes.pane import Pane
 from fte_sniff.tui.prompt import (
     FILTER_NAME,
     FilterField,
@@ -27,7 +28,7 @@ class _Earlier:
     own: str
     index: int | None = None
     """Index of the cursor's row, if the filter moved the cursor."""
-    pane: str | None = None
+    pane: Pane | None = None
     """The open pane, if the filter closed it."""
 
 
@@ -77,8 +78,8 @@ class FilterController(ScreenController):
         self._apply_filter(before.filter)
         if before.index is not None:
             self._table.stay_at(before.index)
-        if before.pane is not None and not self._panes.is_open(before.pane):
-            self._panes.toggle(before.pane)
+        if before.pane is not None and before.pane is not self._panes.open:
+            self._panes.action_toggle(before.pane.NAME)
 
     def set_filter(self, line: str) -> None:
         """Apply a valid filter, and remember the current one; an empty one shows all rows."""
@@ -97,7 +98,7 @@ class FilterController(ScreenController):
         It closes the open pane. The filter is not remembered with the file.
         """
         index_before = self._table.last_index
-        earlier = _Earlier(self.field.current, self.own, index_before, self._panes.open_name)
+        earlier = _Earlier(self.field.current, self.own, index_before, self._panes.open)
         self._earlier.append(earlier)
         self._panes.close()
         self._focus.show_top(False)

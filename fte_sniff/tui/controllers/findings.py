@@ -68,8 +68,8 @@ class FindingsController(ScreenController):
         """Open the list of a file's findings, once, where no pane is open."""
         if self._panes.models.found and not self._offered:
             self._offered = True
-            if not self._panes.is_open():
-                self._panes.toggle(FindingsPane.NAME)
+            if self._panes.open is None:
+                self._panes.action_toggle(FindingsPane.NAME)
 
     def _report(self, found: Sequence[Finding]) -> None:
         """Show a new finding of a capture in one line, once; events of ports were shown before."""
@@ -83,18 +83,14 @@ class FindingsController(ScreenController):
                 text = _("{when}: {text}; ! lists the findings", when=when, text=one.text)
                 self._notice.warn(text, topic)
 
-    @property
-    def is_listed(self) -> bool:
-        """Whether the list is open and has findings."""
-        return self._panes.is_open(FindingsPane.NAME) and self._panes.chosen_finding is not None
+    def go(self) -> bool:
+        """Show the rows of the finding that is chosen in the open list, the first under the cursor.
 
-    def action_list(self) -> None:
-        """Open the list, or close it."""
-        self._panes.toggle(FindingsPane.NAME)
-
-    def go(self) -> None:
-        """Show the rows of the chosen finding, the first one under the cursor."""
-        finding = self._panes.chosen_finding
+        Returns False where the list is not open, or has no findings.
+        """
+        pane = self._panes.open
+        finding = pane.chosen if isinstance(pane, FindingsPane) else None
         if finding is not None:
             self._filters.go(finding.filter, self._store.index_from(finding.first_ns))
             self._notice.inform(_("{text}; backspace returns", text=finding.text))
+        return finding is not None

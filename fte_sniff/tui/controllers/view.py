@@ -57,16 +57,11 @@ class ViewController(ScreenController):
 
     def action_aside(self, by: int) -> None:
         """Choose a time in the statistics where they are open, else scroll sideways."""
-        if not self._panes.aside(by):
+        pane = self._panes.open
+        if pane is not None and pane.aside(by):
+            self._panes.redraw_open()
+        else:
             self._table.action_aside(by)
-
-    def action_pane(self, name: str) -> None:
-        """Show or close a pane."""
-        self._panes.toggle(name)
-
-    def action_motor(self, motor: int) -> None:
-        """Give one motor the whole screen, or show all again."""
-        self._panes.choose_motor(motor)
 
     def action_top(self) -> None:
         """Show one line for each kind and motor in place of the table, or the table again."""
@@ -74,10 +69,6 @@ class ViewController(ScreenController):
         if self._panes.top.display and self._panes.explains_row:
             self._panes.close()
         self._body.call_after_refresh(self._panes.redraw)
-
-    def action_grow_pane(self, by: int) -> None:
-        """Move the divider between the table and the pane."""
-        self._body.grow(by)
 
     def action_pane_side(self) -> None:
         """Move the panes beside the table, or below it."""
@@ -87,18 +78,6 @@ class ViewController(ScreenController):
             return
         layout = self._body.pane_layout
         self._body.set_pane_layout(replace(layout, beside=not layout.beside))
-
-    def action_zoom(self, by: int) -> None:
-        """Show more time, or less."""
-        self._panes.change(lambda pane: pane.zoom(by))
-
-    def action_plot_range(self) -> None:
-        """Show outliers in the plots, or leave them out."""
-        self._panes.change(lambda pane: pane.switch_range())
-
-    def action_scroll_pane(self, by: int) -> None:
-        """Scroll the pane by lines."""
-        self._panes.scroll(by)
 
     def action_field(self, by: int) -> None:
         """Look at the next field of the cursor's row, or at the previous one."""
@@ -113,7 +92,7 @@ class ViewController(ScreenController):
     def explain_row(self) -> None:
         """Open the detail pane, unless a pane about the row is open."""
         if not self._panes.explains_row:
-            self.action_pane("detail")
+            self._panes.action_toggle("detail")
 
     def action_help(self) -> None:
         """Show the help page."""

@@ -66,11 +66,10 @@ class FindingsPane(Pane):
         """Without findings, none can be chosen."""
         return self.HINT if self._found else PANE_HINT
 
-    def scroll_lines(self, by: int) -> bool:
+    def scroll_lines(self, by: int) -> None:
         """Choose the next finding (`by` 1) or the one before (-1)."""
         self._chosen = max(0, min(self._chosen + by, len(self._found) - 1))
         self._moved = True
-        return True
 
     def draw(self, context: PaneContext) -> None:
         """Draw the findings, and what could not be examined."""

@@ -140,10 +140,9 @@ class Pane(VerticalScroll, can_focus=False):
     def draw(self, context: PaneContext) -> None:
         """Draw the context with `set_title` and `set_page`."""
 
-    def scroll_lines(self, by: int) -> bool:
-        """Scroll by lines, or choose another one in a list; whether it must be drawn again."""
+    def scroll_lines(self, by: int) -> None:
+        """Scroll by lines, or choose another one in a list."""
         self.scroll_relative(y=by, animate=False)
-        return False
 
     def aside(self, by: int) -> bool:
         """Choose another column, to the right (`by` 1) or left (-1); False where there are none."""
@@ -254,7 +253,7 @@ class Body(Container):
             pane.styles.width = None if share is None or not beside else f"{share}%"
             pane.styles.height = None if share is None or beside else f"{share}%"
 
-    def grow(self, by: int) -> None:
+    def action_grow(self, by: int) -> None:
         """Make the open pane larger (`by` 1) or smaller (-1)."""
         pane = next((pane for pane in self._panes if pane.display), None)
         if pane is None or not self.size:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.findings import Finding
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.row_store import RowStore
@@ -61,7 +60,8 @@ class PaneSwitcher:
         self.models = LiveModels(store, line_setup)
         self.top = TopView()
         self._panes = {pane.NAME: pane() for pane in PANES}
-        self._open: Pane | None = None
+        self.open: Pane | None = None
+        """The pane that is shown; None while all are closed."""
         self._held: int | None = None
         """Index of the row at which a pane stopped following the end."""
         self._step_pending = self._postponed = self._rows_come = False
@@ -77,15 +77,15 @@ class PaneSwitcher:
     def __iter__(self) -> Iterator[Pane]:
         return iter(self._panes.values())
 
-    def toggle(self, name: str) -> None:
+    def action_toggle(self, name: str) -> None:
         """Show the pane of that name in place of any other, or close it where it is shown.
 
         A pane that explains a row stops following the end.
         """
-        pane, before = self._panes[name], self._open
+        pane, before = self._panes[name], self.open
         self._hide()
         if before is not pane:
-            self._open = pane
+            self.open = pane
             pane.display = True
         if self.explains_row:
             pane.scroll_home(animate=False)
@@ -95,31 +95,31 @@ class PaneSwitcher:
         # The pane has no size before the next layout.
         self._table.call_after_refresh(self.redraw)
 
-    def choose_motor(self, motor: int) -> None:
+    def action_motor(self, motor: int) -> None:
         """Give one motor the whole screen, or show all again."""
         pane = self._panes[MotorsPane.NAME]
         assert isinstance(pane, MotorsPane)
-        chosen = motor if self._open is not pane or pane.chosen != motor else None
-        if self._open is not pane:
-            self.toggle(MotorsPane.NAME)
+        chosen = motor if self.open is not pane or pane.chosen != motor else None
+        if self.open is not pane:
+            self.action_toggle(MotorsPane.NAME)
         pane.chosen = chosen
         pane.fill(fills=chosen is not None)
         self._table.call_after_refresh(self.redraw)
 
     def close(self) -> bool:
         """Show no pane; returns whether one was open."""
-        if self._open is None:
+        if self.open is None:
             return False
         self._hide()
         self._release_row()
         return True
 
     def _hide(self) -> None:
-        if self._open is not None:
-            self._open.forget_choice()
-            self._open.fill(fills=False)
-            self._open.display = False
-            self._open = None
+        if self.open is not None:
+            self.open.forget_choice()
+            self.open.fill(fills=False)
+            self.open.display = False
+            self.open = None
 
     def _hold_row(self) -> None:
         viewport = self._table.viewport
@@ -139,53 +139,20 @@ class PaneSwitcher:
             pane.forget_texts()
         self.redraw()
 
-    def is_open(self, name: str | None = None) -> bool:
-        """Whether a pane is open, that of the name where one is given."""
-        return self._open is not None and name in (None, self._open.NAME)
-
-    @property
-    def chosen_finding(self) -> Finding | None:
-        """The finding that is chosen in the list; None without findings."""
-        pane = self._panes[FindingsPane.NAME]
-        assert isinstance(pane, FindingsPane)
-        return pane.chosen
-
-    @property
-    def open_name(self) -> str | None:
-        """Name of the open pane; None while all are closed."""
-        return None if self._open is None else self._open.NAME
-
     @property
     def explains_row(self) -> bool:
         """Whether the open pane is about the cursor's row, which then should not move away."""
-        return self._open is not None and self._open.EXPLAINS_ROW
-
-    def aside(self, by: int) -> bool:
-        """Choose another column of the open pane; False where it has none."""
-        has_columns = self._open is not None and self._open.aside(by)
-        if has_columns:
-            self.redraw_open()
-        return has_columns
-
-    @property
-    def chosen_span(self) -> tuple[int, int] | None:
-        """The chosen span of the open pane; None without one."""
-        return None if self._open is None else self._open.chosen_span
+        return self.open is not None and self.open.EXPLAINS_ROW
 
     def on_cursor_moved(self) -> None:
         """Draw a pane about the cursor's row."""
         if self.explains_row:
             self.redraw()
 
-    def change(self, how: Callable[[Pane], None]) -> None:
-        """Change the open pane and draw it."""
-        if self._open is not None:
-            how(self._open)
-            self.redraw()
-
-    def scroll(self, by: int) -> None:
-        """Scroll the open pane by lines; choose another line of the findings."""
-        if self._open is not None and self._open.scroll_lines(by):
+    def action_change(self, method: str, *arguments: int) -> None:
+        """Change the open pane by a method that every pane has, and draw it."""
+        if self.open is not None:
+            getattr(self.open, method)(*arguments)
             self.redraw_open()
 
     def observe(self, events: Sequence[PortEvent], changes: Sequence[StreamChange] = ()) -> None:
@@ -261,7 +228,7 @@ class PaneSwitcher:
         views: list[Pane | TopView] = []
         if self.top.display and not self._is_top_frozen:
             views.append(self.top)
-        return views if self._open is None else [*views, self._open]
+        return views if self.open is None else [*views, self.open]
 
     def _forget_drawn(self) -> None:
         """Let everything be drawn again; a top view that a pause has frozen only fits its width."""
@@ -317,9 +284,9 @@ class PaneSwitcher:
 
     def redraw_open(self) -> None:
         """Draw the open pane; a top view that a pause has frozen stays as it is."""
-        if self._open is not None:
-            self._drawn.pop(self._open, None)
-            self._redraw_changed(self._open)
+        if self.open is not None:
+            self._drawn.pop(self.open, None)
+            self._redraw_changed(self.open)
 
     def top_time(self, *, live: bool) -> str:
         """The time that the top view shows; empty while it is closed."""
