@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, tzinfo
 from functools import cache, reduce
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -26,7 +26,6 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.protocol.columns import short_feedback, value_heads
-from fte_sniff.protocol.spec import NUM_OFFSET
 from fte_sniff.tui.i18n import _, later
 
 if TYPE_CHECKING:
@@ -37,25 +36,28 @@ ValuePart: TypeAlias = tuple[str, Field]
 """A value with its short name, and its field."""
 
 
-def value_parts(row: Row, width: int | None = None) -> list[ValuePart]:
-    """The row's values by their short names, `motor=1`, which fit into `width` cells with spaces.
+def _is_telling(field: Field, value: int) -> bool:
+    return field.legal_bits is None or value != field.default
 
-    Flag bytes with their default value are left out. If the text does not fit the width, names are
-    shortened (`M1 rpm=1000`, `M1 r=1000`), then left out (`M1 1000`).
+
+def value_parts(
+    kind: FrameKind, raw: bytes, width: int, shown: Callable[[Field, int], bool] = _is_telling
+) -> list[ValuePart]:
+    """A frame's values by their short names, `motor=1`, which fit into `width` cells with spaces.
+
+    Only values that are `shown`; by default, flag bytes with their default value are left out. If
+    the text does not fit the width, names are shortened (`M1 rpm=1000`, `M1 r=1000`), then left out
+    (`M1 1000`).
     """
-    kind = row.kind if isinstance(row, Frame) else None
     parts: list[ValuePart] = []
-    if kind is None:
-        return parts
-    raw = row.raw
     values = [(field, field.read(raw)) for field in kind.fields]
     for heads in value_heads(kind):
         parts = [
             (head + _number(field, value), field)
             for head, (field, value) in zip(heads, values, strict=True)
-            if field.legal_bits is None or value != field.default
+            if shown(field, value)
         ]
-        if width is None or sum(len(text) + 1 for text, _field in parts) <= width + 1:
+        if sum(len(text) + 1 for text, _field in parts) <= width + 1:
             break
     return parts
 
@@ -74,21 +76,6 @@ def _flag_bytes(name: str) -> tuple[tuple[int, int | None], ...]:
     """Offset and default of each flag byte of the kind of that name."""
     fields = KIND_BY_NAME[name].fields
     return tuple((one.start, one.default) for one in fields if one.legal_bits is not None)
-
-
-def frame_values(kind: FrameKind, raw: bytes, width: int) -> str:
-    """The values of a frame in at most `width` cells, without the motor and the flags."""
-    shown = [field.start != NUM_OFFSET and field.legal_bits is None for field in kind.fields]
-    values = [field.read(raw) for field in kind.fields]
-    forms = (
-        " ".join(
-            f"{head}{value}"
-            for head, value, is_shown in zip(heads, values, shown, strict=True)
-            if is_shown
-        )
-        for heads in value_heads(kind)
-    )
-    return first_fitting(forms, width)
 
 
 def is_raised(row: Row) -> bool:

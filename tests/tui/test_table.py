@@ -61,8 +61,10 @@ DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024
 ANY_ROW = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
 
 
-def short_values(row: Row, width: int | None = None) -> str:
-    return " ".join(text for text, _field in value_parts(row, width))
+def short_values(row: Row, width: int = 1000) -> str:
+    kind = row.kind if isinstance(row, Frame) else None
+    parts = [] if kind is None else value_parts(kind, row.raw, width)
+    return " ".join(text for text, _field in parts)
 
 
 def cell_of(row: Row) -> RowCell:

@@ -49,7 +49,7 @@ from fte_sniff.tui.panes.pane import PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.painter import over_line
 from fte_sniff.tui.table.theme import REVERSED, Palette
-from fte_sniff.tui.text import first_fitting, frame_values, short_kind, span_text
+from fte_sniff.tui.text import first_fitting, short_kind, span_text, value_parts
 
 CURVE_NS: Final = 10 * SECOND_NS
 
@@ -204,6 +204,12 @@ def _flags(line: TopLine, width: int) -> str:
     return text if online else first_fitting((f"{text} {word}", f"E{error:02X} {word}"), width)
 
 
+def _quantities(line: TopLine, width: int) -> str:
+    """The values with a unit; motor and flags have columns of their own."""
+    parts = value_parts(line.stats.kind, line.raw, width, lambda field, _value: bool(field.unit))
+    return " ".join(text for text, _field in parts)
+
+
 def _curve(line: TopLine, width: int) -> str:
     """The values as blocks; outliers are as high or low as the usual range."""
     values, extent = line.curve, usual_range(line.curve)
@@ -239,7 +245,7 @@ _KIND: Final = TopColumn(
 _VALUES: Final = TopColumn(
     later("values"),
     16,
-    lambda line, width: frame_values(line.stats.kind, line.raw, width),
+    _quantities,
     lambda line: line.raw[3:].hex(),
     number=False,
 )

@@ -258,7 +258,8 @@ class Painter:
             faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
             runs.append((faults, self.palette.statuses[row.status]))
             left -= len(faults)
-        for text, field in value_parts(row, left):
+        kind = row.kind if isinstance(row, Frame) else None
+        for text, field in value_parts(kind, row.raw, left) if kind else ():
             text = text[:left]
             runs += [(text, self._value_style(field, cell)), (_SPACE[0][: left - len(text)], _NULL)]
             left = max(0, left - len(text) - 1)
