@@ -284,7 +284,7 @@ TYPED = [
     *(("quit", "leave"), ("exit", "leave"), ("theme", "theme"), ("dark", "theme")),
     *(("save", "save"), ("export", "save"), ("csv", "save"), ("screenshot", "picture")),
     *(("svg", "picture"), ("language", "language"), ("chinese", "language")),
-    *(("hex dump", "pane('bytes')"), ("plot", "pane('motors')"), ("jump", "goto")),
+    *(("hex dump", "toggle('bytes')"), ("plot", "toggle('motors')"), ("jump", "goto")),
     *(
         (name, key.run.partition(".")[2])
         for key in PALETTE
