@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
@@ -194,9 +194,6 @@ class PcapngSink:
 OVERWRITE: Final = "!"
 """After a file name, it allows the file to be replaced."""
 
-PICTURE_SUFFIX: Final = ".svg"
-"""Of a picture of the screen."""
-
 DEFAULT_NAME: Final = "rows.csv"
 
 
@@ -218,13 +215,11 @@ class SaveTarget:
     """Files that rows come from or are recorded to; they are never replaced."""
 
     @classmethod
-    def parse(
-        cls, line: str, in_use: Sequence[str] = (), suffixes: Collection[str] = FORMAT_BY_SUFFIX
-    ) -> SaveTarget:
+    def parse(cls, line: str, in_use: Sequence[str] = ()) -> SaveTarget:
         """The file that a typed line names; `!` after the name allows an existing file.
 
         Raises:
-            UsageError: the suffix is not in `suffixes`.
+            UsageError: no format has the suffix.
             FileError: see `check`.
         """
         name = line.strip()
@@ -232,8 +227,8 @@ class SaveTarget:
         path = Path(name.removesuffix(OVERWRITE).rstrip())
         with suppress(RuntimeError):  # no such user
             path = path.expanduser()
-        if path.suffix.lower() not in suffixes:
-            forms = " ".join(suffixes)
+        if path.suffix.lower() not in FORMAT_BY_SUFFIX:
+            forms = " ".join(FORMAT_BY_SUFFIX)
             raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
         target = cls(path, replace, in_use)
         target.check()

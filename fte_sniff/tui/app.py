@@ -174,7 +174,6 @@ class SniffApp(App[None]):
         yield self.search.field
         yield self.rows.field
         yield self.export.field
-        yield self.export.picture_field
         yield self._status_line
         yield self._key_line
 

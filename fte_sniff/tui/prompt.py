@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -23,6 +23,7 @@ from textual.widgets import Input, OptionList, Static
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
 from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.errors import FilterError, FteSniffError
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.save import DEFAULT_NAME, free_path
 from fte_sniff.tui.focus import Focus
@@ -639,24 +640,15 @@ NOTE: Final = Prompt(
     later("the wheel was blocked by hand"),
     later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
 )
-_SAVE_HINT: Final = later("enter saves, esc goes back; the extension selects the format: {forms}")
-ROWS_FILE: Final = Prompt(later("save to"), DEFAULT_NAME, _SAVE_HINT)
-PICTURE_FILE: Final = Prompt(later("picture to"), "fte-sniff-screen.svg", _SAVE_HINT)
+ROWS_FILE: Final = Prompt(
+    later("save to"),
+    DEFAULT_NAME,
+    later("enter saves, esc goes back; the extension selects the format: {forms}"),
+)
 
 
 class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
-
-    def __init__(
-        self,
-        focus: Focus,
-        prompt: Prompt,
-        suffixes: Iterable[str],
-        check: Check,
-        on_submit: OnSubmit,
-    ) -> None:
-        super().__init__(focus, prompt, check, on_submit)
-        self._suffixes = suffixes
 
     @property
     def example(self) -> str:
@@ -671,4 +663,4 @@ class SaveField(PromptField):
     @property
     def hint(self) -> str:
         """With the names of all forms."""
-        return _(self._prompt.hint, forms=" ".join(self._suffixes))
+        return _(self._prompt.hint, forms=" ".join(FORMAT_BY_SUFFIX))

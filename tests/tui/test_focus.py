@@ -35,7 +35,6 @@ FIELDS: Final = {
     "colon": attrgetter("rows.field"),
     "number_sign": attrgetter("notes.field"),
     "w": attrgetter("export.field"),
-    "P": attrgetter("export.picture_field"),
 }
 """Keys that open a field."""
 

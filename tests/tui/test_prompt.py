@@ -579,15 +579,23 @@ def test_the_selected_rows_are_saved_and_nothing_else(feed: Any, tmp_path: Path)
     play(feed, scenario, rows=1000)
 
 
-def test_a_picture_of_the_screen_is_saved(feed: Any, tmp_path: Path) -> None:
+def test_a_picture_of_the_screen_is_saved(
+    feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await enter_line(app, pilot, "P", str(tmp_path / "a.svg"))
-        text = (tmp_path / "a.svg").read_text("utf-8")
+        await press(app, pilot, "P")
+        text = Path("fte-sniff-screen.svg").read_text("utf-8")
         assert text.startswith("<svg")
         assert "motor=2" in unescape(text).replace("\xa0", " ")
-        assert "picture to" not in text
-        await enter_line(app, pilot, "P", str(tmp_path / "a.svg"))
-        assert "exists" in page(app)
+        assert "saved the screen to fte-sniff-screen.svg" in page(app)
+        await press(app, pilot, "P")
+        assert "saved the screen to fte-sniff-screen-2.svg" in page(app)
+        assert Path("fte-sniff-screen.svg").read_text("utf-8") == text
+        monkeypatch.chdir("/proc")
+        await press(app, pilot, "P")
+        assert "fte-sniff-screen.svg was not saved: " in page(app)
 
     play(feed, scenario, rows=10)
 

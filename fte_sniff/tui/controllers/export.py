@@ -15,14 +15,15 @@ from platformdirs import user_cache_path
 from textual.worker import WorkType
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, unwritable
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
+from fte_sniff.errors import FteSniffError, reason_of
+from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import PICTURE_SUFFIX, ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget, free_path, replace_text
 from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _, error_text
-from fte_sniff.tui.prompt import PICTURE_FILE, ROWS_FILE, SaveField
+from fte_sniff.tui.prompt import ROWS_FILE, SaveField
+from fte_sniff.tui.text import WITH_DETAIL
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 COPY_NAME: Final = "copied.txt"
 """File in the user's cache folder that holds the latest copy."""
+
+PICTURE_NAME: Final = "fte-sniff-screen.svg"
 
 MAX_COPIED_ROWS = 10_000
 """A terminal accepts about a megabyte."""
@@ -64,10 +67,7 @@ class ExportController(ScreenController):
         super().__init__(parts)
         self.job: SaveJob | None = None
         """The rows that are being saved."""
-        self.field = SaveField(self._focus, ROWS_FILE, FORMAT_BY_SUFFIX, self._target, self._save)
-        self.picture_field = SaveField(
-            self._focus, PICTURE_FILE, [PICTURE_SUFFIX], self._picture_target, self._save_picture
-        )
+        self.field = SaveField(self._focus, ROWS_FILE, self._target, self._save)
 
     def action_copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
@@ -187,21 +187,14 @@ class ExportController(ScreenController):
             self._table.end_selection()
 
     def action_picture(self) -> None:
-        """Keep the screen as it is now, and ask for the file to which it is saved."""
-        self._picture = self._table.app.export_screenshot()
-        self.picture_field.open()
-
-    def _picture_target(self, line: str) -> SaveTarget:
-        return SaveTarget.parse(line, self._model.state.files, [PICTURE_SUFFIX])
-
-    def _save_picture(self, line: str) -> None:
-        if not line:
-            return
-        path = self._picture_target(line).path
+        """Save the screen as it is now to a new file in the working folder."""
+        path = free_path(PICTURE_NAME)
         try:
-            path.write_text(self._picture, "utf-8")
+            with path.open("x", encoding="utf-8") as file:
+                file.write(self._table.app.export_screenshot())
         except OSError as error:
-            self._notice.warn(error_text(unwritable(path, error)))
+            failed = _("{file} was not saved", file=path)
+            self._notice.warn(_(WITH_DETAIL, event=failed, detail=_(reason_of(error))))
         else:
             self._notice.inform(_("saved the screen to {file}", file=path))
 
