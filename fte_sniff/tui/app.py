@@ -56,12 +56,11 @@ from fte_sniff.tui.controllers.search import SearchController
 from fte_sniff.tui.controllers.view import ViewController
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.frame_pacer import FramePacer
-from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, set_language, switch_language, theme_after
+from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import TimeStyle
@@ -257,14 +256,13 @@ class SniffApp(App[None]):
 
     def action_theme(self) -> None:
         """Switch to the next theme."""
-        self.theme = theme_after(self.theme)
+        self.theme = choice_after(self.theme, THEMES)
         self._table.sync()
         self._notice.inform(_("theme {name}", name=self.theme))
 
     def action_language(self) -> None:
         """Switch to the next language."""
-        words = list(LANGUAGES)
-        self.language = words[(words.index(self.language) + 1) % len(words)]
+        self.language = choice_after(self.language, list(LANGUAGES))
         switch_language(self.language)
         self._key_line.refresh()
         for field in self.query(PromptField):
@@ -528,17 +526,9 @@ class SniffApp(App[None]):
         """Leave an open field where the rows behind it are clicked."""
         self._focus.clicked(event.widget)
 
-    @on(TableHeader.Clicked)
-    def _on_header_clicked(self) -> None:
-        self.view.action_columns()
-
     @on(RowTable.Opened)
     def _on_double_click(self) -> None:
         self.view.explain_row()
-
-    @on(TopView.Chosen)
-    def _on_line_chosen(self) -> None:
-        self.filters.choose()
 
     @on(Pane.Pointed)
     def _on_pointed(self, event: Pane.Pointed) -> None:

@@ -72,8 +72,8 @@ class Focus:
         return field is self._field
 
     def clicked(self, widget: Widget | None) -> None:
-        """Leave the open field where the rows, the top view or a part of them was clicked."""
-        views = (self._table, self._top)
+        """Leave the open field where the table, its header or the top view was clicked."""
+        views = (self._table, self._header, self._top)
         clicked = [] if widget is None else widget.ancestors_with_self
         if any(view in clicked for view in views):
             self.leave()

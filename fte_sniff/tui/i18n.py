@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import gettext
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, printable
 
@@ -116,7 +116,10 @@ THEMES: Final = ("textual-dark", "textual-light", CONTRAST_DARK, CONTRAST_LIGHT,
 """Names of the themes; the first is the default."""
 
 
-def theme_after(name: str) -> str:
-    """The next theme; the first for an unknown name."""
-    number = THEMES.index(name) + 1 if name in THEMES else 0
-    return THEMES[number % len(THEMES)]
+_Choice = TypeVar("_Choice")
+
+
+def choice_after(current: _Choice, choices: Sequence[_Choice]) -> _Choice:
+    """The next choice; the first after the last one, and after what is not a choice."""
+    number = choices.index(current) + 1 if current in choices else 0
+    return choices[number % len(choices)]

@@ -37,7 +37,7 @@ from fte_sniff.protocol.columns import short_names_of
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, bindings, key_names
-from fte_sniff.tui.i18n import ExplainedWord, _, later, set_language
+from fte_sniff.tui.i18n import ExplainedWord, _, choice_after, later, set_language
 from fte_sniff.tui.panes.motors import OFFLINE
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
@@ -288,7 +288,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
             case "space" | "x":
                 self._shown ^= {name}
             case "d":
-                self._delta = self._delta.after
+                self._delta = choice_after(self._delta, list(Delta))
             case "r":
                 self._finish(ChosenColumns(None, Delta.ROW))
             case "enter":

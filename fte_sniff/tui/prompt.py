@@ -76,9 +76,6 @@ Check: TypeAlias = Callable[[str], object]
 OnSubmit: TypeAlias = Callable[[str], None]
 """Receives a valid line, before the next key acts."""
 
-LOW = 16
-"""Lines of the terminal below which the verdict has only one line."""
-
 
 @cache
 def _actions(kind: type[Widget]) -> Mapping[str, str]:
@@ -203,7 +200,6 @@ class PromptField(Vertical):
         """Show the field with a line, or that in effect; its input has the focus."""
         self.line.placeholder = self.example
         self.display = True
-        self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
         self.line.value = self.current if line is None else line
         self.line.cursor_position = len(self.line.value)

@@ -50,7 +50,6 @@ from fte_sniff.tui.panes.plot import (
     SCALE_CELLS,
     Canvas,
     Curves,
-    PlotStyles,
     dots_across,
     plot,
     time_axis,
@@ -700,7 +699,7 @@ def test_flags_are_shown_bit_by_bit_where_there_is_room() -> None:
     assert "bit 2 is 0: motor 3" in roomy
 
 
-STROKES = PlotStyles(Style(color="red"), Style(color="blue"), Style(), Style())
+STROKE = Style(color="red")
 
 
 def _row(name: str, at_s: float | None, **values: int) -> Row:
@@ -914,7 +913,7 @@ def _curves(
 
 
 def _drawn(curves: Curves, full_range: bool = True) -> list[str]:
-    return [line.plain for line in plot(curves, STROKES, 28, 4, full_range=full_range)]
+    return [line.plain for line in plot(curves, STROKE, DARK, 28, 4, full_range=full_range)]
 
 
 def test_in_the_full_range_a_spike_of_one_column_is_seen_from_top_to_bottom() -> None:
@@ -1018,8 +1017,8 @@ def test_the_flipped_command_of_a_sample_does_not_flatten_its_motor(samples: Pat
 
 def test_target_and_actual_are_both_seen_where_they_are_the_same() -> None:
     same = dict.fromkeys(range(40), (5, 5))
-    used = {span.style for line in plot(_curves(same, same), STROKES, 28, 4) for span in line.spans}
-    assert {STROKES.feedback, STROKES.target} <= used
+    lines = plot(_curves(same, same), STROKE, DARK, 28, 4)
+    assert {STROKE, DARK.target} <= {span.style for line in lines for span in line.spans}
 
 
 def test_a_short_change_of_the_target_is_drawn_in_any_column() -> None:

@@ -7,7 +7,7 @@ from datetime import UTC
 
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.controllers.controller import ScreenController
-from fte_sniff.tui.i18n import _
+from fte_sniff.tui.i18n import _, choice_after
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, HelpPage
 from fte_sniff.tui.panes.pane import BESIDE_CELLS
 from fte_sniff.tui.table.columns import TimeStyle
@@ -26,8 +26,7 @@ class ViewController(ScreenController):
             styles.remove(TimeStyle.MARK)
         if view.zone == UTC:
             styles.remove(TimeStyle.LOCAL)
-        current = styles.index(view.times) if view.times in styles else 0
-        style = styles[(current + 1) % len(styles)]
+        style = choice_after(view.times, styles)
         self._table.set_view(times=style)
         self._panes.redraw()
         self._notice.inform(_(style.meaning))

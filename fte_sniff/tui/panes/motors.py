@@ -40,7 +40,6 @@ from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
     SCALE_CELLS,
     Curves,
-    PlotStyles,
     dots_across,
     fine_columns,
     has_values,
@@ -408,9 +407,8 @@ class MotorCard:
 
     def _plot(self, name: str, curves: Curves, height: int, width: int, unit: bool) -> list[Text]:
         feedback = Style(color=self.palette.kinds[_KIND[name].name].color)
-        styles = PlotStyles(feedback, self.palette.target, self.palette.muted, self.palette.raised)
         text, full_range = _FIELD[name].unit if unit else "", self.view.full_range
-        return plot(curves, styles, width, height, text, full_range=full_range)
+        return plot(curves, feedback, self.palette, width, height, text, full_range=full_range)
 
 
 def _rate_or_count(per_s: float | None, count: int) -> str:

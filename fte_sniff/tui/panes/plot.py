@@ -26,6 +26,7 @@ from fte_sniff.analysis.series import EnvelopeColumns, Floats
 from fte_sniff.analysis.usual_range import inside, medians, usual_targets
 from fte_sniff.formats.cell_text import fit_right, short_number
 from fte_sniff.protocol.rows import Bools, Ints
+from fte_sniff.tui.table.theme import Palette
 
 ACROSS: Final = 2
 
@@ -92,16 +93,6 @@ class _Scale:
 
 
 @dataclass(frozen=True, slots=True)
-class PlotStyles:
-    """Styles of a plot."""
-
-    feedback: Style
-    target: Style
-    scale: Style
-    outlier: Style
-
-
-@dataclass(frozen=True, slots=True)
 class Curves:
     """Target and feedback, one value per column of dots."""
 
@@ -134,7 +125,8 @@ def _merged(spans: EnvelopeColumns, by: int) -> EnvelopeColumns:
 
 def plot(
     fine: Curves,
-    styles: PlotStyles,
+    feedback_style: Style,
+    palette: Palette,
     width: int,
     height: int,
     unit: str = "",
@@ -161,7 +153,8 @@ def plot(
         above = _by_cell(*(spans.high > scale.high for spans in both))
         below = _by_cell(*(spans.low < scale.low for spans in both))
     labels = _labels(scale, height, unit)
-    return _drawn_lines(line, dashes, above, below, labels, styles)
+    styles = feedback_style, palette.target, palette.raised
+    return _drawn_lines(line, dashes, above, below, labels, styles, palette.muted)
 
 
 def time_axis(width: int, span: str, half: str, end: str, style: Style) -> Text:
@@ -333,9 +326,13 @@ def _drawn_lines(
     above: Bools,
     below: Bools,
     labels: Sequence[str],
-    styles: PlotStyles,
+    styles: Sequence[Style],
+    label_style: Style,
 ) -> list[Text]:
-    """The curves with a label at the left of each line, and markers in cells with outliers."""
+    """The curves with a label at the left of each line, and markers in cells with outliers.
+
+    The `styles` are those of feedback, target and markers.
+    """
     both = Canvas(0, 0)
     both.dots = line.dots | dashes.dots
     cells = both.cells
@@ -344,13 +341,12 @@ def _drawn_lines(
     if len(cells):
         for at, found, sign in ((-1, below, BELOW), (0, above, ABOVE)):
             cells[at][found], used[at][found] = ord(sign), 2
-    known = styles.feedback, styles.target, styles.outlier
     lines = []
     for label, codes, numbers in zip(labels, cells.tolist(), used, strict=True):
-        text = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=styles.scale)
+        text = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=label_style)
         starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(codes)]
         for start, end in pairwise(starts):
             if end > start:
-                text.append("".join(map(chr, codes[start:end])), known[numbers[start]])
+                text.append("".join(map(chr, codes[start:end])), styles[numbers[start]])
         lines.append(text)
     return lines

@@ -19,7 +19,6 @@ from rich.style import Style
 from textual.binding import BindingType
 from textual.events import Click
 from textual.geometry import Region, Size
-from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
@@ -42,7 +41,7 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import KINDS, Direction
 from fte_sniff.protocol.spec import Role, motor_bit
-from fte_sniff.tui.commands import TOP, bindings
+from fte_sniff.tui.commands import TOP, action_of, bindings
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
@@ -360,9 +359,6 @@ class TopView(ScrollView):
     of 12 columns take 30 ms there and 9 ms here.
     """
 
-    class Chosen(Message):
-        """A line was double-clicked."""
-
     BINDINGS: ClassVar[list[BindingType]] = bindings(TOP)
     ALLOW_SELECT = False
     COMPONENT_CLASSES: ClassVar[set[str]] = {"top-view--cursor", "top-view--head"}
@@ -578,7 +574,7 @@ class TopView(ScrollView):
             conditions.append(f"motor = {line.stats.motor}")
         return " AND ".join(conditions)
 
-    def on_click(self, event: Click) -> None:
+    async def on_click(self, event: Click) -> None:
         """Sort by the clicked head; put the cursor on the clicked line, or choose it."""
         if event.y == 0:
             self._on_head_clicked(event.x)
@@ -587,7 +583,7 @@ class TopView(ScrollView):
         if at < len(self._lines):
             self.action_move_line(at - self._cursor_at)
             if event.chain == 2:
-                self.post_message(self.Chosen())
+                await self.run_action(action_of("app.choose"))
 
     def _on_head_clicked(self, x: int) -> None:
         end = 1

@@ -48,12 +48,6 @@ class Delta(ExplainedWord):
     FRAME = "Δt frame", "the time since the frame before of the same kind and motor"
     ANSWER = "Δt answer", "the time since the command that the row answers"
 
-    @property
-    def after(self) -> Delta:
-        """The next meaning."""
-        every = list(Delta)
-        return every[(every.index(self) + 1) % len(every)]
-
 
 @dataclass(frozen=True, slots=True)
 class TableView:

@@ -29,7 +29,7 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Frame, Row
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.tui.commands import MOVING, OPENING, bindings
+from fte_sniff.tui.commands import MOVING, OPENING, action_of, bindings
 from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.painter import BarSign, OverviewBar, OverviewRender, Painter, RowCell, Sign
 from fte_sniff.tui.table.theme import REVERSED, ColorRules, Colors, Palette, palette_of
@@ -58,14 +58,11 @@ class TableLine:
 class TableHeader(Widget):
     """The line of column names; scrolls sideways with the table, of which it is not a part."""
 
-    class Clicked(Message):
-        """The header was clicked."""
-
     painter: reactive[Painter | None] = reactive(None)
 
-    def on_click(self) -> None:
-        """Post the message."""
-        self.post_message(self.Clicked())
+    async def on_click(self) -> None:
+        """Choose columns."""
+        await self.run_action(action_of("view.columns"))
 
     def render_line(self, y: int) -> Strip:
         """The names."""
