@@ -45,7 +45,6 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.protocol import (
     MOTORS,
-    VALUE_FIELDS,
     Direction,
     Fault,
     Status,
@@ -56,7 +55,7 @@ from fte_sniff.protocol import (
     zone_at,
 )
 from fte_sniff.protocol.look import LOOKS, Ground
-from fte_sniff.protocol.spec import online_bit_text
+from fte_sniff.protocol.spec import FIELD_BY_NAME, online_bit_text
 from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
@@ -295,7 +294,7 @@ class _Plots:
         })  # fmt: skip
 
     def _add_motor(self, motor: int, name: str) -> None:
-        field = next((one for one in VALUE_FIELDS if one.name == name), None)
+        field = FIELD_BY_NAME.get(name)
         if field is None:
             return
         traces = [one for one in self._timeline.traces if one.motor in (motor, ALL_MOTORS)]
@@ -348,9 +347,8 @@ class _Plots:
         if not traces:
             return
         made = self._figure("chassis", _("Chassis commands"), 230, y_range=Range1d(start=0, end=1))
-        fields = {one.name: one for one in VALUE_FIELDS}
         for trace, colour in zip(traces, _CHASSIS, strict=False):
-            field = fields[trace.field]
+            field = FIELD_BY_NAME[trace.field]
             label = f"{field.option} [{field.unit}]"
             self._line(made, f"chassis-{trace.field}", colour, label, holds=True)
         self._finish(made, "chassis", [])

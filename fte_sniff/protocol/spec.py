@@ -454,6 +454,8 @@ def _value_fields() -> tuple[Field, ...]:
 VALUE_FIELDS = _value_fields()
 """The first field of each row name, in the order of `KINDS`."""
 
+FIELD_BY_NAME: Mapping[str, Field] = MappingProxyType({one.name: one for one in VALUE_FIELDS})
+
 NAME_OF_ROLE: Mapping[Role, str] = MappingProxyType(
     {field.role: field.name for field in VALUE_FIELDS if field.role}
 )

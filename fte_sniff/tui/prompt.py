@@ -22,10 +22,10 @@ from textual.widgets import Input, OptionList, Static
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
 from fte_sniff.analysis.search import MatchCounter, ValueCounter
-from fte_sniff.errors import FilterError, FteSniffError
+from fte_sniff.errors import FilterError, FteSniffError, TranslatableText
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import COLUMN_BY_NAME
-from fte_sniff.session.save import DEFAULT_NAME, free_path
+from fte_sniff.session.save import DEFAULT_NAME
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.modals import LineList, list_line
@@ -170,6 +170,8 @@ class PromptField(Vertical):
         self.line = PromptLine(self)
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
+        self.default = ""
+        """The line that an empty one stands for."""
         self.current = ""
         """The line in effect; shown while the field is closed."""
         self._refused: str | None = None
@@ -198,7 +200,7 @@ class PromptField(Vertical):
 
     def open(self, line: str | None = None) -> None:
         """Show the field with a line, or that in effect; its input has the focus."""
-        self.line.placeholder = self.example
+        self.line.placeholder = self.default or _(self._prompt.example)
         self.display = True
         self.set_class(True, "-asking")
         self.line.value = self.current if line is None else line
@@ -235,21 +237,6 @@ class PromptField(Vertical):
         if self.is_open:
             self._judge(event.value, finished=event.value == self._refused)
 
-    @property
-    def example(self) -> str:
-        """What an empty field shows."""
-        return _(self._prompt.example)
-
-    @property
-    def hint(self) -> str:
-        """The translated hint."""
-        return _(self._prompt.hint)
-
-    @property
-    def default(self) -> str:
-        """The line that an empty one stands for."""
-        return ""
-
     def submit(self, line: str) -> None:
         """Forward a valid line and close; an invalid one can be corrected."""
         line = line or self.default
@@ -281,9 +268,9 @@ class PromptField(Vertical):
             if finished:
                 self._show_verdict("✗", text, bad=True)
             else:
-                self._show_verdict("…", self.hint, bad=False)
+                self._show_verdict("…", _(self._prompt.hint), bad=False)
             return False
-        self._show_verdict("✓" if line.strip() else " ", self.hint, bad=False)
+        self._show_verdict("✓" if line.strip() else " ", _(self._prompt.hint), bad=False)
         return True
 
     def _on_valid(self, parsed: Any) -> None:
@@ -639,24 +626,8 @@ NOTE: Final = Prompt(
 ROWS_FILE: Final = Prompt(
     later("save to"),
     DEFAULT_NAME,
-    later("enter saves, esc goes back; the extension selects the format: {forms}"),
+    TranslatableText(
+        "enter saves, esc goes back; the extension selects the format: {forms}",
+        forms=" ".join(FORMAT_BY_SUFFIX),
+    ),
 )
-
-
-class SaveField(PromptField):
-    """Asks for a file name; checks while the user types whether the file can be written."""
-
-    @property
-    def example(self) -> str:
-        """A name that is free."""
-        return str(free_path(self._prompt.example))
-
-    @property
-    def default(self) -> str:
-        """The suggested name."""
-        return self.line.placeholder
-
-    @property
-    def hint(self) -> str:
-        """With the names of all forms."""
-        return _(self._prompt.hint, forms=" ".join(FORMAT_BY_SUFFIX))

@@ -26,7 +26,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers.rows import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.prompt import Dropdown, FilterField, History, SaveField
+from fte_sniff.tui.prompt import Dropdown, FilterField, History
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
@@ -502,7 +502,7 @@ def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
 
 async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "w")
-    app.query_one(SaveField).line.value = str(path)
+    app.export.field.line.value = str(path)
     await press(app, pilot, "enter")
 
 

@@ -19,10 +19,17 @@ from fte_sniff.errors import FteSniffError, reason_of
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget, free_path, replace_text
+from fte_sniff.session.save import (
+    DEFAULT_NAME,
+    ExportSource,
+    SaveJob,
+    SaveTarget,
+    free_path,
+    replace_text,
+)
 from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _, error_text
-from fte_sniff.tui.prompt import ROWS_FILE, SaveField
+from fte_sniff.tui.prompt import ROWS_FILE, PromptField
 from fte_sniff.tui.text import WITH_DETAIL
 
 if TYPE_CHECKING:
@@ -67,7 +74,7 @@ class ExportController(ScreenController):
         super().__init__(parts)
         self.job: SaveJob | None = None
         """The rows that are being saved."""
-        self.field = SaveField(self._focus, ROWS_FILE, self._target, self._save)
+        self.field = PromptField(self._focus, ROWS_FILE, self._target, self._save)
 
     def action_copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
@@ -118,6 +125,7 @@ class ExportController(ScreenController):
             self._notice.inform(_("no row is shown that could be saved"))
         else:
             self._report_row_count()
+            self.field.default = str(free_path(DEFAULT_NAME))
             self.field.open()
 
     def _report_row_count(self) -> None:

@@ -24,7 +24,6 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import (
     KINDS,
-    VALUE_FIELDS,
     Direction,
     Field,
     Frame,
@@ -34,7 +33,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Ints
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, online_bit_text
+from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role, online_bit_text
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
@@ -48,7 +47,7 @@ from fte_sniff.tui.panes.plot import (
 )
 from fte_sniff.tui.table.columns import RAISED_MARK
 from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.theme import BOLD, PLAIN, Palette
 from fte_sniff.tui.text import first_fitting, span_text, turns_text
 
 SECOND_NS: Final = 1_000_000_000
@@ -150,11 +149,8 @@ STALE_NS: Final = SECOND_NS
 """Age from which on a value is shown with its age."""
 
 _LABEL_WIDTH: Final = 7
-_FIELD: Final = {field.name: field for field in VALUE_FIELDS}
 _KIND: Final = {kind.subject: kind for kind in reversed(KINDS)}
 """The first kind in the frame table about each quantity."""
-_BOLD: Final = Style(bold=True)
-_PLAIN: Final = Style.null()
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +246,7 @@ class MotorCard:
         return line
 
     def _caption(self, name: str) -> Text:
-        text = f"{_KIND[name].name} [{_FIELD[name].unit}]"
+        text = f"{_KIND[name].name} [{FIELD_BY_NAME[name].unit}]"
         return Text(text, style=self.palette.muted)
 
     def _axis(self, width: int) -> Text:
@@ -270,17 +266,17 @@ class MotorCard:
             yield from self._bit_lines()
 
     def _head(self, name: str) -> Text:
-        state, wrong = self.state, self.palette.statuses[Status.MALFORMED] + _BOLD
-        text = Text.assemble((name, _BOLD))
+        state, wrong = self.state, self.palette.statuses[Status.MALFORMED] + BOLD
+        text = Text.assemble((name, BOLD))
         if state.online is None:
             text.append(f" {_('online –')}", self.palette.muted)
         else:
-            word, style = (_(ONLINE), _PLAIN) if state.online else (_(OFFLINE), wrong)
+            word, style = (_(ONLINE), PLAIN) if state.online else (_(OFFLINE), wrong)
             text.append(f" {word}", style)
         error = state.flags.get(ERRORS)
         if error is None:
             return text.append(f" {_('error –')}", self.palette.muted)
-        return text.append(f" {_(ERROR, byte=error.byte)}", wrong if error.byte else _PLAIN)
+        return text.append(f" {_(ERROR, byte=error.byte)}", wrong if error.byte else PLAIN)
 
     def _title(self, width: int) -> Text:
         """The head with the latest change of the error byte."""
@@ -354,11 +350,11 @@ class MotorCard:
         return line
 
     def _reading(self, name: str) -> Text:
-        reading, field = self.state.present.get(name), _FIELD[name]
+        reading, field = self.state.present.get(name), FIELD_BY_NAME[name]
         if reading is None:
             return Text(f"{UNKNOWN} {field.unit}", style=self.palette.muted)
         turns = self._turns(field, reading.value)
-        text = Text.assemble((f"{reading.value} {field.unit}", _BOLD), turns)
+        text = Text.assemble((f"{reading.value} {field.unit}", BOLD), turns)
         return text.append_text(self._age(reading.t_ns))
 
     def _age(self, t_ns: int | None) -> Text:
@@ -382,7 +378,7 @@ class MotorCard:
         counts = self.view.events.counts(state.motor, self.view.window)
         values = {"rate": rate, "unanswered": counts.unanswered, "all": counts.asked}
         values["span"] = span_text(self.view.window_ns)
-        style = self.palette.statuses[Status.MALFORMED] if counts.unanswered else _PLAIN
+        style = self.palette.statuses[Status.MALFORMED] if counts.unanswered else PLAIN
         return Text(first_fitting((_(form, **values) for form in WINDOW), width), style=style)
 
     def _feedback(self, width: int) -> Text:
@@ -407,7 +403,7 @@ class MotorCard:
 
     def _plot(self, name: str, curves: Curves, height: int, width: int, unit: bool) -> list[Text]:
         feedback = Style(color=self.palette.kinds[_KIND[name].name].color)
-        text, full_range = _FIELD[name].unit if unit else "", self.view.full_range
+        text, full_range = FIELD_BY_NAME[name].unit if unit else "", self.view.full_range
         return plot(curves, feedback, self.palette, width, height, text, full_range=full_range)
 
 
@@ -442,7 +438,7 @@ def _style_of(event: MotorEvent, palette: Palette) -> Style:
     if event is MotorEvent.FLAGS:
         return palette.raised
     status = Status.SUSPECT if event is MotorEvent.LATE else Status.MALFORMED
-    return palette.statuses[status] + _BOLD
+    return palette.statuses[status] + BOLD
 
 
 FOUR_COLUMNS: Final = 160

@@ -47,9 +47,6 @@ DETAIL_BYTES = 8
 MIN_TEXT_CELLS = 30
 """Cells that a text needs at least to start after the value; else it is below."""
 
-TALL = 40
-"""Lines of the terminal from which on each bit of a flag byte has a line of its own."""
-
 UNCERTAIN_ORDER = later(
     "the order with rows of the other port is uncertain: the times are too close"
 )
@@ -259,7 +256,7 @@ class DetailPane(Pane):
         self.set_title(_("the row, byte by byte"))
         layout = DetailLayout(
             self.page_size.width,
-            self.app.size.height >= TALL,
+            self.screen.has_class("-tall"),
             context.field,
             tuple(relation_lines(context)),
         )

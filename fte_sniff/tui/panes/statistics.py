@@ -37,7 +37,7 @@ from fte_sniff.tui.panes.findings import finding_lines
 from fte_sniff.tui.panes.pane import HINT as PANE_HINT
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.theme import BOLD, Palette
 from fte_sniff.tui.text import event_words, span_text
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
@@ -46,7 +46,6 @@ POINTER: Final = "▼"
 
 _NAME_WIDTH: Final = 19
 _MILLISECONDS: Final = 3
-_BOLD: Final = Style(bold=True)
 _SHOWN_AS: Final = next(kind.name for kind in KINDS if kind.subject)
 """The kind whose colour the use of the line has."""
 
@@ -122,7 +121,7 @@ class StatisticsPage:
         flags = models.flags.stats()
         raised = [_(text) for text in flag_texts(flags, self._when, in_order=True)]
         if models.found:
-            yield Text(_("findings"), style=_BOLD)
+            yield Text(_("findings"), style=BOLD)
             for finding in models.found:
                 yield from finding_lines(finding, self.width, self.palette, self.zone)
         if raised:
@@ -153,7 +152,7 @@ class StatisticsPage:
     def _port(self, port: PortStats) -> Iterator[Text]:
         rows = _("{rows:,} rows, {bytes:,} bytes", rows=port.rows, bytes=port.bytes)
         name = fit_path(printable(port.port), max(8, self.width - cell_len(rows) - 2))
-        yield Text.assemble((name, _BOLD), "  ", rows)
+        yield Text.assemble((name, BOLD), "  ", rows)
         if port.first_ns is None:
             yield self._muted(_("  these rows have no times: no rates, no silences"))
         elif port.share is None:
@@ -232,7 +231,7 @@ class StatisticsPage:
             yield Text(_("no faults"))
             return
         head = f"{fit(_('faults'), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
-        line = Text(head, style=_BOLD)
+        line = Text(head, style=BOLD)
         cells = fault_cells(faults, self.width)
         chosen = None if self.chosen is None or not cells else min(self.chosen, len(cells) - 1)
         if cells:

@@ -20,6 +20,7 @@ from fte_sniff.protocol import (
     Value,
 )
 from fte_sniff.protocol.columns import RANKED
+from fte_sniff.protocol.spec import FIELD_BY_NAME
 from fte_sniff.tui.i18n import ExplainedWord, _
 from fte_sniff.tui.text import bytes_text, short_kind
 
@@ -150,7 +151,7 @@ class TableColumn:
 
 def column_of(name: str, view: TableView) -> TableColumn:
     """The column of that name with its full width."""
-    field = next((field for field in VALUE_FIELDS if field.name == name), None)
+    field = FIELD_BY_NAME.get(name)
     if field is not None:
         return _value_column(field)
     if name == "time":

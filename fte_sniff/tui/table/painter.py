@@ -39,6 +39,7 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.spec import FIELD_BY_NAME
 from fte_sniff.tui.i18n import ExplainedWord
 from fte_sniff.tui.table.columns import (
     DELTA,
@@ -47,7 +48,7 @@ from fte_sniff.tui.table.columns import (
     TableColumn,
     TableLayout,
 )
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.theme import PLAIN, Palette
 from fte_sniff.tui.table.viewport import RowMarks
 from fte_sniff.tui.text import bytes_text, faulty_text, is_raised, value_parts
 
@@ -59,11 +60,9 @@ _BYTE_CELLS = 3
 _Run: TypeAlias = tuple[str, Style]
 """A text and its style, without that of the line."""
 
-_NULL: Final = Style.null()
 _NOT_REVERSED: Final = Style(reverse=False)
-_SPACE: Final = (" ", _NULL)
+_SPACE: Final = (" ", PLAIN)
 _OWN_FIELDS: Final = {(kind.name, field.name): field for kind in KINDS for field in kind.fields}
-_FIELDS: Final = {field.name: field for field in VALUE_FIELDS}
 
 
 def _on(line: Style, style: Style) -> Style:
@@ -115,7 +114,8 @@ class Painter:
     def row(self, cell: RowCell, line: Style) -> Strip:
         """The row, over the style of its line."""
         row, columns = cell.row, self._columns
-        spanned = self._spanned if not isinstance(row, Frame) or row.kind is None else ()
+        is_damaged = not isinstance(row, Frame) or row.kind is None
+        spanned: Sequence[int] = self._spanned if is_damaged else ()
         runs = [self._mark(row), (cell.sign.value, self.palette.signs)]
         values = record(row) if self._needs_record else {}
         for number, column in enumerate(columns):
@@ -140,10 +140,10 @@ class Painter:
 
     def head(self, line: Style) -> Strip:
         """The column names, with `<` and `>` where there are more columns."""
-        runs = [(LOOKS[Status.OK].mark, _NULL)]
+        runs = [(LOOKS[Status.OK].mark, PLAIN)]
         for number, column in enumerate(self._columns):
             edge = "<" if number == 1 and self.hidden else " "
-            runs.append((edge + column.head_cell, _NULL))
+            runs.append((edge + column.head_cell, PLAIN))
         strip = self._strip(runs, line)
         if self.shown.width > self.width > 0:
             strip = Strip([*strip.crop(0, self.width - 1), Segment(">", line)], self.width)
@@ -227,10 +227,10 @@ class Painter:
             case name:
                 text = column.cell(values[name])
                 space = len(text) - len(text.lstrip())
-                return [(text[:space], _NULL), (text[space:], self._style(name, cell))]
+                return [(text[:space], PLAIN), (text[space:], self._style(name, cell))]
 
     def _style(self, name: str, cell: RowCell) -> Style:
-        field = _FIELDS.get(name)
+        field = FIELD_BY_NAME.get(name)
         if field is not None:
             return self._value_style(field, cell)
         is_about_faults = name in ("faults", "status")
@@ -242,7 +242,7 @@ class Painter:
         kind = row.kind if isinstance(row, Frame) else None
         own = _OWN_FIELDS.get((kind.name, field.name)) if kind else None
         if own is None:
-            return _NULL
+            return PLAIN
         if own.raised(own.read(row.raw)):
             return palette.raised
         style = palette.of_values(row) + palette.values[field.name]
@@ -261,9 +261,9 @@ class Painter:
         kind = row.kind if isinstance(row, Frame) else None
         for text, field in value_parts(kind, row.raw, left) if kind else ():
             text = text[:left]
-            runs += [(text, self._value_style(field, cell)), (_SPACE[0][: left - len(text)], _NULL)]
+            runs += [(text, self._value_style(field, cell)), (_SPACE[0][: left - len(text)], PLAIN)]
             left = max(0, left - len(text) - 1)
-        return [*runs, (" " * left, _NULL)]
+        return [*runs, (" " * left, PLAIN)]
 
     def _damage(self, row: Row, spanned: Sequence[int]) -> Sequence[_Run]:
         """The faults, then the bytes where they have no column of their own."""
@@ -287,8 +287,8 @@ class Painter:
             )
         runs = list[_Run]()
         for start, end, style in _byte_runs(tuple(styles)):
-            runs += [(text[start:end], style), (text[end : end + 1], _NULL)]
-        return [*runs, (text[_BYTE_CELLS * len(styles) :], _NULL)]
+            runs += [(text[start:end], style), (text[end : end + 1], PLAIN)]
+        return [*runs, (text[_BYTE_CELLS * len(styles) :], PLAIN)]
 
     def _highlighted(self, runs: Sequence[_Run]) -> Sequence[_Run]:
         if self.search is None:
@@ -356,7 +356,7 @@ def _style_at(runs: Sequence[_Run], at: int) -> Style:
         if at < len(text):
             return style
         at -= len(text)
-    return _NULL
+    return PLAIN
 
 
 SHADES: Final = "░▒▓█"

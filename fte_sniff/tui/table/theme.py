@@ -27,8 +27,8 @@ from fte_sniff.tui.text import is_raised
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
-_PLAIN = Style.null()
-_COMMAND = Style(bold=True)
+PLAIN = Style.null()
+BOLD = Style(bold=True)
 REVERSED = Style(reverse=True, bold=True)
 """What must be seen without colours."""
 
@@ -85,7 +85,7 @@ class Palette:
     @cached_property
     def fields(self) -> Mapping[str, Style]:
         """The style of each field's bytes, by its name in `dissect`."""
-        looks = _LOOKS if self.few_colors else (_PLAIN,)
+        looks = _LOOKS if self.few_colors else (PLAIN,)
         values = {
             name: style + looks[number % len(looks)]
             for number, (name, style) in enumerate(self.values.items())
@@ -135,15 +135,15 @@ class Palette:
     def of_kind(self, row: Row) -> Style:
         """The style of the row's kind."""
         kind = row.kind if isinstance(row, Frame) else None
-        return _PLAIN if kind is None else self.kinds[kind.name]
+        return PLAIN if kind is None else self.kinds[kind.name]
 
     def of_values(self, row: Row) -> Style:
         """The style of the row's numbers."""
         command = isinstance(row, Frame) and row.direction is Direction.CONTROL
-        return _COMMAND if command else _PLAIN
+        return BOLD if command else PLAIN
 
 
-_LOOKS = (Style(underline=True), _PLAIN, Style(bold=True))
+_LOOKS = (Style(underline=True), PLAIN, Style(bold=True))
 """Looks of adjacent fields without colours."""
 
 
@@ -157,14 +157,14 @@ def _sign(color: str, background: str) -> Style:
 
 def _statuses(ground: Ground) -> Mapping[Status, Style]:
     return {
-        status: Style(color=look.inks[ground].text) if look.inks else _PLAIN
+        status: Style(color=look.inks[ground].text) if look.inks else PLAIN
         for status, look in LOOKS.items()
     }
 
 
 def _marks(ground: Ground) -> Mapping[Status, Style]:
     return {
-        status: _sign(*look.inks[ground][1:]) if look.inks else _PLAIN
+        status: _sign(*look.inks[ground][1:]) if look.inks else PLAIN
         for status, look in LOOKS.items()
     }
 
@@ -246,7 +246,7 @@ _FEW_CHANGED = (
     REVERSED,
     Style(bold=True, underline=True),
     Style(underline=True),
-    _PLAIN,
+    PLAIN,
 )
 """Changed bytes by age, without colours."""
 
@@ -312,7 +312,7 @@ class ColorRules:
     def styles(self, rows: Sequence[tuple[int, Row]]) -> Sequence[Style]:
         """The styles of rows with their indices; those of the previous call are known."""
         new = [(index, row) for index, row in rows if index not in self._styles]
-        found = [_PLAIN] * len(new)
+        found = [PLAIN] * len(new)
         batch = Rows.from_rows(row for _, row in new)
         for row_filter, style in reversed(self._rules if new else ()):
             for number in row_filter.matches(batch).nonzero()[0].tolist():
