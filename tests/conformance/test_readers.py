@@ -17,6 +17,7 @@ from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
+from tests.beside import running
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
@@ -45,11 +46,11 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     channels = ServedChannels(("127.0.0.1", 0), [rows[0].port])
     channels.advertise()
     watch = ("node", "watch.mjs", f"ws://127.0.0.1:{channels.server.port}")
-    with subprocess.Popen(watch, cwd=node_programs, stdout=subprocess.PIPE, text=True) as viewer:
+    with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
         wait_until(lambda: len(channels.server.wanted) == len(TOPICS) or viewer.poll() is not None)
         channels.send(Rows.from_rows(rows), events)
         channels.close()
-        read = viewer.communicate(timeout=BOUND_S)[0].splitlines()
+        read = viewer.communicate(timeout=BOUND_S)[0].decode().splitlines()
     assert read == expected_lines(rows, events)
 
 
