@@ -24,6 +24,7 @@ from tests.cli.processes import (
     stderr_until,
     wait_until,
 )
+from tests.slow import first
 from tests.support.recorded_rows import events_in
 from tests.support.tools import needs
 
@@ -113,7 +114,7 @@ def test_usr1_without_rows_does_nothing(environment, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.glob("*.mcap")] == ["x.mcap"]
 
 
-@pytest.mark.parametrize("line", [LINE, SILENT])
+@pytest.mark.parametrize("line", first(1, [SILENT, LINE]))
 def test_systemd_hears_ready_watchdog_and_stopping(environment, tmp_path, manager, line) -> None:
     service = environment | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"}
     with started(service, tmp_path, "live", line, "--headless", "-o", "x.mcap") as process:
