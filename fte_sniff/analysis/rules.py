@@ -17,7 +17,7 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import Any, Final
 
-from fte_sniff.analysis.filter.parser import Token, TokenType, parse, tokens
+from fte_sniff.analysis.filter.parser import Token, TokenReader, TokenType, parse, tokens
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
 from fte_sniff.analysis.findings import Findings
@@ -51,7 +51,8 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
     Raises InputTextError with the mistake, its position, and what was probably meant.
     """
     unit = _UNIT_AT_END.search(expect)
-    rule = _RuleParser(expect if unit is None else expect[: unit.start("unit")]).parse()
+    text = expect if unit is None else expect[: unit.start("unit")]
+    rule = _RuleParser(text, tokens(text)).parse()
     if unit is not None:
         raise _unit_error(rule, expect, unit)
     return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
@@ -74,14 +75,9 @@ def _unit_error(rule: Rule, expect: str, found: re.Match[str]) -> InputTextError
     )
 
 
-class _RuleParser:
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._tokens = tokens(text)
-        self._index = 0
-
+class _RuleParser(TokenReader):
     def parse(self) -> Rule:
-        name = self._take()
+        name = self._advance()
         if name.type is not TokenType.NAME:
             raise self._error(name, "a rule begins with a measure", _measures())
         measure = name.text
@@ -97,13 +93,6 @@ class _RuleParser:
             raise self._error(rest, "a rule is one comparison", "write another rule for the rest")
         return Rule("", self._text, measure, argument, filter_text, sign, number)
 
-    def _peek(self) -> Token:
-        return self._tokens[self._index]
-
-    def _take(self) -> Token:
-        self._index += 1
-        return self._tokens[self._index - 1]
-
     def _error(self, token: Token, what: str, fix: str) -> InputTextError:
         if token.type is TokenType.END:
             what = f"the rule ends too soon: {what}"
@@ -111,10 +100,8 @@ class _RuleParser:
         return InputTextError(f"{where}; {fix}")
 
     def _expect_symbol(self, symbol: str, fix: str) -> None:
-        token = self._peek()
-        if token.operator != symbol:
-            raise self._error(token, f"a '{symbol}' is missing", fix)
-        self._index += 1
+        if not self._accept(symbol):
+            raise self._error(self._peek(), f"a '{symbol}' is missing", fix)
 
     def _arguments(self, measure: str) -> tuple[str, str | None]:
         """The first argument, unless it is a filter, and the filter; after the closing bracket."""
@@ -124,12 +111,9 @@ class _RuleParser:
             return self._cause(measure), None
         if takes in (Argument.PERCENTILE, Argument.FIELD, Argument.MOTOR):
             argument = self._first_argument(takes, measure)
-            if takes is not Argument.MOTOR and self._peek().operator == ",":
-                self._index += 1
+            if takes is not Argument.MOTOR and self._accept(","):
                 takes = Argument.FILTER
-        if takes is Argument.FILTER or (
-            takes is Argument.OPTIONAL_FILTER and self._peek().operator != ")"
-        ):
+        if takes is Argument.FILTER or (takes is Argument.OPTIONAL_FILTER and not self._at(")")):
             return argument, self._filter(measure)
         self._expect_symbol(")", f"write {MEASURES[measure].example}")
         return argument, None
@@ -137,16 +121,15 @@ class _RuleParser:
     def _cause(self, measure: str) -> str:
         """A cause, `cause,motor`, or nothing; after the closing bracket."""
         argument = ""
-        if self._peek().operator != ")":
+        if not self._at(")"):
             argument = self._first_argument(Argument.CAUSE, measure)
-            if self._peek().operator == ",":
-                self._index += 1
+            if self._accept(","):
                 argument += f",{self._first_argument(Argument.MOTOR, measure)}"
         self._expect_symbol(")", f"write {MEASURES[measure].example}")
         return argument
 
     def _first_argument(self, takes: Argument, measure: str) -> str:
-        token = self._take()
+        token = self._advance()
         choices = {
             Argument.PERCENTILE: PERCENTILES,
             Argument.MOTOR: tuple(map(str, MOTORS)),
@@ -168,12 +151,12 @@ class _RuleParser:
     def _filter(self, measure: str) -> str:
         """The filter up to the closing bracket, which is taken too."""
         start, depth = self._index, 0
-        while depth or self._peek().operator != ")":
-            token = self._take()
+        while depth or not self._at(")"):
+            token = self._advance()
             depth += (token.operator == "(") - (token.operator == ")")
             if token.type is TokenType.END:
                 raise self._error(token, f"the ')' of {measure} is missing", "close it")
-        first, end = self._tokens[start], self._take()
+        first, end = self._tokens[start], self._advance()
         if first is end:
             fix = f"write {MEASURES[measure].example}"
             raise self._error(end, f"{measure} needs a filter", fix)
@@ -183,7 +166,7 @@ class _RuleParser:
         return text
 
     def _operator(self) -> str:
-        token = self._take()
+        token = self._advance()
         if token.operator in OPERATORS:
             return token.operator
         meant = {"=": "write ==", "<>": "write !=", "=>": "write >=", "=<": "write <="}
@@ -191,9 +174,8 @@ class _RuleParser:
         raise self._error(token, "a comparison is missing", fix)
 
     def _number(self) -> float:
-        sign = -1 if self._peek().operator == "-" else 1
-        self._index += self._peek().operator in ("-", "+")
-        token = self._take()
+        sign = -1 if self._accept("-", "+") == "-" else 1
+        token = self._advance()
         if token.word == "NAN":
             fix = "every comparison with NaN is false; write a number"
             raise self._error(token, "NaN is not a number", fix)

@@ -142,7 +142,7 @@ def holders_of(device: str) -> list[Holder]:
     except (OSError, ValueError):
         return []
     return [
-        Holder(pid, printable(_text(_PROC / str(pid) / "comm")) or "a program")
+        Holder(pid, printable(text_of(_PROC / str(pid) / "comm")) or "a program")
         for pid in _other_processes()
         if any(os.path.samestat(wanted, opened) for opened in _open_files(pid))
     ]
@@ -221,7 +221,7 @@ def stray_adapters(devices: Path = _USB_DEVICES) -> list[StrayAdapter]:
 
 
 def _stray(device: Path) -> StrayAdapter | None:
-    usb_ids = f"{_text(device / 'idVendor')}:{_text(device / 'idProduct')}"
+    usb_ids = f"{text_of(device / 'idVendor')}:{text_of(device / 'idProduct')}"
     wanted = _DRIVER_OF_CHIP.get(usb_ids)
     if wanted is None:
         return None
@@ -231,10 +231,11 @@ def _stray(device: Path) -> StrayAdapter | None:
         return None
     drivers = [i / "driver" for i in interfaces if (i / "driver").exists()]
     driver = drivers[0].resolve().name if drivers else None
-    return StrayAdapter(usb_ids, printable(_text(device / "product")), wanted, driver)
+    return StrayAdapter(usb_ids, printable(text_of(device / "product")), wanted, driver)
 
 
-def _text(file: Path) -> str:
+def text_of(file: Path) -> str:
+    """The text of a file of the system, without white space at its ends; empty if unreadable."""
     try:
         return file.read_text(errors="replace").strip()
     except OSError:

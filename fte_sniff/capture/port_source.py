@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import ChainMap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -180,14 +180,13 @@ class PortSource(ThreadedSource):
             self._items.put_event(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
 
 
-class SourceGroup:
+class SourceGroup(Source):
     """Several sources with one queue; when one is lost for good, all end."""
-
-    device = None
-    """No host program opens any of them."""
 
     def __init__(self, sources: Sequence[Source], queue: ChunkQueue) -> None:
         self._sources, self._queue = tuple(sources), queue
+        self.uncertainty_ns = ChainMap(*(dict(source.uncertainty_ns) for source in sources))
+        self.capabilities = ChainMap(*(dict(source.capabilities) for source in sources))
 
     @property
     def end(self) -> SourceEnd | None:
@@ -196,16 +195,6 @@ class SourceGroup:
         if None in ends:
             return None
         return SourceEnd.LOST if SourceEnd.LOST in ends else SourceEnd.STOPPED
-
-    @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """By port: how much earlier than their time stamp bytes may have arrived."""
-        return ChainMap(*(dict(source.uncertainty_ns) for source in self._sources))
-
-    @property
-    def capabilities(self) -> Mapping[str, str]:
-        """By port: what its driver supports, as text for users."""
-        return ChainMap(*(dict(source.capabilities) for source in self._sources))
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -216,12 +205,6 @@ class SourceGroup:
                     self.stop()
         finally:
             self.close()
-
-    def __enter__(self) -> SourceGroup:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     def stop(self) -> None:
         """Request the end of all sources, as `Source.stop`."""

@@ -39,7 +39,6 @@ class Closable(Protocol):
 
     def close(self) -> object:
         """End it."""
-        ...
 
 
 class OpenedPort(NamedTuple):

@@ -37,58 +37,46 @@ class Source(Protocol):
     times a second. Where an event `lost` or `overrun` is, bytes are missing.
     """
 
+    device: str | None = None
+    """The device that host programs open; None for all but a bridge."""
+    uncertainty_ns: Mapping[str, int]
+    """By port: how much earlier than their time stamp bytes may have been on the wire."""
+    capabilities: Mapping[str, str]
+    """By port: what its driver supports, as text for users."""
+
     @property
     def end(self) -> SourceEnd | None:
         """Why reading ended, although items may still be queued; None while it continues."""
-        ...
-
-    @property
-    def device(self) -> str | None:
-        """The device that host programs open; None for all but a bridge."""
-        ...
-
-    @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """By port: how much earlier than their time stamp bytes may have arrived."""
-        ...
-
-    @property
-    def capabilities(self) -> Mapping[str, str]:
-        """By port: what its driver supports, as text for users."""
-        ...
 
     def __iter__(self) -> Iterator[Item]: ...
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
-    def __exit__(self, *_error: object) -> None: ...
+    def __exit__(self, *_error: object) -> None:
+        self.close()
 
     def stop(self) -> None:
         """Request the end: items that have arrived are still yielded, then iteration ends.
 
         Returns at once. Safe from any thread and from signal handlers; may be repeated.
         """
-        ...
 
     def stop_at(self, t_ns: float) -> None:
         """Request the end at a time of the chunks' clock; returns at once."""
-        ...
 
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
-        ...
 
     def drop(self) -> None:
         """After reading ended: replace the waiting bytes by one `overrun` that counts them.
 
         Returns at once. Safe from any thread.
         """
-        ...
 
     def close(self) -> None:
         """Stop, and close the ports. Items that wait can still be iterated."""
-        ...
 
 
 class Wiring(Protocol):
@@ -97,16 +85,13 @@ class Wiring(Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """The port names in chunks, rows and events."""
-        ...
 
     @property
     def settings(self) -> PortSettings:
         """How each port is opened."""
-        ...
 
     def open(self, clock: Clock) -> Source:
         """Open all ports and start to read; raises PortError, with none open, if one fails."""
-        ...
 
 
 AS_ASKED = TranslatableText("as asked")
@@ -115,17 +100,10 @@ AS_ASKED = TranslatableText("as asked")
 _SILENCE_INTERVAL_S = 0.05  # between empty chunks while a lost port is awaited
 
 
-class ThreadedSource(ABC):
+class ThreadedSource(Source, ABC):
     """Base class of sources with a reader thread; subclasses implement the reading."""
 
     end: SourceEnd | None = None
-    """Why reading ended, although items may still be queued; None while it continues."""
-    device: str | None = None
-    """The device that host programs open; None for all but a bridge."""
-    uncertainty_ns: Mapping[str, int]
-    """By wire: how much earlier than their time stamp bytes may have been on it."""
-    capabilities: Mapping[str, str]
-    """By wire: what its driver supports, as text for users."""
     _awaited = TranslatableText("waiting for it to come back")
     """What follows after a loss."""
 
@@ -151,12 +129,6 @@ class ThreadedSource(ABC):
             yield from self._items
         finally:
             self.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     def stop(self) -> None:
         """Request the end, as `Source.stop`."""

@@ -57,11 +57,9 @@ class RowWriter(Protocol):
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
-        ...
 
     def close(self) -> None:
         """Write what the format requires at its end."""
-        ...
 
 
 @runtime_checkable
@@ -73,7 +71,6 @@ class FrameWriter(Protocol):
 
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a DataFrame with the columns of the row contract."""
-        ...
 
 
 ALL_COLUMNS: Final = tuple(COLUMN_BY_NAME)

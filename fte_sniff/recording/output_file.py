@@ -26,11 +26,21 @@ from fte_sniff.recording.mcap.append_file import (
     AppendFile,
     AppendTarget,
     CutOffError,
+    LostDataError,
     NamedPipe,
     NoReaderError,
     NotRestoredError,
     Stream,
 )
+
+
+class DeletedError(LostDataError):
+    """The file was deleted while it was being written."""
+
+
+class MovedError(LostDataError):
+    """The file was moved or replaced while it was being written."""
+
 
 STOPPED: Final[Mapping[type[OSError], str]] = {
     BrokenPipeError: "{path}: its reader is gone; the recording ended after {rows:,} rows",
@@ -39,6 +49,10 @@ STOPPED: Final[Mapping[type[OSError], str]] = {
     CutOffError: "recording stopped: another program cut off {path} while it was being written; "
     "of its {rows:,} rows, those after the cut are lost; do not change the file while it is "
     "written",
+    DeletedError: "recording stopped: {path} was deleted while it was being written; its {rows:,} "
+    "rows are lost; start again, and do not delete the file",
+    MovedError: "recording stopped: {path} was moved or replaced while it was being written; it "
+    "had {rows:,} rows; start again, and do not move the file",
     NotRestoredError: "recording stopped: {reason}; {path} has the {rows:,} rows up to there, but "
     "also bytes of the failed write; copy it with `fte-sniff decode {path} -o NAME.mcap`",
     OSError: "recording stopped: {reason}; {path} is complete up to there ({rows:,} rows); free "
@@ -53,23 +67,6 @@ def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
     if isinstance(error, BrokenPipeError) and str(path) == "-":
         path = TranslatableText("standard output")
     return FileError(form, path=path, rows=rows, reason=reason_of(error))
-
-
-def stopped_by_removal(path: object, rows: int, *, deleted: bool) -> FileError:
-    """The error for a recording whose file was deleted, moved or replaced."""
-    if deleted:
-        return FileError(
-            "recording stopped: {path} was deleted while it was being written; its {rows:,} rows "
-            "are lost; start again, and do not delete the file",
-            path=path,
-            rows=rows,
-        )
-    return FileError(
-        "recording stopped: {path} was moved or replaced while it was being written; it had "
-        "{rows:,} rows; start again, and do not move the file",
-        path=path,
-        rows=rows,
-    )
 
 
 def stopped_by_limit(
@@ -190,24 +187,21 @@ class OutputPath:
     def identity(self) -> FileIdentity | None:
         """What the file is; None if it was deleted, or cannot be read."""
         with suppress(OSError):
-            return None if self.is_deleted else FileIdentity.of(self.descriptor)
+            is_deleted = os.fstat(self.descriptor).st_nlink == 0
+            return None if is_deleted else FileIdentity.of(self.descriptor)
         return None
 
-    @property
-    def is_deleted(self) -> bool:
-        """Whether the file has no name any more, so that closing it frees its bytes."""
-        return os.fstat(self.descriptor).st_nlink == 0
-
-    @property
-    def is_gone(self) -> bool:
-        """Whether the file was moved, replaced or deleted."""
+    def check(self) -> None:
+        """Raise DeletedError or MovedError if the path leads to the file no longer."""
+        own = os.fstat(self.descriptor)
+        if own.st_nlink == 0:
+            raise DeletedError
         try:
-            found = self.path.stat()
-        except (FileNotFoundError, NotADirectoryError):
-            return True
-        except OSError:
-            return self.is_deleted
-        return not os.path.samestat(found, os.fstat(self.descriptor))
+            is_there = os.path.samestat(self.path.stat(), own)
+        except OSError as error:
+            is_there = not isinstance(error, FileNotFoundError | NotADirectoryError)
+        if not is_there:
+            raise MovedError
 
     def _restore_replaced(self) -> None:
         self._unlock_replaced()
@@ -285,8 +279,6 @@ class StreamOutput:
     """Standard output, a pipe or a device, with the interface of `OutputPath`."""
 
     identity = None
-    is_gone = is_deleted = False
-    """Unused: writing to a stream without a reader fails."""
 
     def __init__(self, path: Path) -> None:
         """Open it; raises FileError if it cannot be opened, or is a terminal."""
@@ -317,6 +309,9 @@ class StreamOutput:
 
     def commit(self) -> None:
         """Do nothing."""
+
+    check = commit
+    """Writing to a stream without a reader fails."""
 
     def close(self) -> None:
         """Close it."""

@@ -17,13 +17,14 @@ Only the last pass, after the end of the writer, reads the tail and reports what
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path
 from shlex import quote
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
-from typing import IO, BinaryIO
+from typing import IO, BinaryIO, TypeAlias
 from weakref import finalize
 
 from mcap.opcode import Opcode
@@ -730,9 +731,14 @@ _PATTERN = frozenset("*?[")
 _LATEST = 2**64
 
 
-def recordings_in(paths: Iterable[Path]) -> list[Path]:
-    """The files of some paths, each once: see `files_of`."""
-    return list(dict.fromkeys(found for path in paths for found in files_of(path)))
+Paths: TypeAlias = str | PathLike[str] | Sequence[str | PathLike[str]]
+"""A path, or several of them."""
+
+
+def recordings_in(paths: Paths) -> list[Path]:
+    """The files of paths, each once: see `files_of`."""
+    listed = [paths] if isinstance(paths, str | PathLike) else paths
+    return list(dict.fromkeys(found for path in listed for found in files_of(Path(path))))
 
 
 def files_of(path: Path) -> Iterator[Path]:

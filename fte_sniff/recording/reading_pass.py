@@ -24,6 +24,7 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.protocol.rows import Array, Codebook, Rows
 from fte_sniff.recording.mcap.chunk_index import (
     CHANNEL_OFFSET,
+    DEFINITIONS,
     SEQUENCE_OFFSET,
     Definition,
     MessageIndex,
@@ -141,8 +142,6 @@ have at most about 60."""
 _USUAL_RATIO = 20
 _LEAST_RECORD = 4
 """Bytes that each record of a chunk has in the file, at least."""
-
-_DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
 
 
 @dataclass(slots=True)
@@ -374,7 +373,7 @@ class ReadingPass:
                 with suppress(RecordError):
                     self.statistics = parse(Statistics, record.body)
             has_rows = opcode in (Opcode.CHUNK, Opcode.MESSAGE)
-            defines = in_data and opcode in _DEFINITIONS
+            defines = in_data and opcode in DEFINITIONS
             if not has_rows and not defines:
                 continue
             lost = len(records.losses) if isinstance(records, RecordStream) else 0

@@ -38,12 +38,7 @@ from fte_sniff.recording.metadata import (
     ports_to_metadata,
     recording_facts,
 )
-from fte_sniff.recording.output_file import (
-    Existing,
-    open_output,
-    stopped_by_error,
-    stopped_by_removal,
-)
+from fte_sniff.recording.output_file import Existing, open_output, stopped_by_error
 
 MAX_PENDING = 16_384
 """Rows that may wait for the end of their chunk; then the chunk ends by itself."""
@@ -211,14 +206,9 @@ class RecordingWriter:
             self.flushed_events += sum(len(one.rows.events) for one in self._pending)
             self.flushed_rows = self.rows
             self._pending, self._pending_rows, self._metadata = [], 0, []
-            is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
+            self._output.check()
         except OSError as error:
             raise self._stop(error) from error
-        if is_gone:
-            self.is_gone = True
-            rows = self.flushed_rows
-            self.failure = stopped_by_removal(self.path, rows, deleted=is_deleted)
-            raise self.failure
 
     def close(self) -> None:
         """Flush, and close the file. Closing again, or after a failure, does nothing.

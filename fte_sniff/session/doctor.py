@@ -33,6 +33,7 @@ from fte_sniff.capture.discovery import (
     list_ports,
     listing_of,
     stray_adapters,
+    text_of,
 )
 from fte_sniff.capture.port_errors import one_line, permission_fix
 from fte_sniff.capture.serial_port import (
@@ -255,9 +256,9 @@ class MachineKind(Enum):
 
 def machine_kind(root: Path = _ROOT) -> MachineKind:
     """Kind of this machine; a container in a virtual machine is a container."""
-    if "microsoft" in _text(root / "proc/version").lower():
+    if "microsoft" in text_of(root / "proc/version").lower():
         return MachineKind.WSL
-    groups = _text(root / "proc/1/cgroup")
+    groups = text_of(root / "proc/1/cgroup")
     if (
         (root / ".dockerenv").exists()
         or (root / "run/.containerenv").exists()
@@ -269,14 +270,14 @@ def machine_kind(root: Path = _ROOT) -> MachineKind:
 
 def is_virtual(root: Path = _ROOT) -> bool:
     """True if this system runs under a hypervisor."""
-    lines = _text(root / "proc/cpuinfo").splitlines()
+    lines = text_of(root / "proc/cpuinfo").splitlines()
     flags = next((line for line in lines if line.startswith("flags")), "")
     return "hypervisor" in flags.split()
 
 
 def running_programs(root: Path = _ROOT) -> frozenset[str]:
     """The names of all running programs."""
-    return frozenset(_text(file).strip() for file in (root / "proc").glob("[0-9]*/comm"))
+    return frozenset(text_of(file) for file in (root / "proc").glob("[0-9]*/comm"))
 
 
 def adapter_findings(root: Path = _ROOT) -> Iterator[Diagnosis]:
@@ -301,13 +302,6 @@ def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Diagnosis:
     if stray.driver is None:
         return bad(name, f"{what}: its driver is not loaded", f"sudo modprobe {stray.wanted}")
     return bad(name, f"{what}: {stray.driver} has it", f"unplug it, sudo modprobe {stray.wanted}")
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(errors="replace")
-    except OSError:
-        return ""
 
 
 # Ports

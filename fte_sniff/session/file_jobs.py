@@ -16,7 +16,6 @@ from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
@@ -30,11 +29,11 @@ from fte_sniff.session.inputs import Input, Progress, RecordingInput
 if TYPE_CHECKING:
     from fte_sniff.analysis.verdicts import Verdict
     from fte_sniff.recording.metadata import Part
+    from fte_sniff.recording.reader import Paths
     from fte_sniff.recording.reading_pass import TimeRange
 
 
 Model = TypeVar("Model", bound=RowModel)
-Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
 class DelayedInterrupt:
@@ -397,8 +396,7 @@ def _measured(
 ) -> tuple[Model, InputReading]:
     from fte_sniff.recording.reader import recordings_in
 
-    listed = [paths] if isinstance(paths, str | PathLike) else paths
-    found = recordings_in(map(Path, listed))
+    found = recordings_in(paths)
     if len(found) > 1:  # opened for their first times, and closed: there may be thousands
         found.sort(key=_start_of)
     jobs = [FileJob(path.absolute(), _opened, make) for path in found]

@@ -65,7 +65,8 @@ class LiveSession:
         self._gaps = GapDetector()
         self._gaps.begin(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
         self._stopped_at_s: float | None = None
-        self._received_at_s = 0.0
+        self.received_at_s = 0.0
+        """Monotonic time of the last message; one comes every second while the capture works."""
         self._receiving_since_s: float | None = None
         """When receiving of the current, possibly incomplete, message started."""
         self._killed: str | None = None
@@ -147,11 +148,6 @@ class LiveSession:
             with suppress(OSError):
                 self._capture.send(ROTATE)
 
-    @property
-    def received_at_s(self) -> float:
-        """Monotonic time of the last message; one comes every second while the capture works."""
-        return self._received_at_s
-
     def hurry(self) -> None:
         """Do not wait for what `CaptureState.backlog` reports; returns at once.
 
@@ -180,7 +176,7 @@ class LiveSession:
         if self._stopped_at_s is None:
             return
         # A capture that still has much to record keeps sending messages.
-        last_s = max(self._stopped_at_s, self._received_at_s)
+        last_s = max(self._stopped_at_s, self.received_at_s)
         if time.monotonic() > last_s + END_WITHIN_S:
             self._process.kill()
             self.state = self.state.after(self._exit_without_result(_KILLED))
@@ -214,7 +210,7 @@ class LiveSession:
             return self._exit_without_result(self._killed or self._exit_reason())
         finally:
             self._receiving_since_s = None
-        self._received_at_s = time.monotonic()
+        self.received_at_s = time.monotonic()
         assert isinstance(message, Started | RowsMessage | Ended)
         return message
 

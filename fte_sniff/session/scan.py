@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from os import PathLike
 from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
@@ -22,6 +21,7 @@ from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.reader import (
     FileVersion,
+    Paths,
     RecordingReader,
     file_version,
     recordings_in,
@@ -99,8 +99,6 @@ def _time_of(column: pl.Expr, bound: pl.Expr) -> tuple[int, int] | None:
 _MOST_LOSSES = 5
 """Losses that the warning of a file lists; of more it gives the number."""
 
-Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
-
 
 def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.LazyFrame:
     """Recordings as a lazy table with the columns of the row contract; see `read` for their types.
@@ -129,7 +127,7 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
         RecordingWarning: a file is damaged, and rows may be missing; one line for each file says
             what is lost, as `decode` does. Chunks and files that the query skips are not checked.
     """
-    files = [_ScannedFile.of(reader) for reader in map(RecordingReader, _recordings(paths))]
+    files = [_ScannedFile.of(reader) for reader in map(RecordingReader, recordings_in(paths))]
     files.sort(key=attrgetter("start"))
     added = _added_columns([one.path for one in files], file_column=file_column, hive=hive)
 
@@ -260,16 +258,11 @@ def read(paths: Paths) -> pl.DataFrame:
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
     Takes the `paths` of `scan`, and raises and warns as it does.
     """
-    readers = sorted(map(RecordingReader, _recordings(paths)), key=start_of)
+    readers = sorted(map(RecordingReader, recordings_in(paths)), key=start_of)
     frames = list(map(table_frame, _whole(readers)))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))
     return pl.concat(frames, rechunk=False)
-
-
-def _recordings(paths: Paths) -> list[Path]:
-    listed = [paths] if isinstance(paths, str | PathLike) else paths
-    return recordings_in(Path(path) for path in listed)
 
 
 def _columns(readers: Sequence[RecordingReader], span: TimeRange, *, facts: bool) -> Iterator[Rows]:

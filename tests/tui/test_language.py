@@ -40,7 +40,7 @@ from fte_sniff.errors import (
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.protocol import Chunk, Frame, Framer, Gap, LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
+from fte_sniff.recording.output_file import DeletedError, stopped_by_error, stopped_by_limit
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
@@ -236,7 +236,7 @@ def test_port_events_and_the_end_of_a_feed_are_shown_in_chinese(feed: Any) -> No
         port_error("p", "/dev/full", OSError(errno.EIO, "broken")),
         port_error("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
         stopped_by_error("a.mcap", OSError(errno.ENOSPC, "full"), 7),
-        stopped_by_removal("a.mcap", 7, deleted=True),
+        stopped_by_error("a.mcap", DeletedError(), 7),
         *(
             stopped_by_limit(
                 "a.mcap",

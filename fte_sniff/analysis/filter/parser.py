@@ -267,22 +267,13 @@ def parse(text: str, start: int = 0, end: int | None = None) -> Term:
         return _FilterParser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
 
 
-class _FilterParser:
+class TokenReader:
+    """Reads the tokens of a text one after the other."""
+
     def __init__(self, text: str, found: Sequence[Token]) -> None:
         self._text = text
         self._tokens = found
         self._index = 0
-        self._nesting = 0
-
-    def parse(self) -> Term:
-        if self._peek().type is TokenType.END:
-            raise FilterError("filter: it is empty; {fix}", fix=_CONDITION_ALONE)
-        term = self._or()
-        if self._peek().type is not TokenType.END:
-            raise self._unexpected(TranslatableText("join conditions with AND or OR"))
-        return compiler.condition(term)
-
-    # Tokens
 
     def _peek(self) -> Token:
         return self._tokens[self._index]
@@ -299,6 +290,18 @@ class _FilterParser:
         found = self._at(*choices)
         self._index += found is not None
         return found
+
+
+class _FilterParser(TokenReader):
+    _nesting = 0
+
+    def parse(self) -> Term:
+        if self._peek().type is TokenType.END:
+            raise FilterError("filter: it is empty; {fix}", fix=_CONDITION_ALONE)
+        term = self._or()
+        if self._peek().type is not TokenType.END:
+            raise self._unexpected(TranslatableText("join conditions with AND or OR"))
+        return compiler.condition(term)
 
     def _expect(self, choice: str, fix: str) -> None:
         if self._accept(choice) is None:

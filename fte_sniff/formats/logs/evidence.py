@@ -38,8 +38,8 @@ _LEAST_SHARE_CUT: Final = 0.8
 _ALMOST_ALL: Final = 0.95
 _FEW_LANES: Final = 4
 """Lanes from which on it is tried whether only common words make them."""
-RECORD_BORDER: Final = rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;|\n"
-"""Between two records."""
+RECORD_BORDER: Final = rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;"
+"""Between two records in a line."""
 LIKE_BYTES: Final = 4
 """Bytes of a run from which on it is not a number by accident."""
 _LEAST_COMMON: Final = 1 / 8
@@ -416,7 +416,7 @@ def hypotheses(
         runs = list(one.runs(text)) if re.search(one.needs, text) else []
         if not any(needed in run.data for run in runs):
             runs = []
-        border = rb"\n" if text.count(b"\n") > _FEW_LANES else RECORD_BORDER
+        border = rb"\n" if text.count(b"\n") > _FEW_LANES else RECORD_BORDER + rb"|\n"
         borders = [found.start() for found in re.finditer(border, text)] if runs else []
         placed = [Placed(run.start, bisect(borders, run.start), run.data) for run in runs]
         keys = [key for _, key in runs_in_lanes(text, runs)]

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from fte_sniff.formats.log_form import NO_TIME, LogOptions
 from fte_sniff.formats.logs.evidence import (
     LIKE_BYTES,
+    RECORD_BORDER,
     Hypothesis,
     frames_in,
     label_of,
@@ -34,8 +35,7 @@ _HEADER_OF: Final = {
 """Of a direction, the headers of its frames."""
 _ONE_WORD: Final = rb"\W*(?:\d{1,16}|(?:0[xX])?\w{1,8})\W*"
 """An address, a counter or a name."""
-_BORDER: Final = re.compile(rb"\}\s*,?\s*(?=\{)|\]\s*,\s*(?=\[)|</\w+>|;")
-"""Between two records in a line."""
+_BORDER: Final = re.compile(RECORD_BORDER)
 _FAR: Final = 1024
 """Bytes of a line that are searched for what is not near its bytes."""
 _MOST_TIMED: Final = 300

@@ -37,7 +37,7 @@ _INDEX_HEAD = 2 + 4
 Definition = tuple[int, bytes]
 """Opcode and body of a schema or channel record."""
 
-_DEFINITIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
+DEFINITIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ def _walked(
             break
         if opcode == message:
             starts.append(at)
-        elif opcode in _DEFINITIONS:
+        elif opcode in DEFINITIONS:
             definitions.append((opcode, records[at + HEAD.size : after]))
         at, count = after, count + 1
     else:
