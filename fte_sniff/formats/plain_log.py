@@ -14,15 +14,15 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from datetime import datetime
 from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, LogForm, StreamBytes
 from fte_sniff.formats.logs.evidence import Hypothesis, Lane, Placed, label_of
 from fte_sniff.formats.logs.forms import Extractor
-from fte_sniff.formats.logs.times import SECOND, masked
+from fte_sniff.formats.logs.times import masked
 from fte_sniff.formats.text_blocks import TextBlock
+from fte_sniff.protocol.columns import ISO_TIME, iso_time_ns
 
 _BLANKS: Final = bytes.maketrans(b",:;-", b"    ")
 _GAP: Final = rb"[\s,;:|\-\[\](){}\"'`<>]"
@@ -137,25 +137,25 @@ class PlainLog(LogForm):
         return [str(self.found)]
 
 
-_TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}(?:Z|[+-]\d\d:\d\d)"
 _OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
 _OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
     "table": (
         r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw\b",
-        rf"\s*(?:(?P<time>{_TIME})\s)?(?P<port>)(?:.*?{_OFFSET}(?:[a-z_]+|-)\s.*?\s\s"
+        rf"\s*(?:(?P<time>{ISO_TIME})\s)?(?P<port>)(?:.*?{_OFFSET}(?:[a-z_]+|-)\s.*?\s\s"
         r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s\s+[a-z_,]+)?\s*\Z"
         rf"|(?<=Z\s)|(?<=[+-]\d\d:\d\d\s)|-\s|{_OFFSET})",
         str,
     ),
     "CSV": (
         "time,port,offset,",
-        rf"(?=\d{{4}}-|,)(?:(?P<time>{_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
+        rf"(?=\d{{4}}-|,)(?:(?P<time>{ISO_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
         r".*,(?P<raw>(?:[0-9A-F]{2})+)(?:,[\d.]*,(?:true|false|),\d?)?\s*\Z)?",
         lambda port: port[1:-1].replace('""', '"') if port[:1] == '"' else port,
     ),
     "JSON lines": (
         r'\s*\{"time": *[^,]*, *"port":',
-        rf'\s*\{{(?:"time": *(?:null|"(?P<time>{_TIME})"), *"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
+        rf'\s*\{{(?:"time": *(?:null|"(?P<time>{ISO_TIME})"), *'
+        r'"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
         r'.*"raw": *"(?P<raw>(?:[0-9A-F]{2})+)"(?:, *"[a-z_]+": *[^,{}"]*)*\}\s*\Z)?',
         json.loads,
     ),
@@ -199,13 +199,13 @@ class OwnLog(LogForm):
                 found = re.match(row, line.decode("utf-8", "replace"))
                 if found is None:
                     continue
-                begin_ns = _begin_ns(found["time"])
+                begin_ns = iso_time_ns(found["time"]) if found["time"] else NO_TIME
                 if not found["raw"] or begin_ns is None:
                     raise InputTextError(
                         f"line {number}: this row of fte-sniff's {self._what} is cut or damaged;"
                         " pass the recording itself, or its rows with --format csv or jsonl"
                     )
-                own = bytes.fromhex(found["raw"]), number, begin_ns
+                own = bytes.fromhex(found["raw"]), number, min(begin_ns, LATEST_NS)
                 streams[port_of(found["port"]) or name].append(own)
         finally:
             for port, rows in streams.items():
@@ -215,14 +215,3 @@ class OwnLog(LogForm):
     def explain(self) -> list[str]:
         """What it is."""
         return [f"rows that fte-sniff wrote as {self._what}"]
-
-
-def _begin_ns(text: str | None) -> int | None:
-    """The time of a row; None if its date or its zone is not valid."""
-    if text is None:
-        return NO_TIME
-    try:
-        second = int(datetime.fromisoformat(f"{text[:19]}{text[29:]}").timestamp())
-    except ValueError:
-        return None
-    return min(second * SECOND + int(text[20:29]), LATEST_NS)

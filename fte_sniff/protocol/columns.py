@@ -6,6 +6,7 @@ from `COLUMNS`: a new column is one entry there.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
@@ -289,6 +290,21 @@ def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
     moment = datetime.fromtimestamp(seconds, zone_at(t_ns, zone)).isoformat()
     return f"{moment[:19]}.{nanoseconds:09d}{moment[19:]}"
+
+
+ISO_TIME = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}(?:Z|[+-]\d\d:\d\d)"
+"""The regular expression of the texts of `iso_time`."""
+
+
+def iso_time_ns(text: str) -> int | None:
+    """The nanoseconds since 1970 UTC of a text of `iso_time`; None for other texts and dates."""
+    if re.fullmatch(ISO_TIME, text, re.ASCII) is None:
+        return None
+    try:
+        second = datetime.fromisoformat(text[:19] + text[29:])
+    except ValueError:
+        return None
+    return int(second.timestamp()) * 1_000_000_000 + int(text[20:29])
 
 
 def zone_at(t_ns: int, zone: tzinfo) -> timezone:

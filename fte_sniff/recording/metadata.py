@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import platform
-import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
 from typing import Final, NamedTuple
@@ -15,6 +13,7 @@ from typing import Final, NamedTuple
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.protocol import Gap, GapKind, iso_time
+from fte_sniff.protocol.columns import iso_time_ns
 
 PROGRAM = "fte-sniff"
 """The program's name: the start of the header's library string, and the name of the file's own
@@ -161,7 +160,6 @@ LEFT_OUT_NAME: Final = f"{PROGRAM}.left-out"
 """The metadata record of a gap in this file: rows that were left out."""
 
 _GAP_KINDS: Final = {GAP_NAME: GapKind.WRITE_ERROR, LEFT_OUT_NAME: GapKind.LEFT_OUT}
-_TIME: Final = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)\.(\d{9})Z", re.ASCII)
 _MOST_DIGITS: Final = 18
 
 
@@ -180,7 +178,11 @@ def gap_to_metadata(gap: Gap) -> dict[str, str]:
 def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
     """The gap in a metadata record; None if the record is of another kind or invalid."""
     kind = _GAP_KINDS.get(name)
-    rows, start, end = items.get("rows", ""), _ns(items.get("from")), _ns(items.get("to"))
+    rows, start, end = (
+        items.get("rows", ""),
+        iso_time_ns(items.get("from", "")),
+        iso_time_ns(items.get("to", "")),
+    )
     if kind is None or start is None or end is None or end < start:
         return None
     if rows and (not _is_number(rows) or not int(rows)):
@@ -190,17 +192,6 @@ def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
 
 def _is_number(text: str) -> bool:
     return text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS
-
-
-def _ns(text: str | None) -> int | None:
-    found = _TIME.fullmatch(text or "")
-    if found is None:
-        return None
-    try:
-        seconds = datetime.fromisoformat(found[1]).replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        return None
-    return int(seconds) * 1_000_000_000 + int(found[2])
 
 
 SELECTION_NAME: Final = f"{PROGRAM}.selection"
