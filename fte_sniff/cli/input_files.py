@@ -79,7 +79,7 @@ def _files_argument(*, required: bool) -> Callable[..., Any]:
     return argument
 
 
-_OPTIONS = all_of(
+_READING = all_of(
     click.option(
         "--input",
         "kind",
@@ -131,10 +131,19 @@ _OPTIONS = all_of(
         help="For a log that is not recognised: a regular expression of its lines, with the groups"
         " (?P<data>...) and perhaps (?P<time>...) and (?P<dir>...).",
     ),
+    line_speed_option,
+)
+
+_READING_OPTIONS: Final = {
+    str(option.name): option.opts[-1] for option in click.command()(_READING(lambda: None)).params
+}
+"""The options that decide how inputs are read, by their names in `InputQuery`."""
+
+_OPTIONS = all_of(
+    _READING,
     click.option(
         "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
     ),
-    line_speed_option,
     filter_option,
     span_options,
 )
@@ -193,20 +202,6 @@ def input_options(
 
     with_options: Callable[..., Any] = _files_argument(required=required)(_OPTIONS(with_query))
     return with_options
-
-
-_READING_OPTIONS: Final = {
-    "kind": "--input",
-    "topic": "--topic",
-    "day": "--date",
-    "zone": "--zone",
-    "start": "--start",
-    "samplerate": "--samplerate",
-    "log_form": "--form",
-    "pattern": "--input-regex",
-    "baud": "--baud",
-}
-"""The options that decide how inputs are read, by their names in `InputQuery`."""
 
 
 @dataclass(frozen=True, slots=True)

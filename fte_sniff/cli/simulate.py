@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.options import FileName, require_pseudo_terminals
 from fte_sniff.cli.streams import ending_signals
@@ -60,7 +61,7 @@ command = click.Command(
         click.Option(["--link"], type=FileName(), help="Make this link to it."),
         click.Option(
             ["--baud"],
-            type=click.IntRange(50, 12_000_000),
+            type=click.IntRange(*BAUD_RANGE),
             default=DEFAULT_BAUD,
             show_default=True,
             help="Bits/s.",
