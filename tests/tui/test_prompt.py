@@ -242,15 +242,6 @@ def test_the_count_beside_the_filter_is_that_of_the_one_that_is_on_and_does_not_
     play(feed, scenario, rows=400)
 
 
-def test_keys_typed_into_the_filter_are_text(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "f", "q", "question_mark", "G", "space", "p", "colon", "e")
-        assert app.is_running
-        assert "q?G p:e" in page(app)
-
-    play(feed, scenario)
-
-
 @pytest.mark.parametrize(
     ("text", "goal"),
     [
@@ -419,9 +410,12 @@ def test_history_without_lines_keeps_what_is_typed() -> None:
     assert history.go(-1, "half") == history.go(1, "half") == "half"
 
 
-def test_ctrl_c_copies_selected_text_of_a_field_first(feed: Any) -> None:
+def test_keys_typed_into_a_field_are_text_and_ctrl_c_copies_what_is_selected(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "f", "m", "o", "shift+home", "ctrl+c")
+        await press(app, pilot, "f", "q", "question_mark", "G", "space", "p", "colon", "e")
+        assert app.is_running
+        assert "q?G p:e" in page(app)
+        await press(app, pilot, "ctrl+u", "m", "o", "shift+home", "ctrl+c")
         assert app.clipboard == "mo"
         assert not app._exit
         await press(app, pilot, "end", "ctrl+c")
@@ -506,29 +500,30 @@ async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "enter")
 
 
-@pytest.mark.parametrize("selecting", [False, True])
-def test_a_saved_recording_names_its_gaps(feed: Any, tmp_path: Path, selecting: bool) -> None:
+def test_a_saved_recording_names_its_gaps(feed: Any, tmp_path: Path) -> None:
     """What was left out among the rows that are saved, and which of them the filter chose."""
     first, last = (
         Gap(GapKind.LEFT_OUT, 5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1)
     )
     origin = ExportSource((), {"/dev/ttyUSB0": 9600}, [first, last])
+    every, selected = tmp_path / "every.mcap", tmp_path / "selected.mcap"
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        if selecting:
-            await press(app, pilot, "g", "v", *["down"] * 8)
-        path = tmp_path / "rows.mcap"
-        await save_to(app, pilot, path)
-        await until(app, pilot, path.exists)
+        await save_to(app, pilot, every)
+        await until(app, pilot, every.exists)
+        await press(app, pilot, "g", "v", *["down"] * 8)
+        await save_to(app, pilot, selected)
+        await until(app, pilot, selected.exists)
 
     options = StartOptions(row_filter=RowFilter.parse("motor = 1"), export_source=origin)
     play(feed, scenario, options=options, rows=100)
-    reader = RecordingReader(tmp_path / "rows.mcap")
-    assert [port.baud for port in reader.ports] == [9600]
-    (selection,) = reader.selections()
-    assert selection.filter_text == "motor = 1"
-    assert reader.gaps() == ([first] if selecting else [first, last])
-    assert selection.rows == (33 if selecting else 100)
+    for path, gaps, rows in ((every, [first, last], 100), (selected, [first], 33)):
+        reader = RecordingReader(path)
+        assert [port.baud for port in reader.ports] == [9600]
+        (selection,) = reader.selections()
+        assert selection.filter_text == "motor = 1"
+        assert reader.gaps() == gaps
+        assert selection.rows == rows
 
 
 def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
@@ -618,19 +613,20 @@ async def save_and_press(app: SniffApp, pilot: Pilot[None], path: Path, *keys: s
     return pieces
 
 
-def test_a_save_is_ended_by_esc_and_leaves_nothing(
-    feed: Any, speed_rows: Rows, tmp_path: Path
+def test_a_save_is_ended_by_esc_and_with_the_screen_and_leaves_nothing(
+    feed: Any, tmp_path: Path
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(50_000))
-        await settle(app, pilot)
         pieces = await save_and_press(app, pilot, tmp_path / "rows.jsonl", "w", "escape")
         assert 0 < sum(pieces) < 50_000
         assert app.export.job is None
         assert not list(tmp_path.glob("rows*"))
         assert "was not saved" in page(app).replace("\n", "")
+        pieces = await save_and_press(app, pilot, tmp_path / "rows.jsonl", "Q")
+        assert 0 < sum(pieces) < 50_000
 
-    play(feed, scenario, (140, 24))
+    play(feed, scenario, (140, 24), rows=50_000)
+    assert not list(tmp_path.glob("rows*"))
 
 
 def test_the_begin_of_a_save_is_shown_at_once(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
@@ -652,19 +648,6 @@ def test_the_begin_of_a_save_is_shown_at_once(feed: Any, speed_rows: Rows, tmp_p
         assert "would be saved" not in reported[0]
 
     play(feed, scenario, (140, 24))
-
-
-def test_a_save_that_runs_while_the_screen_closes_leaves_nothing(
-    feed: Any, speed_rows: Rows, tmp_path: Path
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(50_000))
-        await settle(app, pilot)
-        pieces = await save_and_press(app, pilot, tmp_path / "rows.jsonl", "Q")
-        assert 0 < sum(pieces) < 50_000
-
-    play(feed, scenario)
-    assert not list(tmp_path.glob("rows*"))
 
 
 def test_rows_without_times_make_no_recording(
@@ -697,23 +680,23 @@ def test_the_name_of_a_file_is_judged_when_enter_ends_it(feed: Any) -> None:
     play(feed, scenario, rows=10)
 
 
-@pytest.mark.parametrize("keys", [("enter",), ("tab", "enter")])
 def test_enter_without_a_name_saves_under_the_suggested_name(
-    feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: list[str]
+    feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The suggested name is free, so that no file is in the way."""
     monkeypatch.chdir(tmp_path)
     Path("rows.csv").write_text("kept")
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "w")
-        await settle(app, pilot)
-        assert "rows-2.csv" in page(app)
-        await press(app, pilot, *keys)
-        await until(app, pilot, lambda: "saved 10 rows to rows-2.csv" in page(app))
+        for name, keys in (("rows-2.csv", ["enter"]), ("rows-3.csv", ["tab", "enter"])):
+            await press(app, pilot, "w")
+            await settle(app, pilot)
+            assert name in page(app)
+            await press(app, pilot, *keys)
+            await until(app, pilot, lambda name=name: f"saved 10 rows to {name}" in page(app))
+            assert len(Path(name).read_text().splitlines()) == 11
 
     play(feed, scenario, rows=10)
-    assert len(Path("rows-2.csv").read_text().splitlines()) == 11
     assert Path("rows.csv").read_text() == "kept"
 
 
