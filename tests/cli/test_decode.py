@@ -10,7 +10,6 @@ import os
 import re
 import struct
 import subprocess
-import sys
 import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -51,7 +50,9 @@ from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
+from tests.cli.forked import Program
 from tests.cli.processes import BOUND_S, PROGRAM
+from tests.slow import crossed
 from tests.support.columns import in_columns
 
 
@@ -78,8 +79,7 @@ def test_recording_raw_and_hex_have_equal_rows(run, samples: Path, name: str) ->
         assert recorded == raw
 
 
-@pytest.mark.parametrize("end", ["txt", "csv", "jsonl"])
-@pytest.mark.parametrize("name", ["clean", "damaged"])
+@pytest.mark.parametrize(("name", "end"), crossed(["clean", "damaged"], ["txt", "csv", "jsonl"]))
 def test_what_it_wrote_it_reads_back_at_the_same_times(
     run, samples: Path, tmp_path: Path, end: str, name: str
 ) -> None:
@@ -245,8 +245,7 @@ def test_output_to_a_device_and_to_standard_output_by_name(run, samples: Path) -
     assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
 
 
-@pytest.mark.parametrize("options", [(), ("--force",)])
-@pytest.mark.parametrize("form", OutputFormat)
+@pytest.mark.parametrize(("form", "options"), crossed([*OutputFormat], [(), ("--force",)]))
 def test_output_to_a_named_pipe(
     run, tmp_path: Path, samples: Path, form: OutputFormat, options: tuple[str, ...]
 ) -> None:
@@ -501,8 +500,7 @@ def test_an_unknown_suffix_is_refused_before_anything_is_read(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("end", ["raw", "hex", "bin"])
-@pytest.mark.parametrize("source", ["mcap", "raw", "hex"])
+@pytest.mark.parametrize(("source", "end"), crossed(["mcap", "raw", "hex"], ["raw", "hex", "bin"]))
 def test_bytes_that_are_written_are_read_back(
     run, samples: Path, tmp_path: Path, source: str, end: str
 ) -> None:
@@ -726,17 +724,12 @@ def test_every_sample_is_here_in_three_forms_with_its_text() -> None:
 
 
 @pytest.mark.parametrize("expected", EXPECTED, ids=lambda path: path.name)
-def test_decode_prints_what_is_expected(expected: Path, environment: dict[str, str]) -> None:
-    form = FORMS[expected.suffix]
-    done = subprocess.run(
-        [sys.executable, "-m", "fte_sniff", "decode", f"samples/{expected.stem}", "--format", form],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        timeout=BOUND_S,
-        check=True,
-    )
-    assert done.stdout == expected.read_bytes()
+def test_decode_prints_what_is_expected(
+    expected: Path, program: Program, environment: dict[str, str]
+) -> None:
+    words = ["decode", f"samples/{expected.stem}", "--format", FORMS[expected.suffix]]
+    done = program.run(words, b"", ROOT, environment)
+    assert (done.code, done.output) == (0, expected.read_bytes())
 
 
 @pytest.mark.parametrize("name", ["clean", "damaged", "idle", "midstream"])
@@ -972,8 +965,12 @@ def test_raw_bytes_are_appended_to_redirected_output(tmp_path, environment):
     assert (tmp_path / "out").read_bytes() == expected
 
 
-@pytest.mark.parametrize("name", ["clean.mcap", "idle.raw"])
-@pytest.mark.parametrize("columns", [("time", "motor", "rpm"), ("raw",), ("unanswered", "port")])
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    crossed(
+        ["clean.mcap", "idle.raw"], [("time", "motor", "rpm"), ("raw",), ("unanswered", "port")]
+    ),
+)
 def test_columns_are_chosen_and_ordered(
     run, samples: Path, name: str, columns: tuple[str, ...]
 ) -> None:
@@ -1012,8 +1009,13 @@ def test_columns_that_cannot_be_written_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", [(), ("--filter", "status <> 'ok'"), ("--limit", "400")])
-@pytest.mark.parametrize("name", ["damaged.raw", "damaged.mcap", "midstream.mcap"])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    crossed(
+        ["damaged.raw", "damaged.mcap", "midstream.mcap"],
+        [(), ("--filter", "status <> 'ok'"), ("--limit", "400")],
+    ),
+)
 def test_why_adds_readings_to_malformed_and_ambiguous_rows_alone(
     run, samples: Path, name: str, words: tuple[str, ...]
 ) -> None:
