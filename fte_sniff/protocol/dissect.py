@@ -119,7 +119,13 @@ def dissect(row: Row) -> list[ExplainedField]:
 
 def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row; empty if it has none."""
-    return [_fault_text(fault) for fault in row.faults]
+    kind = row.kind if isinstance(row, Frame) else None
+    return [
+        TranslatableText(
+            "{fault}: {meaning}", fault=fault.value, meaning=_fault_meaning(fault, kind)
+        )
+        for fault in row.faults
+    ]
 
 
 def explain_readings(row: Row) -> list[str]:
@@ -398,9 +404,14 @@ def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
     return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
 
 
-def _fault_text(fault: Fault) -> TranslatableText:
+def _fault_meaning(fault: Fault, kind: FrameKind | None) -> TranslatableText:
+    """The meaning of a fault in a frame of that kind."""
+    if fault is not Fault.RESERVED_NONZERO or kind is None:
+        return TranslatableText(FAULT_MEANINGS[fault])
+    if kind.reserve is None:
+        return TranslatableText("the reserve is not 00, unlike on the rest of this line")
     return TranslatableText(
-        "{fault}: {meaning}", fault=fault.value, meaning=TranslatableText(FAULT_MEANINGS[fault])
+        "the reserve is not {byte}, which the protocol shows there", byte=f"{kind.reserve:02X}"
     )
 
 

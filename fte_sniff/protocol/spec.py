@@ -78,7 +78,8 @@ FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
         Fault.OVERLONG: "starts and ends like a frame, bytes too many",
         Fault.NOISE: "bytes that belong to no frame",
         Fault.RESERVED_NONZERO: (
-            "the reserve is not 00, unlike on the rest of this line (in speed feedback: not 00)"
+            "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in"
+            " the protocol)"
         ),
         Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
         Fault.AMBIGUOUS: "another reading of these bytes cannot be ruled out",

@@ -137,8 +137,12 @@ def test_a_fault_in_a_frame_is_at_its_byte(text: str, field: str, fault: Fault, 
 def test_the_reserve_is_explained_by_what_the_document_states(
     text: str, faults: tuple[Fault, ...], meaning: str, note: str
 ) -> None:
-    reserve = named(dissect(Frame("p", 0, bytes.fromhex(text), None, faults)), "reserve")
+    row = Frame("p", 0, bytes.fromhex(text), None, faults)
+    reserve = named(dissect(row), "reserve")
     assert meaning in reserve.meaning
+    for line in explain(row):
+        assert ("rest of this line" in line) == ("states no value" in meaning)
+        assert ("which the protocol shows" in line) == ("protocol shows" in meaning)
     assert (reserve.fault, reserve.note) == (faults[0] if faults else None, note)
 
 
