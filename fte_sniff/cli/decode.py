@@ -14,7 +14,7 @@ from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_op
 from fte_sniff.cli.options import output_options
 from fte_sniff.cli.output import exit_if_unreadable, print_notes, rows_format_option, summary
 from fte_sniff.cli.progress import ProgressLine, progress_line
-from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.cli.streams import STDOUT, ending_signals, print_err
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import COLUMN_BY_NAME
@@ -145,7 +145,7 @@ def _opened(
     """Standard output (None or `-`), or a file that replaces `path` when complete.
 
     A command that fails leaves no file, and an old file stays until the new one is complete. After
-    Ctrl-C the rows so far are kept if they are text, and this is reported.
+    Ctrl-C the rows so far are kept if they are text; what is left is reported.
 
     Raises:
         UsageError: the format needs a file, or standard output is a terminal.
@@ -155,16 +155,14 @@ def _opened(
     is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
     if path is None or _is_stdout(path):
         stdout = None if is_text else _binary_stdout(form, path)
-        with _completed(
-            open_sink(form, stdout, reading.source), "standard output", reading
-        ) as sink:
+        with _in_sequence(open_sink(form, stdout, reading.source), STDOUT, reading, line) as sink:
             yield sink
         return
     try:
         in_sequence = form is not OutputFormat.PARQUET
         if in_sequence and path.exists() and not path.is_file() and not path.is_dir():
             # A device or a pipe.
-            with _completed(open_sink(form, path, reading.source), path, reading) as sink:
+            with _in_sequence(open_sink(form, path, reading.source), path, reading, line) as sink:
                 yield sink
             return
         if path.is_dir():
@@ -177,15 +175,37 @@ def _opened(
                 yield sink
             export.commit()
         except KeyboardInterrupt:
+            left = "was not written"
             if is_text and reading.written:
                 export.commit()
-                line.end()
-                print_err(f"fte-sniff: interrupted; {path} holds the rows up to there")
+                left = _ROWS_SO_FAR
+            _print_interrupted(path, left, line)
             raise
         finally:
             export.abandon()
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+_ROWS_SO_FAR = "holds the rows up to there"
+
+
+def _print_interrupted(name: object, left: str, line: ProgressLine) -> None:
+    line.end()
+    print_err(f"fte-sniff: interrupted; {name} {left}")
+
+
+@contextmanager
+def _in_sequence(
+    sink: Sink, name: object, reading: InputReading, line: ProgressLine
+) -> Iterator[Sink]:
+    """A sink whose rows are where they go at once, and stay there after Ctrl-C."""
+    try:
+        with _completed(sink, name, reading):
+            yield sink
+    except KeyboardInterrupt:
+        _print_interrupted(name, _ROWS_SO_FAR if reading.written else "holds no row", line)
+        raise
 
 
 @contextmanager

@@ -100,23 +100,45 @@ def test_an_error_in_the_middle_leaves_no_part_of_a_file(run, tmp_path: Path, na
     assert (tmp_path / name).read_bytes() == b"precious"
 
 
-def test_rows_that_were_written_before_ctrl_c_stay_and_are_counted(
-    environment, tmp_path: Path
+_KEPT = "holds the rows up to there"
+
+
+@pytest.mark.parametrize(
+    ("output", "left"),
+    [
+        (("-o", "part.csv"), f"part.csv {_KEPT}"),
+        (("-o", "part.parquet"), "part.parquet was not written"),
+        ((), f"standard output {_KEPT}"),
+        (("--format", "jsonl"), f"standard output {_KEPT}"),
+        (("-o", "-", "--format", "raw"), f"standard output {_KEPT}"),
+    ],
+)
+def test_what_is_left_after_ctrl_c_is_reported(
+    environment, tmp_path: Path, output: tuple[str, ...], left: str
 ) -> None:
-    words = ("decode", "-", "--input", "hex", "-o", "part.csv")
+    words = ("decode", "-", "--input", "hex", *output)
     with started(environment, tmp_path, *words, stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
-        assert process.stderr is not None
-        process.stdin.write(9000 * b"AA 01 01 03 E8 00 00 00 00 EE\n")
+        lines = 9000 * b"AA 01 01 03 E8 00 00 00 00 EE\n"
+        # Nobody reads standard output, so a pipe has to hold what is written.
+        process.stdin.write(lines if "part." in left else lines[:60_000])
         process.stdin.flush()
-        part = tmp_path / "part.csv.part"
-        wait_until(lambda: part.exists() and part.stat().st_size)
+        assert process.stdout is not None
+        if "part." in left:
+            part = tmp_path / f"{output[1]}.part"
+            wait_until(lambda: part.exists() and (part.stat().st_size or "not written" in left))
+            process.stdin.write(lines)  # more than a pipe holds, so it is read
+            process.stdin.flush()
+        else:
+            assert process.stdout.read(1)
         process.send_signal(signal.SIGINT)
-        assert process.wait(BOUND_S) in (130, -signal.SIGINT)
-        reported = process.stderr.read().decode()
-    assert reported == "fte-sniff: interrupted; part.csv holds the rows up to there\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["part.csv"]
-    assert (tmp_path / "part.csv").read_text().startswith("time,port,")
+        errors = process.communicate(timeout=BOUND_S)[1]
+        assert process.returncode in (130, -signal.SIGINT)
+    assert errors.decode() == f"fte-sniff: interrupted; {left}\n"
+    kept = [path.name for path in tmp_path.iterdir()]
+    assert kept == ["part.csv"] * ("part.csv" in left)
+    for name in kept:
+        assert (tmp_path / name).read_text().startswith("time,port,")
 
 
 def test_a_command_that_is_nearly_right(run) -> None:
