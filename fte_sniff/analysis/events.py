@@ -539,12 +539,16 @@ def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _Stream:
     return _Stream.of(t_ns, values)
 
 
+_ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
+
+
 def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]]:
     """Count what is about motors; yields the streams, with their rows and values."""
     found = motor_rows(rows)
     asked = rows.unanswered != NO_FACT
     online = rows.values(Role.ONLINE, found.any_feedback)
     batch.count("feedback", found.any_feedback)
+    batch.count("any offline", found.any_feedback[online & _ALL_ONLINE != _ALL_ONLINE])
     for motor in MOTORS:
         commands, feedback = found.commands[motor], found.feedback[motor]
         own, bit = commands[asked[commands]], motor_bit(motor)
@@ -555,7 +559,9 @@ def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]
         batch.count(f"free {motor}", commands[~NAMES_MOTOR[rows.kinds[commands]]])
         _count_delays(batch, rows, commands, motor)
         if len(feedback):
-            yield f"raised {motor}", feedback, rows.values(Role.ERRORS, feedback)
+            errors = rows.values(Role.ERRORS, feedback)
+            batch.count("any raised", feedback[errors != 0])
+            yield f"raised {motor}", feedback, errors
         if len(found.any_feedback):
             yield f"offline {motor}", found.any_feedback, ~online >> bit & 1
         for code in _occurring(rows.kinds[commands]):

@@ -567,8 +567,46 @@ class Findings(RowModel):
             return dict.fromkeys(self.CAUSES, TranslatableText("no row has a time; try --start"))
         return dict(_uncovered(self.events))
 
+    def counts(self) -> dict[Cause, int]:
+        """By cause, the rows that bear an event alone, whether or not they are in a finding.
+
+        Commands to several motors count once for each of them that did not answer.
+        """
+        events = self.events
+        windows = events.windows
+        found = {
+            Cause.DAMAGE: sum(int(one.count("damaged").sum()) for one in events.ports.values()),
+            Cause.ERROR_FLAG: int(windows.count("any raised").sum()),
+            Cause.OFFLINE: int(windows.count("any offline").sum()),
+            Cause.UNANSWERED: sum(int(windows.count(f"missed {one}").sum()) for one in MOTORS),
+        }
+        missing = dict(_uncovered(events))
+        return {cause: count for cause, count in found.items() if cause not in missing}
+
+    def _not_findings(self) -> Iterator[TranslatableText]:
+        """The events where there is no finding."""
+        found, counts = self.counts(), list[TranslatableText]()
+        if count := found.get(Cause.DAMAGE):
+            share = f"{100 * count / self.total.rows:.2g}"
+            text = TranslatableText(
+                "malformed rows {count:,} ({percent} %)", count=count, percent=share
+            )
+            counts.append(text)
+        if count := found.get(Cause.ERROR_FLAG):
+            counts.append(TranslatableText("frames with an ERROR flag {count:,}", count=count))
+        if count := found.get(Cause.OFFLINE):
+            counts.append(
+                TranslatableText("frames that lack a bit of ONLINE {count:,}", count=count)
+            )
+        if count := found.get(Cause.UNANSWERED):
+            counts.append(TranslatableText("commands without an answer {count:,}", count=count))
+        if counts:
+            yield TranslatableText(
+                "too few, or too even over time, for a finding: {counts}", counts=listed(counts)
+            )
+
     def coverage(self, found: Sequence[Finding]) -> list[TranslatableText]:
-        """What was examined, where nothing was found; what could not be, with the reasons."""
+        """What was examined and counted, where nothing was found; what could not be, and why."""
         missing = self.not_covered()
         covered = [cause for cause in self.CAUSES if cause not in missing]
         texts: list[TranslatableText] = []
@@ -582,6 +620,7 @@ class Findings(RowModel):
                     "no findings in {rows:,} rows; examined: {causes}", rows=rows, causes=causes
                 )
             )
+            texts += self._not_findings()
         for why in dict.fromkeys(missing.values()):
             causes = listed(cause for cause, reason in missing.items() if reason == why)
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))

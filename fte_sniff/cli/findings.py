@@ -63,6 +63,7 @@ def findings_json(findings: Findings, found: Sequence[Finding]) -> dict[str, Any
             "first": None if total.first_ns is None else iso_time(total.first_ns),
             "last": None if total.last_ns is None else iso_time(total.last_ns),
             "causes": [cause for cause in findings.CAUSES if cause not in missing],
+            "events": {} if len(missing) == len(findings.CAUSES) else findings.counts(),
             "not_covered": [{"cause": cause, "reason": why} for cause, why in missing.items()],
         },
     }

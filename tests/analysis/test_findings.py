@@ -467,3 +467,24 @@ def test_the_scan_finds_a_span_and_its_ends() -> None:
     ((start, end, _),) = spans_of(counts, np.ones(1200, np.bool_))
     assert abs(start - 500) <= 3
     assert abs(end - 529) <= 3
+
+
+def test_what_is_counted_is_reported_where_there_is_no_finding() -> None:
+    def changes(n: int, motor: int) -> dict[str, int]:
+        is_single = motor == 2 and n in (100, 900)
+        return {"error": 4 if is_single else 0, "online": 0b1011 if n == 501 and motor == 1 else 15}
+
+    rows = list(polled(60, changes))
+    for at in range(0, len(rows), 80):
+        rows[at] = Damage(rows[at].port, at, b"\x01", rows[at].t_ns, (Fault.NOISE,))
+    model = findings_in(Rows.from_rows(rows))
+    assert model.found() == []
+    (line,) = [line for line in model.coverage([]) if "for a finding" in line]
+    assert line.endswith(
+        ": malformed rows 60 (1.2 %), frames with an ERROR flag 2,"
+        " frames that lack a bit of ONLINE 1"
+    )
+    assert model.counts() == {Cause.DAMAGE: 60, Cause.ERROR_FLAG: 2, Cause.OFFLINE: 1}
+    assert not [
+        line for line in findings_in(polled(60, lambda *_: {})).coverage([]) if "few" in line
+    ]
