@@ -463,6 +463,8 @@ class Findings(RowModel):
         self._waiting = 0
         """Rows whose facts are not decided."""
         self._opening = _Opening()
+        self.grows = False
+        """Whether more rows are expected: a lost port may be found again."""
 
     @classmethod
     def of_facts(cls) -> Self:
@@ -554,7 +556,8 @@ class Findings(RowModel):
     def _found_in(self, events: Events, alpha: float) -> list[Finding]:
         if self.total.times is None or not self.frames:
             return []
-        return _ranked(list(_all_of(events, self.total.times[1], alpha)))
+        lost = list(_lost_ports(events, self.total.times[1], grows=self.grows))
+        return _ranked([*lost, *_all_of(events, alpha)])
 
     def not_covered(self) -> dict[str, TranslatableText]:
         """By cause, why it could not be examined."""
@@ -662,8 +665,7 @@ def _ports_with(events: Events, what: str) -> list[str]:
     return sorted((port for port, count in counts.items() if count), key=lambda port: -counts[port])
 
 
-def _all_of(events: Events, last_ns: int, alpha: float) -> Iterator[Finding]:
-    yield from _lost_ports(events, last_ns)
+def _all_of(events: Events, alpha: float) -> Iterator[Finding]:
     several = len(events.ports) > 1
     for port, windows in events.ports.items():
         for series in _port_series(port, windows, several=several):
@@ -674,14 +676,13 @@ def _all_of(events: Events, last_ns: int, alpha: float) -> Iterator[Finding]:
             yield from _examined(events, events.windows, series, alpha)
 
 
-def _lost_ports(events: Events, last_ns: int) -> Iterator[Finding]:
+def _lost_ports(events: Events, last_ns: int, *, grows: bool) -> Iterator[Finding]:
+    still = TranslatableText("the port was lost and not found again")
+    if grows:
+        still = TranslatableText("the port was lost and not found again so far")
     for port, start, end in events.lost:
         until = last_ns if end is None else end
-        text = (
-            TranslatableText("the port was lost and not found again")
-            if end is None
-            else TranslatableText("the port was lost and found again")
-        )
+        text = still if end is None else TranslatableText("the port was lost and found again")
         yield Finding(
             Cause.PORT, port, None, None, start, max(start, until), 1, 0, 0.0, text, "", inf
         )

@@ -488,3 +488,12 @@ def test_what_is_counted_is_reported_where_there_is_no_finding() -> None:
     assert not [
         line for line in findings_in(polled(60, lambda *_: {})).coverage([]) if "few" in line
     ]
+
+
+def test_a_port_that_may_come_back_is_not_given_up() -> None:
+    model = findings_in(polled(10, lambda *_: {}))
+    model.observe_events([PortEvent(START_NS, "p", PortEventKind.LOST, "")])
+    assert [str(one.text) for one in model.found()] == ["the port was lost and not found again"]
+    model.grows = True
+    (found,) = model.found()
+    assert found.text == "the port was lost and not found again so far"

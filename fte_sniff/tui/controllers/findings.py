@@ -53,6 +53,7 @@ class FindingsController(ScreenController):
         try:
             # Of a copy: more rows are observed meanwhile.
             findings = models.findings.copy()
+            findings.grows = self._model.state.running
             search = findings.found_and_recent
             found, recent = await asyncio.to_thread(search, RECENT_NS if live else 0)
         finally:
