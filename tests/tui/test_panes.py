@@ -1231,6 +1231,20 @@ def test_the_panes_begin_where_they_were(feed: Any) -> None:
     play(feed, scenario, (200, 40), options=StartOptions(choices=choices))
 
 
+def test_the_lowest_pane_has_four_lines(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "S")
+        await settle(app, pilot)
+        assert divider(app).content_size.height >= 4
+        app._notice.warn("the port is lost")
+        await settle(app, pilot)
+        assert divider(app).content_size.height >= 4
+        assert table(app).size.height >= 3
+
+    layout = PaneLayout(height=SHARES.start)
+    play(feed, scenario, (80, 24), options=StartOptions(choices=Choices(panes=layout)))
+
+
 def test_a_narrow_terminal_shows_from_which_width_a_pane_is_beside(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "M", "L")
