@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff import __main__
+from fte_sniff.cli.streams import NOT_BEGUN
 from fte_sniff.errors import TOO_MANY_FILES
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM, started
@@ -238,8 +239,11 @@ def assert_quiet_end(environment: dict[str, str], folder: Path, *arguments: str)
         timeout=BOUND_S,
         check=False,
     )
-    # A shell makes 130 of the one as of the other.
-    assert (done.returncode in (130, -signal.SIGINT), done.stderr) == (True, b"")
+    if arguments[0] == "live" and done.returncode == 0:
+        assert done.stderr.decode() == f"{NOT_BEGUN}\n"
+    else:
+        # A shell makes 130 of the one as of the other.
+        assert (done.returncode in (130, -signal.SIGINT), done.stderr) == (True, b"")
     assert list(folder.iterdir()) == []
 
 
