@@ -1241,8 +1241,8 @@ def test_the_lowest_pane_has_four_lines(feed: Any) -> None:
         assert divider(app).content_size.height >= 4
         assert table(app).size.height >= 3
 
-    layout = PaneLayout(height=SHARES.start)
-    play(feed, scenario, (80, 24), options=StartOptions(choices=Choices(panes=layout)))
+    choices = Choices(pane_height=SHARES.start)
+    play(feed, scenario, (80, 24), options=StartOptions(choices=choices))
 
 
 def test_a_narrow_terminal_shows_from_which_width_a_pane_is_beside(feed: Any) -> None:
