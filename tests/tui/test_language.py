@@ -315,27 +315,28 @@ AMBIGUOUS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 """A position frame that can also be two truncated frames."""
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
 @pytest.mark.parametrize(
-    ("player", "words"),
-    [(play, "probability {share}: {reading}"), (play_chinese, "概率 {share}：{reading}")],
+    ("language", "words"),
+    [("en", "probability {share}: {reading}"), ("zh", "概率 {share}：{reading}")],
 )
 def test_the_detail_names_both_readings_with_their_probabilities(
-    feed: Any, player: Any, words: str, size: tuple[int, int]
+    feed: Any, language: str, words: str
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         framer = Framer("p")
         feed.give(framer.feed(Chunk("p", NOON_NS, AMBIGUOUS)) + framer.flush())
         await settle(app, pilot)
         await press(app, pilot, "i")
-        await settle(app, pilot)
-        for share, reading in (
-            ("90.90 %", "position AA 02 03 EE 55 02 01 03 E8 EE"),
-            ("9.09 %", "truncated AA 02 03 EE + truncated 55 02 01 03 E8 EE"),
-        ):
-            assert words.format(share=share, reading=reading) in "\n".join(lines(app))
+        for size in ((80, 24), (200, 60)):
+            await pilot.resize_terminal(*size)
+            await settle(app, pilot)
+            for share, reading in (
+                ("90.90 %", "position AA 02 03 EE 55 02 01 03 E8 EE"),
+                ("9.09 %", "truncated AA 02 03 EE + truncated 55 02 01 03 E8 EE"),
+            ):
+                assert words.format(share=share, reading=reading) in page(app)
 
-    player(feed, scenario, size)
+    play(feed, scenario, options=StartOptions(language=language))
 
 
 @pytest.mark.parametrize(

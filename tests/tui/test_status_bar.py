@@ -458,23 +458,21 @@ def test_what_still_holds_comes_back_and_goes_when_it_holds_no_more(feed: Any) -
     play(feed, scenario)
 
 
-@pytest.mark.parametrize(
-    "passing",
-    [
-        PortEvent(0, "one", PortEventKind.OPENED, "at 115200"),
-        PortEvent(0, "one", PortEventKind.LINE_ERROR, "2 framing", 2),
-    ],
-)
-def test_a_graver_notice_is_shown_before_the_answer_to_a_key(feed: Any, passing: PortEvent) -> None:
+def test_a_graver_notice_is_shown_before_the_answer_to_a_key(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.emit(passing)
-        await settle(app, pilot)
-        assert passing.detail in page(app)
-        feed.emit(PortEvent(0, "one", PortEventKind.LOST, "pulled out"))
-        await settle(app, pilot)
-        assert "one lost: pulled out" in page(app)
-        await press(app, pilot, "u")
-        assert "no row is marked" in page(app)
+        for port, passing in (
+            ("one", PortEvent(0, "one", PortEventKind.OPENED, "at 115200")),
+            ("two", PortEvent(0, "two", PortEventKind.LINE_ERROR, "2 framing", 2)),
+        ):
+            feed.emit(passing)
+            await settle(app, pilot)
+            assert passing.detail in page(app)
+            feed.emit(PortEvent(0, port, PortEventKind.LOST, "pulled out"))
+            await settle(app, pilot)
+            assert f"{port} lost: pulled out" in page(app)
+            await press(app, pilot, "u")
+            assert "no row is marked" in page(app)
+            await press(app, pilot, *["escape"] * 4)
 
     play(feed, scenario, options=WITHOUT_EVENT_LINES)
 
