@@ -59,9 +59,9 @@ _LATEST: Final = 8192
 class Health(Enum):
     """How a motor answered in a span of time."""
 
-    SOUND = "every command was answered, and nothing was wrong"
-    TROUBLED = "something was wrong"
-    SILENT = "no command was answered"
+    SOUND = "in the last 10 s its commands were answered, and at most 2 % had an event"
+    TROUBLED = "events at more than 2 % of its commands: unanswered, late, damage, flags"
+    SILENT = "none of its commands was answered"
 
 
 @dataclass(frozen=True, slots=True)

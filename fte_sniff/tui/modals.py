@@ -21,6 +21,7 @@ from textual.strip import Strip
 from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.motor_events import Health
 from fte_sniff.analysis.relations import UNCHANGED
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
@@ -40,6 +41,7 @@ from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, binding
 from fte_sniff.tui.i18n import ExplainedWord, _, choice_after, later, set_language
 from fte_sniff.tui.panes.motors import OFFLINE
 from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
+from fte_sniff.tui.panes.switcher import HEALTH
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
     DELTA,
@@ -309,6 +311,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
 
 EVENT_MEANING = later("a port event, or rows that are missing: not a row")
 FAULTY_CELL = later("rows with a fault, few to many; the colour is that of the worst")
+P99_MEANING = later("in the status line: 99 % of the answers of all motors came within this time")
 OFFLINE_MEANING = later(
     "its bit is 0; the protocol does not say which bit is which motor, this is an assumption:"
     " {bits}"
@@ -363,7 +366,9 @@ def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     in_bar.append((BAR_EVENT, _(EVENT_MEANING)))
     yield _("Signs in the scroll bar"), in_bar
     bits = _(listed(online_bit_text(motor) for motor in MOTORS))
-    yield _("Motors"), [(_(OFFLINE), _(OFFLINE_MEANING, bits=bits))]
+    of_motors = [(HEALTH[one], _(one.value)) for one in Health]
+    of_motors += [("p99", _(P99_MEANING)), (_(OFFLINE), _(OFFLINE_MEANING, bits=bits))]
+    yield _("Signs of motors"), of_motors
     yield _("Fields and their bytes"), list(field_pairs(palette))
     words: tuple[ExplainedWord, ...] = (*TimeStyle, *Delta)
     yield _("Times"), [(_(style), _(style.meaning)) for style in words]

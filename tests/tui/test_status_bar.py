@@ -34,6 +34,7 @@ from fte_sniff.tui.commands import (
 )
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import Choices, StartOptions
+from fte_sniff.tui.panes.switcher import HEALTH
 from fte_sniff.tui.status_bar import (
     KeyLine,
     NoticeLine,
@@ -319,6 +320,8 @@ def test_the_help_has_every_key_and_every_fault(width: int) -> None:
         assert fault in flat
     for motor in MOTORS:
         assert online_bit_text(motor) in flat
+    for word in (*HEALTH.values(), "p99", "OFFLINE"):
+        assert help_text(width, DARK, word).plain != "no match"
 
 
 def test_a_wide_help_has_two_columns_and_finds_words(feed: Any) -> None:
