@@ -215,7 +215,7 @@ def _json(data: bytes) -> bytes:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise ValueError("a message that is no JSON") from error
+        raise ValueError("a message that is not JSON") from error
     values = list(found.values()) if isinstance(found, dict) else [found]
     lists = [value for value in values if isinstance(value, list)]
     texts = [value for value in values if isinstance(value, str)]

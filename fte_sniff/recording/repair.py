@@ -169,7 +169,7 @@ def _nothing_left(path: Path) -> FileError | None:
         return unreadable(path, error)
     if start == MAGIC:
         return None
-    why = "this is no MCAP recording, so there is nothing to repair"
+    why = "this is not an MCAP recording, so there is nothing to repair"
     if not start:
         why = "it is empty: nothing was recorded into it, and there is nothing to repair"
     elif MAGIC.startswith(start):
