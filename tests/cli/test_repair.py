@@ -72,7 +72,7 @@ def test_the_number_of_lost_rows_is_reported(run, tmp_path: Path, samples: Path)
         (b"", 4, "is empty"),
         (b"\x89MCAP0\r\n", 4, "no whole chunk"),
         (b"\x89MCA", 4, "no whole chunk"),
-        (b"AA" * 99, 4, "no MCAP recording"),
+        (b"AA" * 99, 4, "not an MCAP recording"),
     ],
 )
 def test_where_nothing_is_left_nothing_is_written(
