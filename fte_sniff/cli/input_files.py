@@ -12,6 +12,7 @@ from datetime import UTC, tzinfo
 from functools import partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
+from select import select
 from typing import TYPE_CHECKING, Any, Final
 from weakref import finalize
 
@@ -47,6 +48,7 @@ from fte_sniff.formats.input_kind import (
     raw_chunks,
     raw_stream_chunks,
 )
+from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.input_reading import InputReading
@@ -61,6 +63,8 @@ from fte_sniff.session.inputs import (
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.formats.log_form import LogOptions
     from fte_sniff.session.file_jobs import FileJob, Model
@@ -499,11 +503,23 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
     return LogInput(LogReader(name, query.log_options(), stream), name)
 
 
+class _Waiting(FileIO):
+    """A pipe whose next bytes Ctrl-C ends the wait for.
+
+    With polars, the system continues a read after a signal, so that Python does not notice it.
+    """
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int | None:
+        if POSIX:  # on Windows only sockets can be selected
+            select([self], [], [])
+        return super().readinto(buffer)
+
+
 def _stream_of(path: Path) -> BufferedReader | None:
     """Standard input or a pipe, which can be read once; None for a file."""
     if path == STDIN:
-        return BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
-    return path.open("rb") if path.is_fifo() else None
+        return BufferedReader(_Waiting(sys.stdin.fileno(), closefd=False))
+    return BufferedReader(_Waiting(path)) if path.is_fifo() else None
 
 
 def _kind_of(stream: BufferedReader, name: str) -> InputKind:

@@ -333,7 +333,7 @@ def test_rounding_to_a_pulse_is_reported(run) -> None:
     [
         ("00 0F", []),
         ("04 0F", ["bit 2 is 1: meaning unknown"]),
-        ("00 1B", ["bit 2 is 0: motor 3 online", "bit 4 is 1: undefined"]),
+        ("00 1B", ["bit 2 is 0: motor 3 not online", "bit 4 is 1: undefined"]),
     ],
 )
 def test_only_the_bits_that_are_not_as_usual_have_a_line(run, flags: str, bits: list[str]) -> None:

@@ -6,7 +6,9 @@ import os
 import signal
 import socket
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
+from select import select
 
 import pytest
 from mcap.writer import Writer
@@ -139,6 +141,28 @@ def test_what_is_left_after_ctrl_c_is_reported(
     assert kept == ["part.csv"] * ("part.csv" in left)
     for name in kept:
         assert (tmp_path / name).read_text().startswith("time,port,")
+
+
+@pytest.mark.parametrize("source", ["-", "pipe"])
+def test_ctrl_c_ends_the_wait_for_more_bytes(environment, tmp_path: Path, source: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    words = ("decode", source, "--filter", "rpm > 100")
+    with started(environment, tmp_path, *words, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with ExitStack() as opened:
+            if source == "-":
+                pipe = process.stdin
+            else:
+                pipe = opened.enter_context((tmp_path / "pipe").open("wb"))
+            pipe.write(300 * b"AA 01 01 03 E8 00 00 00 00 EE\n")
+            pipe.flush()
+            assert os.read(process.stdout.fileno(), 1)
+            while select([process.stdout], [], [], 0.5)[0]:  # until it waits
+                assert os.read(process.stdout.fileno(), 65_536)
+            process.send_signal(signal.SIGINT)
+            wait_until(lambda: process.poll() is not None)
+            assert process.returncode == 130
 
 
 def test_a_command_that_is_nearly_right(run) -> None:

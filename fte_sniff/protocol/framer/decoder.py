@@ -1,6 +1,6 @@
 """Segmentation of a disputed span: Viterbi decoding, frame selection, and the fast paths.
 
-- The frames that are found are those that have the highest sum of posterior probabilities without overlap.
+- Its frames are those that have the highest sum of posterior probabilities without overlap.
 - The damaged spans between them get the most probable segmentation (Viterbi).
 - A frame below the probability `CERTAIN` is `ambiguous`, unless it is in step between a certain
   frame and another one and could not also be two truncated frames.
