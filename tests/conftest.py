@@ -74,4 +74,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if COMPILED:
         for item in items:
             if item.get_closest_marker("interpreted"):
-                item.add_marker(pytest.mark.skip("--interpreted runs it; so does test_compiled"))
+                item.add_marker(
+                    pytest.mark.skip("the framer is compiled; test_compiled runs it interpreted")
+                )

@@ -587,7 +587,7 @@ class Findings(RowModel):
         return {cause: count for cause, count in found.items() if cause not in missing}
 
     def _not_findings(self) -> Iterator[TranslatableText]:
-        """The events where there is no finding."""
+        """What is counted, although it makes no finding."""
         found, counts = self.counts(), list[TranslatableText]()
         if count := found.get(Cause.DAMAGE):
             share = f"{100 * count / self.total.rows:.2g}"

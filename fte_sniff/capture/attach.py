@@ -30,7 +30,7 @@ from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.reconnect import OpenedPort
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, ControlLine, PortSettings
-from fte_sniff.capture.source import AS_ASKED, ThreadedSource
+from fte_sniff.capture.source import AS_ASKED, SourceEnd, ThreadedSource
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
@@ -197,6 +197,10 @@ class AttachSource(ThreadedSource):
             return OSError(TranslatableText("strace was ended by {signal}", signal=name))
         programs = listed(self._port.holders, Joint.AND)
         return ProcessLookupError(TranslatableText("{programs} ended", programs=programs))
+
+    def _end_after(self, error: OSError) -> SourceEnd:
+        # The port is not at fault where the program ended.
+        return SourceEnd.STOPPED if isinstance(error, ProcessLookupError) else SourceEnd.LOST
 
     def _put_lines(self, data: bytes) -> None:
         *lines, self._rest = (self._rest + data).split(b"\n")

@@ -172,10 +172,7 @@ class ThreadedSource(Source, ABC):
         while (error := self._read_until_lost()) is not None:
             lost = one_line(error)
             if self._reopen is None:
-                # A program that is watched and ends is no fault of the port.
-                ended = isinstance(error, ProcessLookupError)
-                end = SourceEnd.STOPPED if ended else SourceEnd.LOST
-                self._finish(end, PortEventKind.LOST, lost)
+                self._finish(self._end_after(error), PortEventKind.LOST, lost)
                 return
             detail = TranslatableText("{error}; {awaited}", error=lost, awaited=self._awaited)
             self._put_event(PortEventKind.LOST, detail)
@@ -189,6 +186,10 @@ class ThreadedSource(Source, ABC):
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.message)
                 return
         self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, AS_ASKED)
+
+    def _end_after(self, _error: OSError) -> SourceEnd:
+        """How the capture ends after a loss that ends it."""
+        return SourceEnd.LOST
 
     def _wait_for_port(self, reopen: Reopen) -> OpenedPort | None:
         self._close_port()

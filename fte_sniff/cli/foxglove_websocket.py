@@ -15,6 +15,7 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from functools import partial
 from threading import Thread
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -125,6 +126,7 @@ class FoxgloveWebSocket:
         """
         try:
             from websockets.asyncio.server import serve
+            from websockets.typing import Subprotocol
         except ImportError:
             raise UsageError(
                 f"--serve needs the package websockets: {install_command('foxglove')}"
@@ -132,14 +134,14 @@ class FoxgloveWebSocket:
         host, port = address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
-            self._socket = socket.create_server(address, family=family)
+            listening = socket.create_server(address, family=family)
         except OSError as error:
             reason, _, _ = reason_of(error).partition(" (while")  # Python adds the address
             raise UsageError(
                 f"--serve {host}:{port}: {reason}; name another port, as in"
                 f" --serve {(port + 1) % (1 << 16)}"
             ) from None
-        self.port = int(self._socket.getsockname()[1])
+        self.port = int(listening.getsockname()[1])
         self._channels: list[dict[str, Any]] = []
         self._viewers: set[_Viewer] = set()
         self._lost: dict[str, int] = {}
@@ -159,20 +161,22 @@ class FoxgloveWebSocket:
         quiet.propagate = False
         quiet.handlers = [logging.NullHandler()]
         self._loop = asyncio.new_event_loop()
-        self._options: dict[str, Any] = {
-            "subprotocols": SUBPROTOCOLS,
-            "compression": None,
-            # A viewer that reads slowly also answers pings slowly.
-            "ping_interval": None,
-            "logger": quiet,
-        }
-        self._server = asyncio.run_coroutine_threadsafe(self._listen(serve), self._loop)
+        listen = partial(
+            serve,
+            self._serve,
+            sock=listening,
+            subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
+            compression=None,
+            ping_interval=None,  # a viewer that reads slowly also answers pings slowly
+            logger=quiet,
+        )
+        self._server = asyncio.run_coroutine_threadsafe(self._listen(listen), self._loop)
         self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
         self._thread.start()
         self._server.result()
 
-    async def _listen(self, serve: Any) -> Any:
-        return await serve(self._serve, sock=self._socket, **self._options)
+    async def _listen(self, listen: Any) -> Any:
+        return await listen()  # in the thread of the loop
 
     def add_channel(
         self, topic: str, schema_name: str, schema: bytes, metadata: Mapping[str, str]

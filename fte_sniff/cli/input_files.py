@@ -504,7 +504,7 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
 
 
 class _Waiting(FileIO):
-    """A pipe whose next bytes Ctrl-C ends the wait for.
+    """A pipe; Ctrl-C ends the wait for its next bytes.
 
     With polars, the system continues a read after a signal, so that Python does not notice it.
     """
