@@ -458,6 +458,7 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
     async def first(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "m")
         await until(app, pilot, lambda: "marks and notes are saved in" in page(app))
+        await until(app, pilot, recording_notes.exists)
         await press(app, pilot, "escape", "m")
         await until(app, pilot, lambda: not recording_notes.read_text())
         assert "are saved in" not in page(app)
