@@ -19,10 +19,9 @@ from pathlib import Path
 
 from benchmarks.live_program import taken
 from benchmarks.paced_line import frames_of
-from fte_sniff.capture.chunk_queue import Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.capture.source import SourceEnd
+from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from fte_sniff.session.capture_state import CapturePlan
 from fte_sniff.session.live_session import LiveSession

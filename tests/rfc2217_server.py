@@ -15,7 +15,7 @@ import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from fte_sniff.capture.pty import set_speed
+from fte_sniff.capture.bridge import set_speed
 from tests.beside import Work, server_socket
 
 IAC, SB, SE = b"\xff", b"\xfa", b"\xf0"

@@ -3,18 +3,15 @@
 Modules:
 
     attach        See a port that another program holds, by strace.
-    bridge        Forward bytes between a host program and a port, and capture both.
-    chunk_queue   Bounded queue of chunks between reader thread and consumer.
+    bridge        Forward bytes between a pseudo-terminal and a port, and capture both.
     clock         Monotonic clock tied to UTC; detects clock steps.
     discovery     List serial ports; who holds a port; adapters without driver.
     port_errors   Why a port cannot be opened: one sentence with the fix.
     port_source   The source that reads one port, or several merged by time.
-    pty           Pseudo-terminals: the bridge's host end.
     reconnect     Recognize a lost port that comes back; reopen it with backoff.
     serial_port   Open, configure, read and write one port; driver latency.
-    sim_model     Simulated motors, controller and host.
-    simulation    Simulated byte stream with faults, and its parameters.
-    source        Source interface, and the base class with a reader thread.
+    simulation    Simulated motors, controller, host and line with faults; parameters.
+    source        Source interface; reader thread, and its bounded queue of chunks.
     uart_errors   Line errors of a UART: counters and marks (PARMRK).
     url_handlers  sim://, socket:// and rfc2217:// for pyserial.
 """

@@ -24,13 +24,12 @@ from pathlib import Path
 from typing import Final
 
 from fte_sniff.capture.bridge import HOST
-from fte_sniff.capture.chunk_queue import ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.reconnect import OpenedPort
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, ControlLine, PortSettings
-from fte_sniff.capture.source import AS_ASKED, SourceEnd, ThreadedSource
+from fte_sniff.capture.source import AS_ASKED, ChunkQueue, SourceEnd, ThreadedSource
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 

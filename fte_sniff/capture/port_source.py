@@ -1,7 +1,4 @@
-"""Sources of serial ports that are only read: one port, or several.
-
-a reader thread for each port:  read -> stamp -> bounded queue ->  consumer: for item in source
-"""
+"""Sources of serial ports that are only read: one port, or several with one queue."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from dataclasses import dataclass
 
 import serial
 
-from fte_sniff.capture.chunk_queue import ChunkQueue, Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
 from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, reopener
@@ -27,7 +23,7 @@ from fte_sniff.capture.serial_port import (
     reader_of,
     request_capabilities,
 )
-from fte_sniff.capture.source import Source, SourceEnd, ThreadedSource
+from fte_sniff.capture.source import ChunkQueue, Item, Source, SourceEnd, ThreadedSource
 from fte_sniff.capture.uart_errors import LineWatch
 from fte_sniff.errors import TranslatableText, UsageError, printable
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind

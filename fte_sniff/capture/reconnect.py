@@ -31,7 +31,7 @@ LONGEST_WAIT_S = 1.0
 # The refused attempt that is reported; at the first, udev may just not be finished.
 _REPORTED_REFUSAL = 2
 
-_PTY_FOLDER = "/dev/pts/"
+PTY_FOLDER = "/dev/pts/"
 
 
 class Closable(Protocol):
@@ -140,7 +140,7 @@ def reopener(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
 
 
 def _is_pty(device: str | None) -> TypeGuard[str]:
-    return device is not None and os.path.realpath(device).startswith(_PTY_FOLDER)
+    return device is not None and os.path.realpath(device).startswith(PTY_FOLDER)
 
 
 def _open_device(found: str, settings: PortSettings, known: Container[str]) -> OpenedPort:

@@ -1,4 +1,4 @@
-"""Simulated byte stream with exact times, its faults and its parameters.
+"""The simulation behind `sim://` and `simulate`: motors, controller, host, and the bytes of a line.
 
 Nothing here reads a clock or sleeps; `sim://` delivers the bytes in real time.
 
@@ -6,7 +6,8 @@ The wire is a half-duplex bus with time slots of 1/rate seconds. Five slots are 
 
     host | motor 1 | motor 2 | motor 3 | motor 4 | host | motor 1 | ...
 
-A slot is silent if its owner sends nothing, or if its direction is not captured.
+A slot is silent if its owner sends nothing, or if its direction is not captured. The controller
+receives every command; faults affect only the listener.
 """
 
 from __future__ import annotations
@@ -14,15 +15,350 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from random import Random
-from typing import Any
+from typing import Any, TypeAlias
 from urllib.parse import parse_qsl
 
-from fte_sniff.capture.sim_model import Controller, SimulatedHost
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
+from fte_sniff.protocol import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    KINDS,
+    MOTORS,
+    Direction,
+    Field,
+    FrameKind,
+    byte_time_ns,
+    encode,
+)
+from fte_sniff.protocol.spec import Role, motor_bit
+
+# Motors
+
+PULSES_PER_TURN = 500
+"""Encoder pulses in one turn of a simulated motor; the protocol does not define it."""
+
+TOP_SPEED_RPM = 3000.0
+"""Highest speed of a simulated motor."""
+
+ACCELERATION_RPM_S = 4000.0
+"""Highest change of its speed, RPM per second."""
+
+SPEED_LAG_S = 0.04
+"""Time constant of the speed control, seconds."""
+
+POSITION_GAIN = 5.0
+"""Gain of the position control near the target: speed per remaining distance, 1/s."""
+
+_PULSES_PER_S_PER_RPM = PULSES_PER_TURN / 60
+_BRAKING_PULSES_S2 = 0.6 * ACCELERATION_RPM_S * _PULSES_PER_S_PER_RPM
+
+
+def clamp(value: float, bound: float) -> float:
+    """Limit `value` to `-bound`..`bound`."""
+    return max(-bound, min(bound, value))
+
+
+@dataclass(slots=True)
+class Motor:
+    """One motor; `step` advances its time."""
+
+    rpm: float = 0.0
+    pulses: float = 0.0
+    online: bool = True
+    """False while its driver does not answer; the motor then stops."""
+    _target_rpm: float = 0.0
+    _target_pulses: float | None = None
+    _limit_rpm: float = 0.0
+    _holds_zero: bool = False
+
+    def turn(self, rpm: float) -> None:
+        """Accelerate to a speed, and keep it."""
+        self._target_pulses = None
+        self._holds_zero = False
+        self._target_rpm = clamp(rpm, TOP_SPEED_RPM)
+
+    def move(self, pulses: float, limit_rpm: float) -> None:
+        """Move to a position at `limit_rpm` at most (its sign is ignored), and hold it."""
+        self._holds_zero = False
+        self._target_pulses = pulses
+        self._limit_rpm = min(abs(limit_rpm), TOP_SPEED_RPM)
+
+    def reset(self) -> None:
+        """Stop, and make the position zero."""
+        self.turn(0)
+        self._holds_zero = True
+
+    def step(self, dt_s: float) -> None:
+        """Advance by `dt_s` seconds, which must be much shorter than `SPEED_LAG_S`."""
+        target = self._target_speed()
+        change = clamp((target - self.rpm) * dt_s / SPEED_LAG_S, ACCELERATION_RPM_S * dt_s)
+        self.rpm += change
+        if target == 0 and abs(self.rpm) < 0.5:
+            self.rpm = 0.0
+        self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
+        if self._holds_zero:
+            self.pulses = 0.0
+
+    def _target_speed(self) -> float:
+        if not self.online:
+            return 0.0
+        if self._target_pulses is None:
+            return self._target_rpm
+        distance = self._target_pulses - self.pulses
+        if abs(distance) < 0.25:
+            return 0.0
+        braking = math.sqrt(2 * _BRAKING_PULSES_S2 * abs(distance))
+        pulses_s = min(braking, POSITION_GAIN * abs(distance))
+        return math.copysign(min(pulses_s / _PULSES_PER_S_PER_RPM, self._limit_rpm), distance)
+
+
+WHEEL_RADIUS_CM = 7.6
+GEAR_RATIO = 20
+"""Turns of the motor in one turn of its wheel."""
+
+HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
+"""Half the track plus half the wheelbase: the lever of a rotation."""
+
+STEP_S = 0.002
+"""Time step of the simulated physics, seconds."""
+
+OFFLINE_EVERY_S = (12.0, 90.0)
+"""Shortest and longest time between two periods in which one motor is offline."""
+
+OFFLINE_FOR_S = (0.4, 1.6)
+
+_RPM_PER_CM_S = 60 * GEAR_RATIO / (2 * math.pi * WHEEL_RADIUS_CM)
+_FEEDBACK_KIND_BY_CMD = {
+    cmd: kind for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds
+}
+
+
+def _control(*roles: Role) -> FrameKind:
+    """The command whose fields have these roles."""
+    return next(
+        kind
+        for kind in KINDS
+        if kind.direction is Direction.CONTROL and {f.role for f in kind.fields} == {*roles}
+    )
+
+
+_RESET = _control()
+_SPEED = _control(Role.MOTOR, Role.SPEED)
+_POSITION = _control(Role.MOTOR, Role.SPEED, Role.POSITION)
+_DRIVE = _control(Role.FORWARD, Role.LEFT, Role.ROTATION)
+
+
+def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
+    """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
+
+    Positive is forward, left and counter-clockwise. The protocol does not define where the motors
+    are; here: front left, front right, rear left, rear right, all forward with a positive speed.
+    """
+    turn_cm_s = wz_mrad_s / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
+    wheels_cm_s = (
+        vx_cm_s - vy_cm_s - turn_cm_s,
+        vx_cm_s + vy_cm_s + turn_cm_s,
+        vx_cm_s + vy_cm_s - turn_cm_s,
+        vx_cm_s - vy_cm_s + turn_cm_s,
+    )
+    return tuple(cm_s * _RPM_PER_CM_S for cm_s in wheels_cm_s)
+
+
+class Controller:
+    """Four motors, their modes, and the flags in the feedback."""
+
+    def __init__(self, rng: Random) -> None:
+        self.motors = {number: Motor() for number in MOTORS}
+        self._modes = dict.fromkeys(MOTORS, _SPEED)
+        self._rng = rng
+        self._steps = 0
+        self._offline = 0
+        self._change_at_s = self._between(*OFFLINE_EVERY_S)
+
+    def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
+        """Execute a control frame; ignore one for an unknown motor."""
+        if kind.direction is not Direction.CONTROL:
+            return
+        given = {field.role: values[field.name] for field in kind.fields}
+        if kind is _RESET:
+            for number, motor in self.motors.items():
+                motor.reset()
+                self._modes[number] = _SPEED
+        elif kind is _DRIVE:
+            speeds = wheel_speeds(given[Role.FORWARD], given[Role.LEFT], given[Role.ROTATION])
+            for number, rpm in zip(MOTORS, speeds, strict=True):
+                self.motors[number].turn(rpm)
+                self._modes[number] = kind
+        elif given[Role.MOTOR] in self.motors:
+            motor = self.motors[given[Role.MOTOR]]
+            self._modes[given[Role.MOTOR]] = kind
+            if kind is _POSITION:
+                motor.move(given[Role.POSITION], given[Role.SPEED])
+            else:
+                motor.turn(given[Role.SPEED])
+
+    def advance_to(self, t_s: float) -> None:
+        """Advance to `t_s`, seconds since the start."""
+        while self._steps * STEP_S < t_s:
+            self._steps += 1
+            for motor in self.motors.values():
+                motor.step(STEP_S)
+        while t_s >= self._change_at_s:
+            self._toggle_online()
+
+    def feedback(self, number: int) -> bytes | None:
+        """The feedback frame of one motor in its present mode; None while it is offline."""
+        motor, cmd = self.motors[number], self._modes[number].cmds[0]
+        if not motor.online:
+            return None
+        kind = _FEEDBACK_KIND_BY_CMD[cmd]
+        readings: dict[Role | None, Callable[[Field], int]] = {
+            Role.MOTOR: lambda _: number,
+            Role.ERRORS: lambda _: self._error,
+            Role.ONLINE: lambda _: self._online,
+            Role.SPEED: lambda _: self._measured(motor.rpm),
+            Role.POSITION: lambda field: _wrapped(round(motor.pulses), field),
+        }
+        values = {
+            field.name: readings[field.role](field)
+            for field in kind.fields
+            if field.role in readings
+        }
+        return encode(kind, values, cmd)
+
+    @property
+    def _online(self) -> int:
+        return sum(1 << motor_bit(number) for number, one in self.motors.items() if one.online)
+
+    @property
+    def _error(self) -> int:
+        return 1 << (self._offline - 1) if self._offline else 0
+
+    def _measured(self, rpm: float) -> int:
+        jitter = int(self._rng.random() * 3) - 1
+        return round(rpm) + (jitter if abs(rpm) > 20 else 0)
+
+    def _between(self, low: float, high: float) -> float:
+        return low + self._rng.random() * (high - low)
+
+    def _toggle_online(self) -> None:
+        if self._offline:
+            self.motors[self._offline].online = True
+            self._offline = 0
+            self._change_at_s += self._between(*OFFLINE_EVERY_S)
+        else:
+            self._offline = MOTORS[int(self._rng.random() * len(MOTORS))]
+            self.motors[self._offline].online = False
+            self._change_at_s += self._between(*OFFLINE_FOR_S)
+
+
+def _wrapped(value: int, field: Field) -> int:
+    return (value - field.low) % (field.high - field.low + 1) + field.low
+
+
+Command: TypeAlias = tuple[FrameKind, dict[str, int]]
+"""A kind of control frame and its values by row name."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostStep:
+    """Commands sent in turn, each at least once, for a time; a pause without commands."""
+
+    duration_s: float
+    commands: tuple[Command, ...] = ()
+
+
+class SimulatedHost:
+    """Sends a script of resets, speed ramps, position moves and drives."""
+
+    def __init__(self, rng: Random) -> None:
+        self._script = _script(rng)
+        self._step = next(self._script)
+        self._until_s = self._step.duration_s
+        self._sent = 0
+
+    def command_at(self, t_s: float) -> Command | None:
+        """The command sent at `t_s`, seconds since the start, monotonic; None for silence."""
+        while t_s >= self._until_s and self._sent >= len(self._step.commands):
+            self._step, self._sent = next(self._script), 0
+            self._until_s = t_s + self._step.duration_s
+        if not self._step.commands:
+            return None
+        command = self._step.commands[self._sent % len(self._step.commands)]
+        self._sent += 1
+        return command
+
+
+def _command(kind: FrameKind, values: Mapping[Role | None, int]) -> Command:
+    return kind, {field.name: values[field.role] for field in kind.fields}
+
+
+def _script(rng: Random) -> Iterator[HostStep]:
+    phases = (_speed_ramps, _position_moves, _drives)
+    while True:
+        yield HostStep(0.0, (_command(_RESET, {}),))
+        yield HostStep(0.3)
+        for phase in phases:
+            yield from phase(rng)
+            yield HostStep(_pick(rng, 2, 8) / 10)
+
+
+def _pick(rng: Random, low: int, high: int) -> int:
+    return low + int(rng.random() * (high - low + 1))
+
+
+def _sign(rng: Random) -> int:
+    return 1 if rng.random() < 0.5 else -1
+
+
+def _speed_ramps(rng: Random) -> Iterator[HostStep]:
+    tops = {motor: _sign(rng) * _pick(rng, 4, 30) * 50 for motor in MOTORS}
+    levels = [*range(1, 11), 10, 10, 10, *range(9, -1, -1)]
+    for level in levels:
+        yield HostStep(
+            0.15,
+            tuple(
+                _command(_SPEED, {Role.MOTOR: motor, Role.SPEED: top * level // 10})
+                for motor, top in tops.items()
+            ),
+        )
+
+
+def _position_moves(rng: Random) -> Iterator[HostStep]:
+    goals = [(m, _sign(rng) * _pick(rng, 4, 40) * 500) for m in MOTORS]
+    for targets in (goals, [(m, 0) for m in MOTORS]):
+        limit = _pick(rng, 6, 12) * 100
+        yield HostStep(
+            0.1,
+            tuple(
+                _command(_POSITION, {Role.MOTOR: motor, Role.SPEED: limit, Role.POSITION: at})
+                for motor, at in targets
+            ),
+        )
+        yield HostStep(_pick(rng, 25, 35) / 10)
+
+
+def _drives(rng: Random) -> Iterator[HostStep]:
+    directions = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
+    for _ in range(_pick(rng, 4, 6)):
+        vx, vy, wz = directions[_pick(rng, 0, len(directions) - 1)]
+        cm_s, mrad_s = _pick(rng, 2, 10) * 5, _pick(rng, 3, 15) * 100
+        for tenths in range(2, 11, 2):
+            yield _drive(0.1, vx * cm_s * tenths // 10, vy * cm_s * tenths // 10,
+                         wz * mrad_s * tenths // 10)  # fmt: skip
+        yield _drive(_pick(rng, 5, 15) / 10, vx * cm_s, vy * cm_s, wz * mrad_s)
+    yield _drive(0.4, 0, 0, 0)
+
+
+def _drive(duration_s: float, vx: int, vy: int, wz: int) -> HostStep:
+    values: dict[Role | None, int] = {Role.FORWARD: vx, Role.LEFT: vy, Role.ROTATION: wz}
+    return HostStep(duration_s, (_command(_DRIVE, values),))
+
+
+# The line: faults, parameters, bytes with times
 
 MOST_DROPPED = 4  # adjacent bytes lost in one fault, at most
 MOST_NOISE = 8  # random bytes between two frames, at most
@@ -235,7 +571,6 @@ class Simulation:
         command = self._host.command_at(t_s) if self.parameters.host == "on" else None
         if command is None:
             return None
-        # Faults affect only the listener: the controller receives every command.
         self.controller.obey(*command)
         return encode(*command) if self.parameters.wire != Direction.FEEDBACK else None
 

@@ -8,10 +8,9 @@ import struct
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import Bridge
+from fte_sniff.capture.bridge import Bridge, speed_of
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import open_source
-from fte_sniff.capture.pty import speed_of
 from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError

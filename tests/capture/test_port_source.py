@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.chunk_queue import ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup, PortSource, open_source
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.simulation import SimulationParameters, simulate
-from fte_sniff.capture.source import SourceEnd
+from fte_sniff.capture.source import ChunkQueue, SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from tests.beside import Work, held, server_socket

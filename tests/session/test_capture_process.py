@@ -10,11 +10,10 @@ from typing import Self
 
 import pytest
 
-from fte_sniff.capture.chunk_queue import Item
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
-from fte_sniff.capture.source import SourceEnd
+from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts

@@ -9,7 +9,7 @@ from typing import cast
 
 import pytest
 
-from fte_sniff.capture.chunk_queue import ChunkQueue, Item
+from fte_sniff.capture.source import ChunkQueue, Item
 from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind, Row
 
 FRAME = bytes.fromhex("55010100000000000FEE")
