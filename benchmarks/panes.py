@@ -21,9 +21,9 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.tui.painter import DARK
 from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
 from fte_sniff.tui.panes.statistics import StatisticsPage
-from fte_sniff.tui.table.theme import DARK
 
 START_NS = 1_769_860_800_000_000_000
 DISTINCT = 50_000

@@ -27,11 +27,10 @@ from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.protocol.spec import Role
 from fte_sniff.recording.output_file import STOPPED
+from fte_sniff.tui.cells import Delta, TimeStyle, event_words
 from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND, Mode
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
-from fte_sniff.tui.table.columns import Delta, TimeStyle
-from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.text import event_words
+from fte_sniff.tui.painter import Sign
 
 # The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"

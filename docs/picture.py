@@ -30,7 +30,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers.findings import SEARCH
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.switcher import STEP_ROWS
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 
 FOLDER = Path(__file__).with_name("pictures")
 """Folder of the pictures."""

@@ -39,8 +39,8 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
+from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
-from fte_sniff.tui.table.columns import ORDER, VALUES, Delta
 
 if TYPE_CHECKING:
     from fte_sniff.session.notes import Place

@@ -9,7 +9,7 @@ from datetime import UTC
 from inspect import isawaitable
 from pathlib import Path
 from time import monotonic_ns
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.console import RenderableType
 from textual import on
@@ -33,6 +33,7 @@ from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
 from fte_sniff.session.notes import Place, RowKey
+from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.commands import (
     COMMANDS,
     FINDING,
@@ -55,18 +56,19 @@ from fte_sniff.tui.controllers.rows import RowController
 from fte_sniff.tui.controllers.search import SearchController
 from fte_sniff.tui.controllers.view import ViewController
 from fte_sniff.tui.focus import Focus
-from fte_sniff.tui.frame_pacer import FramePacer
 from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
 from fte_sniff.tui.modals import Entry, Picker
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
+from fte_sniff.tui.painter import CONTRAST_THEMES, ColorRules, NoColor, ReadableColors
 from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
-from fte_sniff.tui.table.columns import TimeStyle
-from fte_sniff.tui.table.theme import CONTRAST_THEMES, ColorRules, NoColor, ReadableColors
-from fte_sniff.tui.table.widget import RowTable, TableHeader
+from fte_sniff.tui.table import RowTable, TableHeader
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
+
+if TYPE_CHECKING:
+    from fte_sniff.tui.terminal import FramePacer
 
 LOW = 16
 """Lines of the terminal below which a pane has only a few."""

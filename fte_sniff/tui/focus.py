@@ -9,7 +9,7 @@ from textual.widget import Widget
 
 from fte_sniff.tui.commands import Where
 from fte_sniff.tui.panes.top import TopView
-from fte_sniff.tui.table.widget import RowTable, TableHeader
+from fte_sniff.tui.table import RowTable, TableHeader
 
 
 class TypedField(Protocol):

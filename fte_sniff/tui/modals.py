@@ -37,13 +37,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.columns import short_names_of
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.spec import online_bit_text
-from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, bindings, key_names
-from fte_sniff.tui.i18n import ExplainedWord, _, choice_after, later, set_language
-from fte_sniff.tui.panes.motors import OFFLINE
-from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
-from fte_sniff.tui.panes.switcher import HEALTH
-from fte_sniff.tui.status_bar import KeyLine
-from fte_sniff.tui.table.columns import (
+from fte_sniff.tui.cells import (
     DELTA,
     ORDER,
     RAISED_MARK,
@@ -53,15 +47,22 @@ from fte_sniff.tui.table.columns import (
     TimeStyle,
     layout_for,
 )
-from fte_sniff.tui.table.painter import (
+from fte_sniff.tui.commands import CHOOSING, PICKING, READING, SECTIONS, bindings, key_names
+from fte_sniff.tui.i18n import ExplainedWord, _, choice_after, later, set_language
+from fte_sniff.tui.painter import (
     BAR_EVENT,
     BAR_MARKED,
     BAR_RAISED,
     EVENT_SIGN,
+    REVERSED,
     SHADES,
+    Palette,
     Sign,
 )
-from fte_sniff.tui.table.theme import REVERSED, Palette
+from fte_sniff.tui.panes.motors import OFFLINE
+from fte_sniff.tui.panes.row import UNCERTAIN_ORDER
+from fte_sniff.tui.panes.switcher import HEALTH
+from fte_sniff.tui.status_bar import KeyLine
 
 
 def list_line(text: str, right: str) -> Table:

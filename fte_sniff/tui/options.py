@@ -15,7 +15,7 @@ from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
 from fte_sniff.session.replay import Viewers
 from fte_sniff.session.save import UNKNOWN, ExportSource
-from fte_sniff.tui.table.columns import Delta, TableView
+from fte_sniff.tui.cells import Delta, TableView
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter

@@ -26,11 +26,11 @@ from fte_sniff.errors import FilterError, FteSniffError, TranslatableText
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.save import DEFAULT_NAME
+from fte_sniff.tui.cells import first_fitting
 from fte_sniff.tui.focus import Focus
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.modals import LineList, list_line
 from fte_sniff.tui.status_bar import WrappedText
-from fte_sniff.tui.text import first_fitting
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 if TYPE_CHECKING:

@@ -26,11 +26,10 @@ from fte_sniff.errors import listed
 from fte_sniff.protocol import PortEvent, PortEventKind, Rows
 from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.session.replay import Playback
+from fte_sniff.tui.cells import event_words
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.status_bar import StatusCounters
-from fte_sniff.tui.table.viewport import Viewport
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.text import event_words
+from fte_sniff.tui.table import RowTable, Viewport
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter

@@ -23,9 +23,9 @@ from fte_sniff.cli.settings import (
     settings_path,
 )
 from fte_sniff.errors import FileError
+from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
-from fte_sniff.tui.table.columns import ORDER, VALUES, Delta
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 from tests.cost import grows_linearly

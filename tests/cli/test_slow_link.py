@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from time import sleep
 
-from fte_sniff.tui.frame_pacer import ANSWER, QUERY
+from fte_sniff.tui.terminal import ANSWER, QUERY
 from tests.cli.terminals import Terminal, terminal
 from tests.waiting import while_waiting
 

@@ -33,7 +33,7 @@ from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import search
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from tests.protocol.oracle import frame_faults
 from tests.waiting import BOUND_S
 

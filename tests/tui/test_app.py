@@ -26,7 +26,7 @@ from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.prompt import PromptField
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from tests.cli.terminals import Terminal, controlling_terminal, terminal
 from tests.slow import first
 from tests.tui.conftest import (

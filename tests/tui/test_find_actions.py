@@ -24,8 +24,8 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.controllers import search
 from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.table.theme import DARK
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.painter import DARK
+from fte_sniff.tui.table import RowTable
 from tests.support.recorded_rows import write_recording
 from tests.tui.conftest import (
     NOON_NS,

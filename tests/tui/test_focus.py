@@ -20,7 +20,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import COMMANDS, OPENING
 from fte_sniff.tui.panes.top import TopView
 from fte_sniff.tui.prompt import PromptField, PromptLine
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, _speed_rows, play, press, rush, settle
 

@@ -44,10 +44,12 @@ from fte_sniff.recording.output_file import DeletedError, stopped_by_error, stop
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.input_reading import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.cells import event_text, landmark_text
 from fte_sniff.tui.commands import COMMANDS, KEY_NAMES, SECTIONS, Mode, short_text
 from fte_sniff.tui.i18n import CATALOGUES, _, error_text, language_of, set_language
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.painter import DARK
 from fte_sniff.tui.panes import motors
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
 from fte_sniff.tui.status_bar import (
@@ -57,8 +59,6 @@ from fte_sniff.tui.status_bar import (
     status_text,
     title_text,
 )
-from fte_sniff.tui.table.theme import DARK
-from fte_sniff.tui.text import event_text, landmark_text
 from tests.analysis.filter.test_parser import MISTAKES
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, Rows, Scenario, enter_line, lines, page, play, press, settle

@@ -42,8 +42,10 @@ from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui import i18n
 from fte_sniff.tui.app import LOW, SniffApp
+from fte_sniff.tui.cells import event_words, span_text, turns_text
 from fte_sniff.tui.i18n import LANGUAGES, set_language
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
+from fte_sniff.tui.painter import DARK, LIGHT
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import STEP_SHARE, Pane
 from fte_sniff.tui.panes.plot import (
@@ -64,9 +66,7 @@ from fte_sniff.tui.panes.row import (
     neighbours,
 )
 from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
-from fte_sniff.tui.table.theme import DARK, LIGHT
-from fte_sniff.tui.table.widget import TableHeader
-from fte_sniff.tui.text import event_words, span_text, turns_text
+from fte_sniff.tui.table import TableHeader
 from tests.analysis import conftest
 from tests.slow import first
 from tests.tui.conftest import (

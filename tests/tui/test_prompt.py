@@ -27,7 +27,7 @@ from fte_sniff.tui.controllers.rows import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.prompt import Dropdown, FilterField, History
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from tests.tui.conftest import (
     NOON_NS,
     STEP_NS,

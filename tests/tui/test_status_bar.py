@@ -20,6 +20,7 @@ from fte_sniff.protocol import FAULT_MEANINGS, MOTORS, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.cells import event_text
 from fte_sniff.tui.commands import (
     COMMANDS,
     FINDING,
@@ -34,6 +35,7 @@ from fte_sniff.tui.commands import (
 )
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import Choices, StartOptions
+from fte_sniff.tui.painter import DARK
 from fte_sniff.tui.panes.switcher import HEALTH
 from fte_sniff.tui.status_bar import (
     KeyLine,
@@ -46,9 +48,7 @@ from fte_sniff.tui.status_bar import (
     status_text,
     title_text,
 )
-from fte_sniff.tui.table.theme import DARK
-from fte_sniff.tui.table.viewport import Viewport
-from fte_sniff.tui.text import event_text
+from fte_sniff.tui.table import Viewport
 from fte_sniff.tui.view_model import ViewModel
 from tests.tui.conftest import (
     enter_line,

@@ -35,13 +35,10 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.tui.cells import DELTA, ORDER, VALUES, TableView, layout_for, short_kind, value_parts
+from fte_sniff.tui.painter import DARK, LIGHT, Painter, Palette, RowCell
 from fte_sniff.tui.panes.row import DetailLayout, detail_text
-from fte_sniff.tui.table.columns import DELTA, ORDER, VALUES, TableView, layout_for
-from fte_sniff.tui.table.painter import Painter, RowCell
-from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
-from fte_sniff.tui.table.viewport import RowMarks, Viewport
-from fte_sniff.tui.table.widget import ScrollScale
-from fte_sniff.tui.text import short_kind, value_parts
+from fte_sniff.tui.table import RowMarks, ScrollScale, Viewport
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))

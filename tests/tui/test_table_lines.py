@@ -21,11 +21,11 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.cells import RAISED_MARK, Delta, TableView, layout_for
 from fte_sniff.tui.commands import SECTIONS, action_of
 from fte_sniff.tui.options import Choices, StartOptions
+from fte_sniff.tui.painter import EVENT_SIGN, SHADES, RowCell, Sign
 from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.table.columns import RAISED_MARK, Delta, TableView, layout_for
-from fte_sniff.tui.table.painter import EVENT_SIGN, SHADES, RowCell, Sign
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, Rows, lines, page, play, press, settle, table
 

@@ -17,27 +17,25 @@ from textual.theme import BUILTIN_THEMES, Theme
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.tui.cells import RAISED_MARK
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.panes.row import dump
-from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.painter import (
+from fte_sniff.tui.painter import (
     BAR_EVENT,
     BAR_MARKED,
     BAR_RAISED,
+    CONTRAST_THEMES,
     EVENT_SIGN,
+    REVERSED,
     SHADES,
     BarSign,
-    Sign,
-    over_line,
-)
-from fte_sniff.tui.table.theme import (
-    CONTRAST_THEMES,
-    REVERSED,
     Colors,
     Palette,
     ReadableColors,
+    Sign,
+    over_line,
     palette_of,
 )
+from fte_sniff.tui.panes.row import dump
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
 FRAMES = {

@@ -15,13 +15,13 @@ from textual.pilot import Pilot
 
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.cells import TableView, TimeStyle, layout_for
 from fte_sniff.tui.commands import PALETTE
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.modals import ColumnChooser, Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.table.columns import TableView, TimeStyle, layout_for
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from tests.tui.conftest import (
     NOON_NS,
     Rows,

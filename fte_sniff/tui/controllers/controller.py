@@ -9,7 +9,7 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.pane import Body
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.status_bar import NoticeLine
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.table import RowTable
 from fte_sniff.tui.view_model import ViewModel
 
 

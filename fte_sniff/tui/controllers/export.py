@@ -27,10 +27,10 @@ from fte_sniff.session.save import (
     free_path,
     replace_text,
 )
+from fte_sniff.tui.cells import WITH_DETAIL
 from fte_sniff.tui.controllers.controller import Parts, ScreenController
 from fte_sniff.tui.i18n import _, error_text
 from fte_sniff.tui.prompt import ROWS_FILE, PromptField
-from fte_sniff.tui.text import WITH_DETAIL
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter

@@ -6,11 +6,11 @@ from dataclasses import replace
 from datetime import UTC
 
 from fte_sniff.protocol.dissect import dissect
+from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.controllers.controller import ScreenController
 from fte_sniff.tui.i18n import _, choice_after
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, HelpPage
 from fte_sniff.tui.panes.pane import BESIDE_CELLS
-from fte_sniff.tui.table.columns import TimeStyle
 
 
 class ViewController(ScreenController):

@@ -12,9 +12,9 @@ from fte_sniff.errors import TranslatableText
 from fte_sniff.formats.cell_text import clock_text, wrap
 from fte_sniff.protocol import Status
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.painter import REVERSED, Palette
 from fte_sniff.tui.panes.pane import HINT as PANE_HINT
 from fte_sniff.tui.panes.pane import Pane, PaneContext
-from fte_sniff.tui.table.theme import REVERSED, Palette
 
 CHOSEN = ">"
 """Sign of the finding to which enter leads."""

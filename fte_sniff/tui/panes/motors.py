@@ -34,7 +34,9 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role, online_bit_text
+from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.painter import BOLD, PLAIN, Palette, Sign
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import (
     SCALE_CELLS,
@@ -45,10 +47,6 @@ from fte_sniff.tui.panes.plot import (
     plot,
     time_axis,
 )
-from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.table.theme import BOLD, PLAIN, Palette
-from fte_sniff.tui.text import first_fitting, span_text, turns_text
 
 SECOND_NS: Final = 1_000_000_000
 

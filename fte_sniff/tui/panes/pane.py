@@ -23,10 +23,10 @@ from fte_sniff.analysis.relations import CommandAnswer
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
+from fte_sniff.tui.cells import first_fitting
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.options import SHARES, PaneLayout
-from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import first_fitting
+from fte_sniff.tui.painter import Palette
 
 HINT = later("J K: scroll   esc: close")
 

@@ -26,7 +26,7 @@ from fte_sniff.analysis.series import EnvelopeColumns, Floats
 from fte_sniff.analysis.usual_range import inside, medians, usual_targets
 from fte_sniff.formats.cell_text import fit_right, short_number
 from fte_sniff.protocol.rows import Bools, Ints
-from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.painter import Palette
 
 ACROSS: Final = 2
 

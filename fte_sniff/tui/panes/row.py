@@ -32,11 +32,10 @@ from fte_sniff.protocol.dissect import (
 from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.readings import CONTEXT, LEARNED, is_doubtful, readings
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.painter import Palette, Sign
 from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
-from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import span_text, turns_text
 
 INLINE_BYTES = 4
 """A field of at most this many bytes shows them before its name; others below it."""

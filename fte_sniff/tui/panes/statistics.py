@@ -32,13 +32,12 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import KINDS, Direction, status_of
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.tui.cells import RAISED_MARK, event_words, span_text
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.painter import BOLD, Palette
 from fte_sniff.tui.panes.findings import finding_lines
 from fte_sniff.tui.panes.pane import HINT as PANE_HINT
 from fte_sniff.tui.panes.pane import Pane, PaneContext
-from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.theme import BOLD, Palette
-from fte_sniff.tui.text import event_words, span_text
 
 SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
 

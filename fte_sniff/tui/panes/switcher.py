@@ -13,14 +13,14 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent
+from fte_sniff.tui.cells import span_text
 from fte_sniff.tui.panes.findings import FindingsPane
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
-from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.text import span_text
+from fte_sniff.tui.table import RowTable
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 PANES: Final[tuple[type[Pane], ...]] = (

@@ -41,14 +41,12 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import KINDS, Direction
 from fte_sniff.protocol.spec import Role, motor_bit
+from fte_sniff.tui.cells import RAISED_MARK, first_fitting, short_kind, span_text, value_parts
 from fte_sniff.tui.commands import TOP, action_of, bindings
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.painter import REVERSED, Palette, over_line
 from fte_sniff.tui.panes.motors import ERROR, OFFLINE, ONLINE, SECOND_NS
 from fte_sniff.tui.panes.pane import PaneContext
-from fte_sniff.tui.table.columns import RAISED_MARK
-from fte_sniff.tui.table.painter import over_line
-from fte_sniff.tui.table.theme import REVERSED, Palette
-from fte_sniff.tui.text import first_fitting, short_kind, span_text, value_parts
 
 CURVE_NS: Final = 10 * SECOND_NS
 

@@ -6,8 +6,8 @@ import asyncio
 
 import pytest
 
-from fte_sniff.tui import frame_pacer
-from fte_sniff.tui.frame_pacer import MOST_SILENT, QUERY, FramePacer
+from fte_sniff.tui import terminal
+from fte_sniff.tui.terminal import MOST_SILENT, QUERY, FramePacer
 from tests.waiting import while_waiting
 
 
@@ -73,7 +73,7 @@ def test_frame_waits_while_output_does() -> None:
 
 
 def test_terminal_that_never_answers_is_asked_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_pacer, "FIRST_PATIENCE_S", 0)
+    monkeypatch.setattr(terminal, "FIRST_PATIENCE_S", 0)
 
     async def scenario() -> None:
         drawn = Drawn(asyncio.get_running_loop())
