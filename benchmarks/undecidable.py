@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 from benchmarks.framer_quality import rows_of
 from fte_sniff.protocol import Frame
-from fte_sniff.protocol.framer.likelihood import CERTAIN
+from fte_sniff.protocol.framer.model import CERTAIN
 from tests.protocol import oracle
 from tests.support.faults import PAYLOADS, Sent, damaged_stream
 from tests.support.score import score

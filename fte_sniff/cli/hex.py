@@ -18,7 +18,7 @@ from fte_sniff.formats.log_form import LogOptions
 from fte_sniff.formats.log_reader import LogReader
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Rows
-from fte_sniff.protocol.readings import with_readings
+from fte_sniff.protocol.dissect import with_readings
 from fte_sniff.session.log_rows import rows_of_log
 
 PORT_NAME = "hex"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
-from fte_sniff.protocol.readings import WHY
+from fte_sniff.protocol.dissect import WHY
 
 if TYPE_CHECKING:
     import polars as pl

@@ -2,8 +2,7 @@
 
 Modules:
 
-    dissect     Explain the bytes of a row field by field.
-    readings    The best two readings of a damaged or ambiguous row, with probabilities.
+    dissect     Explain a row: its bytes field by field, and the readings of damage.
     framer      The framer: chunks in, rows out.
     columns     The column table; time formats.
     look        Signs and colours of each status.

@@ -14,7 +14,7 @@ from typing import Final
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import StreamChange, rising_times, shifted
 from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.readings import Readings
+from fte_sniff.protocol.dissect import Readings
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 from fte_sniff.session.inputs import InputBatch
 

@@ -260,7 +260,7 @@ class InputReading:
         if not (self._has_facts or self._has_readings):
             return None
         from fte_sniff.analysis.facts import Facts
-        from fte_sniff.protocol.readings import Readings
+        from fte_sniff.protocol.dissect import Readings
         from fte_sniff.session.fact_stage import FactStage
 
         return FactStage(

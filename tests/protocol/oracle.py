@@ -1,9 +1,9 @@
 """Independent references for the framer: regular expressions for the predicates, and a slow model.
 
 The regular expressions are built from the frame table alone. Each one expresses what the docstring
-of `predicates` says of the predicate with its name.
+of `model` says of the predicate with its name.
 
-The model takes the numbers of `likelihood`, and nothing else from the framer: no spans, no
+The model takes the numbers of `model`, and nothing else from the framer: no spans, no
 streaming, no shortcuts. Every way in which a frame of every kind can be damaged is written out and
 scored byte by byte; every offset of the whole stream can start any of them; and the scores of all
 segmentations are summed over the whole stream, from both sides. A stream is a sequence of whole
@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from math import exp, inf, log, prod
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, Fault, FrameKind
-from fte_sniff.protocol.framer.likelihood import (
+from fte_sniff.protocol.framer.model import (
     BROKEN,
     FOREIGN,
     INTACT,
@@ -44,6 +44,8 @@ from fte_sniff.protocol.framer.likelihood import (
     NOISE_CONTINUES,
     NOISE_ENDS,
     UNUSUAL,
+    FrameTables,
+    Reserve,
     byte_scores,
     change_scores,
     insertion_score,
@@ -51,7 +53,6 @@ from fte_sniff.protocol.framer.likelihood import (
     payload_scores,
     truncation_scores,
 )
-from fte_sniff.protocol.framer.tables import FrameTables, Reserve
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FTE_FORMAT,

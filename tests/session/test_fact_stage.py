@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind, Row
-from fte_sniff.protocol.readings import Readings, is_doubtful
+from fte_sniff.protocol.dissect import Readings, is_doubtful
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.fact_stage import FactStage
 from fte_sniff.session.inputs import InputBatch

@@ -6,7 +6,7 @@ import json
 
 from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status, status_of
 from fte_sniff.protocol.columns import Column, ColumnType
-from fte_sniff.protocol.readings import MOST, WHY
+from fte_sniff.protocol.dissect import MOST, WHY
 from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import VALUE_FIELDS, Field, FrameKind
 

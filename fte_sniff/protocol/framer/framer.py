@@ -24,18 +24,32 @@ from typing import Final, final
 
 from mypy_extensions import i64
 
-from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore
-from fte_sniff.protocol.framer.decoder import clear_damage, decode, decode_alone, trust_calm_line
-from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, LIKELY, OPEN
-from fte_sniff.protocol.framer.posterior import (
+from fte_sniff.protocol.framer.decoder import (
     BoundaryState,
+    CandidateSet,
     ForwardBackward,
+    PrefixScore,
     after_certain_frame,
     after_silence,
     at_stream_start,
+    clear_damage,
+    decode,
+    decode_alone,
     in_long_noise,
+    trust_calm_line,
 )
-from fte_sniff.protocol.framer.predicates import (
+from fte_sniff.protocol.framer.model import (
+    BOUNDARY,
+    CLOSED,
+    EXTRA,
+    FTE_TABLES,
+    LIKELY,
+    NOISE,
+    OPEN,
+    RESERVED_NONZERO,
+    TRUNCATED,
+    FrameTables,
+    ReserveLearner,
     end_of_run,
     find_anchor,
     find_framed,
@@ -46,17 +60,14 @@ from fte_sniff.protocol.framer.predicates import (
     is_isolated,
     is_strict,
 )
-from fte_sniff.protocol.framer.reserve import ReserveLearner
-from fte_sniff.protocol.framer.segments import LineHealth, PendingBytes, Segment
-from fte_sniff.protocol.framer.tables import (
-    EXTRA,
-    FTE_TABLES,
-    NOISE,
-    RESERVED_NONZERO,
-    TRUNCATED,
-    FrameTables,
+from fte_sniff.protocol.framer.segments import (
+    SETTLING_NS,
+    ArrivalTimeline,
+    IdleTimes,
+    LineHealth,
+    PendingBytes,
+    Segment,
 )
-from fte_sniff.protocol.framer.timestamps import SETTLING_NS, ArrivalTimeline, IdleTimes
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import Codebook, Row, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns

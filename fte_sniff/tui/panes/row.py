@@ -23,14 +23,17 @@ from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import (
+    CONTEXT,
+    LEARNED,
     ExplainedBit,
     ExplainedField,
     dissect,
     explain,
     explain_readings,
+    is_doubtful,
+    readings,
 )
 from fte_sniff.protocol.look import LOOKS
-from fte_sniff.protocol.readings import CONTEXT, LEARNED, is_doubtful, readings
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.i18n import _, later

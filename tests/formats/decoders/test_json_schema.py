@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 from fte_sniff.formats.decoders.json_schema import schema
 from fte_sniff.formats.writers import JsonlWriter
 from fte_sniff.protocol import COLUMNS, DEFAULT_BAUD, KINDS, Chunk, Framer, Row, Rows, encode
-from fte_sniff.protocol.readings import WHY, with_readings
+from fte_sniff.protocol.dissect import WHY, with_readings
 from tests.protocol.streams import raw_bytes
 from tests.recording.conftest import some_rows
 

@@ -15,30 +15,32 @@ from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH, Fault, Frame
 from fte_sniff.protocol.framer import FrameTables
-from fte_sniff.protocol.framer.candidates import CandidateSet
 from fte_sniff.protocol.framer.decoder import (
+    BoundaryState,
+    CandidateSet,
     DamagedSpan,
+    ForwardBackward,
+    after_certain_frame,
     clear_damage,
     decode,
     decode_alone,
     trust_calm_line,
 )
-from fte_sniff.protocol.framer.likelihood import (
+from fte_sniff.protocol.framer.model import (
     BOUNDARY,
     CLOSED,
+    FAULT_SETS,
     INTACT,
     JUNK,
+    KNOWN,
     LONGEST_JUNK,
     NOISE_BEGINS,
     NOISE_CONTINUES,
     NOISE_ENDS,
     OPEN,
+    find_unambiguous,
 )
-from fte_sniff.protocol.framer.posterior import BoundaryState, ForwardBackward, after_certain_frame
-from fte_sniff.protocol.framer.predicates import find_unambiguous
-from fte_sniff.protocol.framer.reserve import KNOWN
 from fte_sniff.protocol.framer.segments import Segment
-from fte_sniff.protocol.framer.tables import FAULT_SETS
 from tests.examples import examples
 from tests.protocol import oracle
 from tests.protocol.oracle import LINES, UNLEARNED, ZERO, Oracle

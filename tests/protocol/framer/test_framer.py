@@ -27,8 +27,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
 )
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
-from fte_sniff.protocol.framer.reserve import KNOWN
-from fte_sniff.protocol.framer.tables import EXTRA
+from fte_sniff.protocol.framer.model import EXTRA, KNOWN
 from tests.examples import examples
 from tests.protocol import oracle
 from tests.protocol.oracle import USUAL_FLAGS
