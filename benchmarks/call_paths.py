@@ -115,8 +115,7 @@ def capture() -> CallRecorder:
     from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
     from fte_sniff.recording.metadata import PortFacts
     from fte_sniff.recording.recorder import Recorder
-    from fte_sniff.session.capture_process import CaptureLoop, Outbox
-    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.capture_process import CaptureLoop, CapturePlan, Outbox
 
     start_ns, data = 10**18, (SAMPLES / "damaged.raw").read_bytes()
     chunks = [

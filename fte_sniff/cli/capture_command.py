@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.recorder import Outcome
-    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.capture_process import CapturePlan
     from fte_sniff.session.live_session import LiveSession
     from fte_sniff.session.notes import Notes
     from fte_sniff.tui.options import StartOptions

@@ -19,7 +19,7 @@ from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.following import Following
-from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.protocol.rows import Rows
     from fte_sniff.recording.messages.schema import Topic
-    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.capture_process import CapturePlan
     from fte_sniff.session.live_session import LiveSession
     from fte_sniff.session.replay import Playback, PlayRequest
 

@@ -51,10 +51,10 @@ from fte_sniff.formats.input_kind import (
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 from fte_sniff.session.following import DEFAULT_IDLE_S, Following
-from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import (
     STDIN_NAME,
     Input,
+    InputReading,
     LogInput,
     ParquetInput,
     Progress,

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         Finished,
         Model,
     )
-    from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.inputs import InputReading
 
 _WAITING_PER_WORKER: Final = 2
 
@@ -179,7 +179,7 @@ def _executor(jobs: int, cluster: str | None) -> Iterator[tuple[Executor | None,
     elif jobs == 1:
         yield None, 1
     else:
-        from fte_sniff.session.worker_pool import WorkerPool
+        from fte_sniff.session.file_jobs import WorkerPool
 
         with WorkerPool(jobs - 1) as pool:
             yield pool, _WAITING_PER_WORKER * jobs

@@ -19,7 +19,7 @@ from fte_sniff.protocol import Gap, Status, iso_time, status_of
 if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
     from fte_sniff.cli.options import Decorator
-    from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.inputs import InputReading
     from fte_sniff.session.notes import Notes
 
 

@@ -33,7 +33,7 @@ from fte_sniff.recording.retention import (
 
 if TYPE_CHECKING:
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.capture_process import CapturePlan
 
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
@@ -246,7 +246,7 @@ def capture_plan(
         UsageError: options contradict each other, or `output` has the suffix of another format.
         FilterError: the trigger is not a filter.
     """
-    from fte_sniff.session.capture_state import CapturePlan
+    from fte_sniff.session.capture_process import CapturePlan
 
     needs_file = {"-o": output, "--keep-recording": keep_recording or None, "--trigger": trigger}
     for option, value in needs_file.items():

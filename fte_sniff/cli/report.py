@@ -22,7 +22,7 @@ from fte_sniff.session.save import replace_file
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.analysis.timeline import Timeline
-    from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.inputs import InputReading
 
 _DELAY_BINS = 60
 _SUFFIXES = (".html", ".htm")

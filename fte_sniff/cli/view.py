@@ -40,7 +40,7 @@ from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.inputs import InputReading
     from fte_sniff.session.notes import Place
 
 

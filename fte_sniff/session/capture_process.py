@@ -1,4 +1,8 @@
-"""The capture process: read ports, frame, record, and send rows to the view."""
+"""The capture process: its plan, its messages, and what it does.
+
+It reads ports, frames their bytes, records the rows, and sends them to the view. Only requests such
+as STOP come back from the view.
+"""
 
 from __future__ import annotations
 
@@ -6,34 +10,131 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Final, TypeAlias
 
 from fte_sniff.capture.clock import Clock, ClockWatch
-from fte_sniff.capture.source import Source, SourceEnd
+from fte_sniff.capture.source import Source, SourceEnd, Wiring
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
-from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, Direction, Framer, LineErrorMarker, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
-from fte_sniff.recording.recorder import Change, Recorder
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.recorder import Change, Outcome, Recorder
+from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.trigger import Select
-from fte_sniff.session.capture_state import (
-    DROP,
-    ROTATE,
-    STOP,
-    CapturePlan,
-    Ended,
-    Message,
-    RowsMessage,
-    Started,
-    WriteProgress,
-)
 from fte_sniff.session.merge import Merge, MergeLane
-from fte_sniff.session.wiring import WiringWatch
+
+
+@dataclass(frozen=True, slots=True)
+class CapturePlan:
+    """What to capture and how to record it."""
+
+    wiring: Wiring
+    recording: Path | None
+    """Path of the recording; None to record nothing."""
+    existing: Existing = Existing.REFUSE
+    recording_options: RecordingOptions = field(default_factory=RecordingOptions)
+    trigger: str | None = None
+    """A filter: only rows around matching rows are recorded; None to record all."""
+    outlives_view: bool = False
+    """Continue if the view is killed or its terminal is closed; a STOP still ends it."""
+    duration_s: float | None = None
+    """End after this many seconds; None or infinity for no limit."""
+    count: int | None = None
+    """End after this many rows; None for no limit."""
+
+
+# Messages from and to the view
+
+STOP: Final = "stop"
+"""Request: end the capture and close its file."""
+
+DROP: Final = "drop"
+"""Request after STOP: do not write what still waits, only count it."""
+
+
+ROTATE: Final = "rotate"
+"""Request: begin the next file of the recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The port and the recording, if any, are open."""
+
+    recording: Path | None
+    """Path of the recording; may differ from the plan's if that name was taken."""
+    device: str | None = None
+    """The device that host programs open, for a bridge."""
+    waits_for_reader: bool = False
+    """Whether the recording is a named pipe without a reader."""
+
+
+@dataclass(frozen=True, slots=True)
+class WriteProgress:
+    """How far the recording is on the disk."""
+
+    unrecorded: int = 0
+    """Rows that are not in the file yet."""
+    waiting: int = 0
+    """Bytes that were read and are in no row yet."""
+    is_slow: bool = False
+    """Whether a write takes long."""
+    is_end: bool = False
+    bytes: int = 0
+    """Size of all files."""
+    fired: int | None = None
+    """How often the trigger fired; None without one."""
+    turns: int = 0
+    """How often the capture has looked for bytes; it grows on a silent line too."""
+
+    @property
+    def remaining(self) -> TranslatableText:
+        """What is not in the file yet: `512 rows and 1,024 bytes not yet in rows`."""
+        rows = TranslatableText("{rows:,} rows", rows=self.unrecorded)
+        if not self.waiting:
+            return rows
+        return TranslatableText(
+            "{rows} and {bytes:,} bytes not yet in rows", rows=rows, bytes=self.waiting
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RowsMessage:
+    """Rows and events since the previous batch."""
+
+    rows: Rows
+    total_rows: int
+    """All rows captured so far."""
+    not_shown: int
+    """Rows captured and recorded, but dropped because the view was too slow."""
+    recording: tuple[Change, ...] = ()
+    """Changes of the recording since the previous batch."""
+    leftover: int = 0
+    """Bytes still to be written when reading ended, if many; else 0."""
+    progress: WriteProgress = WriteProgress()
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The last message: the capture is over and its file is closed."""
+
+    reason: str | None = None
+    """Why it ended, in one line; None if it was requested."""
+    error: FteSniffError | None = None
+    outcome: Outcome | None = None
+    progress: WriteProgress = WriteProgress()
+    """How far the recording is; the last known if the capture was killed."""
+
+
+Message: TypeAlias = Started | RowsMessage | Ended
+
 
 MOST_WAITING = 65_536
 """Most rows that wait for the view; older ones are dropped from the view only."""
@@ -143,6 +244,73 @@ class Outbox:
             self.progress(),
         )
 
+
+# Swapped or mixed wiring: which direction each port carries
+
+SETTLED = 10
+"""Valid frames of one direction after which a wire is known to carry it."""
+
+UNEXPECTED = 3
+"""Valid frames of the other direction after which it is reported; one can be chance."""
+
+
+_DIRECTIONS = tuple(Direction)
+
+
+class WiringWatch:
+    """Reports once per wire that it carries the other wire's direction, or the same as another."""
+
+    def __init__(self, ports: Sequence[str]) -> None:
+        self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
+        self._own: dict[str, Direction] = {}
+        self._quiet = set(ports) if len(ports) < 2 else set[str]()
+
+    def observe(self, port: str, rows: Rows) -> list[PortEvent]:
+        """Events that these rows of one port give rise to."""
+        if port in self._quiet:
+            return []
+        counts = self._counts[port]
+        valid = (rows.framed & (rows.faults == rows.codebook.fault_code(()))).nonzero()[0]
+        for code, t_ns in zip(
+            rows.directions[valid].tolist(), rows.t_ns[valid].tolist(), strict=True
+        ):
+            direction = _DIRECTIONS[code]
+            counts[direction] += 1
+            if detail := self._problem(port, direction):
+                if direction is not self._own[port]:
+                    self._quiet.add(port)
+                return [PortEvent(t_ns, port, PortEventKind.WIRING, detail)]
+        return []
+
+    def _problem(self, port: str, direction: Direction) -> str | None:
+        counts, own = self._counts[port], self._own.get(port)
+        if own is None:
+            if counts[direction] < SETTLED:
+                return None
+            self._own[port] = direction
+            return self._same_as_another(port, direction)
+        if direction is own or counts[direction] < UNEXPECTED:
+            return None
+        return TranslatableText(
+            "{direction} frames on the wire that carries {own} frames: swapped "
+            "or mixed wiring; connect each adapter's RX to its own wire",
+            direction=direction,
+            own=own,
+        )
+
+    def _same_as_another(self, port: str, direction: Direction) -> str | None:
+        for other, own in self._own.items():
+            if other != port and own is direction:
+                return TranslatableText(
+                    "{direction} frames here and on {other} too: are both adapters on "
+                    "the same wire? Connect one RX to each",
+                    direction=direction,
+                    other=other,
+                )
+        return None
+
+
+# The loop
 
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events that break the byte stream."""

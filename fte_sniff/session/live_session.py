@@ -1,29 +1,162 @@
-"""A running capture as a feed for one view: start, poll, stop."""
+"""A running capture as a feed for one view: its state, and how to start, poll and stop it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from subprocess import TimeoutExpired
 
-from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
-from fte_sniff.errors import TOO_MANY_FILES, FileError, PortError, TranslatableText
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, GapDetector, StreamChange, shifted
+from fte_sniff.errors import TOO_MANY_FILES, FileError, FteSniffError, PortError, TranslatableText
+from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.capture_process import capture
-from fte_sniff.session.capture_state import (
+from fte_sniff.recording.recorder import Change, Outcome
+from fte_sniff.session.capture_process import (
     DROP,
     ROTATE,
     STOP,
     CapturePlan,
-    CaptureState,
     Ended,
     Message,
     RowsMessage,
     Started,
+    WriteProgress,
+    capture,
 )
 from fte_sniff.session.worker_process import start_worker
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureState:
+    """State of a capture, folded from its messages."""
+
+    names: tuple[str, ...]
+    started: bool = False
+    """True once the port and the recording, if any, are open."""
+    ended: Ended | None = None
+    error: FteSniffError | None = None
+    """The latest error of the port, the recording or the capture process."""
+    recording: Path | None = None
+    """Path of the current file; None without a recording or after it stopped."""
+    recordings: tuple[Path, ...] = ()
+    """All files of the recording, in order; several after rotation or a failed write."""
+    stopped_recording: FteSniffError | None = None
+    """Why the recording last stopped; at the end `error` says what was lost."""
+    device: str | None = None
+    waits_for_reader: bool = False
+    """Whether the recording began as a named pipe without a reader."""
+    total_rows: int = 0
+    not_shown: int = 0
+    """Rows recorded but not sent, because the view was too slow."""
+    leftover: int = 0
+    progress: WriteProgress = field(default_factory=WriteProgress)
+    lost: frozenset[str] = frozenset()
+    """Ports that are currently lost and waited for."""
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """What was recorded, once the capture process has ended by itself."""
+        return self.ended.outcome if self.ended is not None else None
+
+    def after(self, message: Message) -> CaptureState:
+        """The state after one more message."""
+        if isinstance(message, Ended):
+            return replace(self, ended=message, error=message.error, progress=message.progress)
+        if isinstance(message, Started):
+            return replace(
+                self,
+                started=True,
+                recording=message.recording,
+                recordings=() if message.recording is None else (message.recording,),
+                device=message.device,
+                waits_for_reader=message.waits_for_reader,
+            )
+        return reduce(CaptureState._after_change, message.recording, self._after_batch(message))
+
+    def _after_batch(self, batch: RowsMessage) -> CaptureState:
+        return replace(
+            self,
+            total_rows=batch.total_rows,
+            not_shown=batch.not_shown,
+            leftover=batch.leftover,
+            progress=batch.progress,
+            lost=reduce(_lost_ports, batch.rows.events, self.lost),
+        )
+
+    def _after_change(self, change: Change) -> CaptureState:
+        return replace(
+            self,
+            recording=change.path,
+            recordings=self.recordings + (() if change.path is None else (change.path,)),
+            stopped_recording=change.failure or self.stopped_recording,
+            error=change.failure or self.error,
+        )
+
+    @property
+    def feed_state(self) -> FeedState:
+        """The state as a feed shows it."""
+        ended = self.ended
+        return FeedState(
+            title=self._title(),
+            recording=str(self.recording) if self.recording else None,
+            running=ended is None,
+            waiting=ended is None and bool(self.lost),
+            ended=(ended.reason or TranslatableText("stopped")) if ended else None,
+            trouble=self._trouble() if ended is None else None,
+            rows=self.total_rows,
+            not_shown=self.not_shown,
+            files=tuple(map(str, self.recordings)),
+            recorded_bytes=self.progress.bytes,
+            fired=self.progress.fired,
+        )
+
+    def _title(self) -> str:
+        if self.device is not None:
+            # A bridge shows the device that the host program opens.
+            return f"{self.names[0]} + {self.device}"
+        return " + ".join(self.names)
+
+    @property
+    def is_write_slow(self) -> bool:
+        """Whether the end waits for a write."""
+        return self.progress.is_slow and self.progress.is_end
+
+    @property
+    def backlog(self) -> str | None:
+        """What the end waits for; None if nothing."""
+        if self.is_write_slow:
+            return TranslatableText(
+                "writing is slow, as the disk or the processor is busy: {what} are not written yet",
+                what=self.progress.remaining,
+            )
+        if self.leftover:
+            return TranslatableText(
+                "writing received data: {bytes:,} bytes left", bytes=self.leftover
+            )
+        return None
+
+    def _trouble(self) -> str | None:
+        if self.error is None:
+            return self.backlog
+        trouble = self.error.message
+        if not self.recording:
+            return trouble
+        return TranslatableText(
+            "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording
+        )
+
+
+def _lost_ports(lost: frozenset[str], event: PortEvent) -> frozenset[str]:
+    if event.kind is PortEventKind.LOST:
+        return lost | {event.port}
+    if event.kind is PortEventKind.FOUND_AGAIN:
+        return lost - {event.port}
+    return lost
+
 
 MOST_ROWS_A_POLL = 16_384
 """Most rows of one poll, so that a view that was suspended stays responsive."""

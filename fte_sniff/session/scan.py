@@ -28,8 +28,7 @@ from fte_sniff.recording.reader import (
     start_of,
 )
 from fte_sniff.recording.reading_pass import TimeRange
-from fte_sniff.session.input_reading import InputReading
-from fte_sniff.session.inputs import RecordingInput
+from fte_sniff.session.inputs import InputReading, RecordingInput
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.analysis.tally import RowCount
-    from fte_sniff.session.input_reading import InputReading
+    from fte_sniff.session.inputs import InputReading
 
 
 VERSION = 1

@@ -27,9 +27,8 @@ from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, Rows
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.capture_process import MOST_WAITING
-from fte_sniff.session.capture_state import CapturePlan, CaptureState, WriteProgress
-from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
+from fte_sniff.session.capture_process import MOST_WAITING, CapturePlan, WriteProgress
+from fte_sniff.session.live_session import END_WITHIN_S, CaptureState, LiveSession
 from tests.beside import running
 from tests.cli.processes import (
     BOUND_S,

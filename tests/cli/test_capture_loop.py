@@ -13,7 +13,7 @@ from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.platform import ENDING_SIGNALS
-from fte_sniff.session.capture_state import CapturePlan
+from fte_sniff.session.capture_process import CapturePlan
 from fte_sniff.session.live_session import LiveSession
 
 

@@ -46,8 +46,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.input_reading import InputReading
-from fte_sniff.session.inputs import RecordingInput
+from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.forked import Program

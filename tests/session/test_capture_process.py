@@ -15,11 +15,21 @@ from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import FileError, PortError
-from fte_sniff.protocol import Chunk, Fault, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Chunk, Damage, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
-from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
-from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, WriteProgress
+from fte_sniff.session.capture_process import (
+    MOST_WAITING,
+    SETTLED,
+    UNEXPECTED,
+    CaptureLoop,
+    CapturePlan,
+    Ended,
+    Outbox,
+    RowsMessage,
+    WiringWatch,
+    WriteProgress,
+)
 from tests.beside import Work
 from tests.recording.conftest import entries_in
 from tests.support.columns import in_columns
@@ -251,3 +261,66 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     outbox.put(in_columns(rows(0, 1)))
     assert gone.wait(BOUND_S)
     outbox.close(Ended())
+
+
+CONTROL = bytes.fromhex("AA0000000000000000EE")
+FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
+
+
+def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) -> list[PortEvent]:
+    return [
+        reported
+        for number in range(count)
+        for reported in watch.observe(
+            port, in_columns(Frame(port, 10 * number, raw, number, **more))
+        )  # type: ignore[arg-type]
+    ]
+
+
+def test_a_wire_each_is_as_it_should_be() -> None:
+    watch = WiringWatch(["a", "b"])
+    assert look(watch, "a", CONTROL, 1000) == []
+    assert look(watch, "b", FEEDBACK, 1000) == []
+
+
+def test_one_port_may_carry_both() -> None:
+    watch = WiringWatch(["a"])
+    assert look(watch, "a", CONTROL, 100) + look(watch, "a", FEEDBACK, 100) == []
+
+
+def test_the_others_header_is_pointed_out_once() -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", CONTROL, SETTLED)
+    look(watch, "b", FEEDBACK, SETTLED)
+    assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
+    (reported,) = look(watch, "a", FEEDBACK, 50)
+    assert (reported.port, reported.kind) == ("a", PortEventKind.WIRING)
+    assert reported.detail.startswith("feedback frames on the wire that carries control frames")
+    (reported,) = look(watch, "b", CONTROL, 50)
+    assert reported.port == "b"
+    assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", CONTROL, 50) == []
+
+
+def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
+    watch = WiringWatch(["a", "b"])
+    assert look(watch, "a", FEEDBACK, SETTLED) == []
+    (reported,) = look(watch, "b", FEEDBACK, 100)
+    assert "on a too" in reported.detail
+    assert look(watch, "a", FEEDBACK, 100) == []
+
+
+def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixed_too() -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", FEEDBACK, SETTLED)
+    assert len(look(watch, "b", FEEDBACK, SETTLED)) == 1
+    (reported,) = look(watch, "b", CONTROL, 50)
+    assert "swapped or mixed wiring" in reported.detail
+    assert look(watch, "b", CONTROL, 50) + look(watch, "b", FEEDBACK, 50) == []
+
+
+@pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
+def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", CONTROL, SETTLED)
+    assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
+    assert watch.observe("a", in_columns(Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,)))) == []

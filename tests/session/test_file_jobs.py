@@ -6,6 +6,7 @@ import gc
 import os
 import re
 import signal
+import sys
 import threading
 import tracemalloc
 from collections.abc import Sequence
@@ -34,15 +35,15 @@ from fte_sniff.session.file_jobs import (
     FileJob,
     FileMerger,
     FileResult,
+    WorkerPool,
     finished_jobs,
 )
-from fte_sniff.session.input_reading import InputReading
-from fte_sniff.session.inputs import Input, RecordingInput
-from fte_sniff.session.worker_pool import WorkerPool
+from fte_sniff.session.inputs import Input, InputReading, RecordingInput
 from tests.analysis.pieces import Step, captures, pieces_of, state_of
 from tests.analysis.test_measures import EXPECTED
 from tests.analysis.test_statistics import SECOND, frame
-from tests.cli.processes import wait_until
+from tests.beside import running
+from tests.cli.processes import BOUND_S, wait_until
 from tests.examples import examples
 from tests.slow import first
 from tests.support.recorded_rows import write_recording
@@ -341,3 +342,66 @@ def test_check_in_python_gives_the_same_with_any_executor(tmp_path: Path) -> Non
     for use in (fte_sniff.read, fte_sniff.stats):
         with pytest.raises(FileError, match="make one of a log: `fte-sniff decode --input hex"):
             use(log)
+
+
+WAIT_IN = (
+    "import os, pathlib, signal; pathlib.Path({folder!r}, str(os.getpid())).touch(); signal.pause()"
+)
+"""What a worker calls is of the standard library, so that it need not load this module."""
+
+
+def test_results_and_errors_come_back_in_order() -> None:
+    with WorkerPool(2) as pool:
+        futures = [pool.submit(pow, number, 2) for number in range(20)]
+        failed = pool.submit(exec, "import fte_sniff as f; raise f.FileError('a.mcap is empty')")
+        assert [future.result(BOUND_S) for future in futures] == [n * n for n in range(20)]
+        with pytest.raises(FileError, match=r"^a.mcap is empty$"):
+            failed.result(BOUND_S)
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import signal; signal.raise_signal(signal.SIGKILL)", "killed by signal 9"),
+        ("import os; os._exit(3)", "ended with exit code 3"),
+    ],
+)
+def test_a_process_that_ends_fails_its_own_job_alone(code: str, message: str) -> None:
+    with WorkerPool(1) as pool:
+        before, lost, after = (
+            pool.submit(pow, 2, 2), pool.submit(exec, code), pool.submit(pow, 3, 2),
+        )  # fmt: skip
+        assert before.result(BOUND_S) == 4
+        with pytest.raises(ChildProcessError, match=message):
+            lost.result(BOUND_S)
+        assert after.result(BOUND_S) == 9
+
+
+def test_what_cannot_be_sent_fails_alone() -> None:
+    with WorkerPool(1) as pool:
+        lost, after = pool.submit(lambda: 1), pool.submit(pow, 3, 2)
+        with pytest.raises(Exception, match=r"pickle|local object"):
+            lost.result(BOUND_S)
+        assert after.result(BOUND_S) == 9
+
+
+def test_cancelled_work_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
+    with WorkerPool(2) as pool:
+        futures = [pool.submit(exec, WAIT_IN.format(folder=str(tmp_path))) for _ in range(4)]
+        wait_until(lambda: len(list(tmp_path.iterdir())) == 2)
+        pool.shutdown(wait=False, cancel_futures=True)
+    assert not any(Path("/proc", one.name).exists() for one in tmp_path.iterdir())
+    assert not futures[0].cancelled()
+
+
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
+    program = (
+        "from fte_sniff.session.file_jobs import WorkerPool\n"
+        f"WorkerPool(1).submit(exec, {WAIT_IN.format(folder=str(tmp_path))!r}).result()"
+    )
+    with running([sys.executable, "-c", program]) as process:
+        wait_until(lambda: bool(list(tmp_path.iterdir())))
+        (worker,) = tmp_path.iterdir()
+        process.kill()
+    os.kill(int(worker.name), signal.SIGKILL)  # it is in the middle of its work
+    assert process.wait(BOUND_S) == -signal.SIGKILL

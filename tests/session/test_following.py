@@ -21,7 +21,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import following as followed_module
 from fte_sniff.session.following import POLL_S, FollowedInput, Following
-from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import InputReading
 from tests.cli.processes import wait_until
 from tests.session.test_file_jobs import reset_at
 from tests.support.columns import in_columns

@@ -1,33 +1,67 @@
-"""Logs in spans, rows in lists and in batches: every reading and every format gives the same."""
+"""Inputs and the reading of several: every split of rows gives the same rows, in bounded memory."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+import tracemalloc
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain, pairwise
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
+from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol import (
+    KINDS,
+    Chunk,
+    Damage,
+    Fault,
+    Frame,
+    Framer,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.protocol.dissect import Readings, is_doubtful
+from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.recording.mcap.records import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.reading_pass import TimeRange
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
-from fte_sniff.session.inputs import InputBatch, LogInput, RecordingInput
+from fte_sniff.session.inputs import (
+    FactStage,
+    InputBatch,
+    InputReading,
+    LogInput,
+    RecordingInput,
+    TimedInput,
+    merged_by_time,
+)
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
+from fte_sniff.session.replay import RecordingPages
 from fte_sniff.session.save import write_rows
+from tests.analysis.pieces import Step, captures
 from tests.protocol.streams import raw_bytes
+from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
@@ -236,3 +270,370 @@ def test_a_recording_of_which_nothing_can_be_read_is_reported(tmp_path: Path) ->
             found += [len(batch.rows) for batch in recording.batches(None, lambda _: None)]
             assert recording.losses
     assert 0 in found
+
+
+START = 1_770_000_000_000_000_000
+SPEED = encode(KINDS[0], {field.name: field.low for field in KINDS[0].fields})
+
+
+def batch_of(rows: Sequence[Row], *, at: int) -> InputBatch:
+    """The rows, an event before the first, and a change before the last."""
+    events, changes = list[PortEvent](), list[StreamChange]()
+    if rows:
+        t_ns = rows[0].t_ns or 0
+        events.append(PortEvent(t_ns, rows[0].port, PortEventKind.OPENED, str(at)))
+        gap = Gap(GapKind.DAMAGE, rows=rows[-1].offset, port=rows[-1].port)
+        changes.append(StreamChange(len(rows) - 1, gap))
+    batch = Rows.from_rows(rows, events=events)
+    return InputBatch(
+        batch,
+        reload=lambda: batch,
+        changes=changes,
+        origin=int(rows[0].port) if rows else 0,
+    )
+
+
+@st.composite
+def inputs(draw: st.DrawFn, *, falling: bool = False) -> list[list[InputBatch]]:
+    """Inputs of some batches with some rows each; their times rise unless `falling`."""
+    found = []
+    for number in range(draw(st.integers(1, 5))):
+        sizes = draw(st.lists(st.integers(0, 5), min_size=1, max_size=5))
+        steps = st.integers(-4 if falling else 0, 4)
+        t_ns, batches, offset = START + draw(st.integers(0, 30)), [], 0
+        for at, size in enumerate(sizes):
+            rows: list[Row] = []
+            for _ in range(size):
+                t_ns += draw(steps)
+                raw = SPEED if draw(st.booleans()) else bytes(draw(st.integers(1, 30)))
+                kind = Frame if raw is SPEED else Damage
+                rows.append(kind(str(number), offset, raw, t_ns, ()))
+                offset += len(raw)
+            batches.append(batch_of(rows, at=at))
+        found.append(batches)
+    return found
+
+
+def first_ns(batches: Sequence[InputBatch]) -> int | None:
+    return next((row.t_ns for batch in batches for row in batch.rows), None)
+
+
+def merge(given_: Sequence[Sequence[InputBatch]]) -> tuple[list[Sequence[InputBatch]], list]:
+    """The inputs in order of time, and their merged batches."""
+    ordered = sorted(given_, key=lambda one: (first_ns(one) is None, first_ns(one) or 0))
+
+    def opening(batches: Sequence[InputBatch]) -> TimedInput:
+        return TimedInput(first_ns(batches), lambda _others: iter(batches))
+
+    return ordered, list(merged_by_time([opening(one) for one in ordered]))
+
+
+@given(inputs())
+def test_every_split_of_rows_gives_the_sorted_rows(given_: list[list[InputBatch]]) -> None:
+    ordered, merged = merge(given_)
+    rows = [row for batches in ordered for batch in batches for row in batch.rows]
+    assert [row for batch in merged for row in batch.rows] == sorted(
+        rows, key=lambda row: row.t_ns or 0
+    )
+
+
+@given(inputs(), st.integers(0, 20))
+def test_each_row_keeps_the_number_of_its_input(given_: list[list[InputBatch]], count: int) -> None:
+    for batch in merge(given_)[1]:
+        for part in (batch, batch.first(count)):
+            origins = np.broadcast_to(part.origin, len(part.rows)).tolist()
+            assert origins == [int(row.port) for row in part.rows]
+
+
+@given(inputs(falling=True))
+def test_nothing_is_lost_and_each_input_keeps_its_order(given_: list[list[InputBatch]]) -> None:
+    ordered, merged = merge(given_)
+    for batches in ordered:
+        rows = [row for batch in batches for row in batch.rows]
+        port = rows[0].port if rows else None
+        assert [row for batch in merged for row in batch.rows if row.port == port] == rows
+        events = [event for batch in batches for event in batch.events]
+        assert [e for batch in merged for e in batch.events if e.port == port] == events
+
+
+@given(inputs())
+def test_a_change_stays_before_its_row(given_: list[list[InputBatch]]) -> None:
+    ordered, merged = merge(given_)
+    changes = [change for batch in merged for change in batch.changes]
+    assert len(changes) == sum(len(b.changes) for batches in ordered for b in batches)
+    for batch in merged:
+        for change in batch.changes:
+            row = batch.rows[change.index]
+            assert isinstance(change.what, Gap)
+            assert (row.port, row.offset) == (change.what.port, change.what.rows)
+
+
+@given(inputs(falling=True))
+def test_merged_rows_can_be_read_again(given_: list[list[InputBatch]]) -> None:
+    for batch in merge(given_)[1]:
+        if batch.reload is not None:
+            assert list(batch.reload()) == list(batch.rows)
+        else:
+            assert not len(batch.rows)
+
+
+def columns(first: int, count: int, port: str) -> Rows:
+    """Rows a microsecond apart from a number on."""
+    rows = Rows.allocate(Codebook(), count)
+    rows.t_ns[:] = START + (first + np.arange(count)) * 1000
+    rows.offset[:] = 0
+    rows.port[:] = rows.codebook.port_code(port)
+    return rows
+
+
+def test_a_batch_that_nothing_overlaps_is_passed_on_as_it_is() -> None:
+    batches = [InputBatch(columns(at, 10, "p")) for at in range(0, 100, 10)]
+    given_ = [TimedInput(first_ns([one]), lambda _, one=one: iter([one])) for one in batches]
+    for found, one in zip(merged_by_time(given_), batches, strict=True):
+        assert found is one
+
+
+def test_inputs_are_opened_when_their_first_rows_are_due() -> None:
+    """A thousand recordings, of which two overlap at any time; at most two are open."""
+    opened: list[int] = []
+    most = 0
+
+    def reading(number: int, others: int) -> Iterator[InputBatch]:
+        nonlocal most
+        opened.append(number)
+        assert others < 2
+        most = max(most, len(opened))
+        for part in range(4):
+            yield InputBatch(columns(100 * number + 50 * part, 50, str(number)))
+        opened.remove(number)
+
+    def timed(number: int) -> TimedInput:
+        return TimedInput(START + 100_000 * number, lambda others: reading(number, others))
+
+    rows = sum(len(batch.rows) for batch in merged_by_time([timed(n) for n in range(1000)]))
+    assert rows == 200_000
+    assert most == 2
+
+
+def test_memory_does_not_grow_with_the_inputs() -> None:
+    def peak(batches: int) -> int:
+        def reading(number: int) -> Iterator[InputBatch]:
+            for part in range(batches):
+                yield InputBatch(columns(10_000 * part + number, 10_000, str(number)))
+
+        given_ = [TimedInput(START, lambda _, n=n: reading(n)) for n in range(3)]
+        tracemalloc.start()
+        try:
+            assert sum(len(one.rows) for one in merged_by_time(given_)) == 30_000 * batches
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(2)
+    assert peak(40) < 1.2 * peak(5)
+
+
+def test_an_error_comes_after_the_rows_before_it() -> None:
+    def broken() -> Iterator[InputBatch]:
+        yield InputBatch(columns(0, 10, "a"))
+        raise InputTextError("no hex")
+
+    given_ = [
+        TimedInput(START, lambda _: broken()),
+        TimedInput(START, lambda _: iter([InputBatch(columns(0, 100, "b"))])),
+    ]
+    merged = merged_by_time(given_)
+    assert len(next(merged).rows) == 19
+    with pytest.raises(InputTextError):
+        next(merged)
+
+
+def recorded(
+    path: Path, numbers: range, port: str, facts: dict[str, str] | None = None
+) -> list[Row]:
+    rows: list[Row] = [
+        Frame(port, 10 * at, SPEED, START + number * 1000) for at, number in enumerate(numbers)
+    ]
+    with RecordingWriter(path, [PortFacts(port, 115_200)], facts or {}) as writer:
+        for at in range(0, len(rows), 50):
+            writer.write(in_columns(rows[at : at + 50]))
+            writer.flush()
+    return rows
+
+
+def in_time(*inputs_: list[Row]) -> list[Row]:
+    return sorted((row for rows in inputs_ for row in rows), key=lambda row: row.t_ns or 0)
+
+
+def test_recordings_are_merged_and_paged(tmp_path: Path) -> None:
+    one = recorded(tmp_path / "b.mcap", range(0, 2000, 2), "one")
+    other = recorded(tmp_path / "a.mcap", range(501, 1501, 2), "other")
+    for files in ([tmp_path], [tmp_path / "*.mcap"], sorted(tmp_path.iterdir(), reverse=True)):
+        reading, pages = InputQuery(tuple(files)).read(None), RecordingPages()
+        batches = list(reading)
+        assert [row for batch in batches for row in batch.rows] == in_time(one, other)
+        for batch in batches:
+            assert batch.reload is not None
+            pages.append(batch.reload, len(batch.rows))
+        assert list(pages.load(0, 1500, Codebook())) == in_time(one, other)
+        assert not [gap for gap in reading.source.gaps if gap.start_ns is not None]
+
+
+def test_an_overlapping_recording_interrupts_its_own_ports_only(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.mcap", range(0, 1000, 2), "one")
+    recorded(tmp_path / "b.mcap", range(501, 601, 2), "other")
+    reading = InputQuery((tmp_path,)).read(None)
+    gaps = [
+        (change.what.kind, change.what.port)
+        for batch in reading
+        for change in batch.changes
+        if isinstance(change.what, Gap)
+    ]
+    assert gaps == [(GapKind.OTHER_RECORDING, None), (GapKind.OTHER_RECORDING, "other")]
+
+
+def test_the_files_of_a_capture_follow_each_other_beside_another(tmp_path: Path) -> None:
+    """Also if the clock was set back between them."""
+    facts = {"start": "2026-01-31T12:00:00Z", "host": "bench"}
+    parts = [range(0, 400, 2), range(400, 800, 2), range(700, 1000, 2)]
+    capture = [
+        recorded(tmp_path / f"a{number}.mcap", numbers, "one", facts | {"part": str(number)})
+        for number, numbers in enumerate(parts, 1)
+    ]
+    other = recorded(tmp_path / "b.mcap", range(1, 1001, 2), "other")
+    merged = list(InputQuery((tmp_path,)).read(None))
+    rows = [row for batch in merged for row in batch.rows]
+    assert [row for row in rows if row.port == "one"] == [row for one in capture for row in one]
+    assert [row for row in rows if row.port == "other"] == other
+    assert len([change for batch in merged for change in batch.changes]) == 4  # two bauds, two gaps
+
+
+def test_span_filter_and_limit_are_those_of_the_merged_rows(tmp_path: Path) -> None:
+    one = recorded(tmp_path / "a.mcap", range(0, 2000, 2), "one")
+    other = recorded(tmp_path / "b.mcap", range(501, 1501, 2), "other")
+    query = InputQuery((tmp_path,), since="+600us", until="+900us", filter_text="offset > 100")
+    rows = [
+        row
+        for row in in_time(one, other)
+        if 600_000 <= (row.t_ns or 0) - START < 900_000 and row.offset > 100
+    ]
+    for limit in (0, 1, 130, 10_000):
+        reading = query.read(query.row_filter(), limit)
+        assert [row for batch in reading for row in batch.rows] == rows[:limit]
+        assert reading.written == len(rows[:limit])
+
+
+def chunk_starts(content: bytes) -> list[int]:
+    """The position of each chunk in a recording."""
+    starts, at = [], len(MAGIC)
+    while at < len(content) - len(MAGIC):
+        opcode, length = HEAD.unpack_from(content, at)
+        if opcode == Opcode.CHUNK:
+            starts.append(at)
+        at += HEAD.size + length
+    return starts
+
+
+@pytest.mark.parametrize("summary", [True, False])
+def test_a_damaged_recording_is_merged_too(tmp_path: Path, summary: bool) -> None:
+    one = recorded(tmp_path / "a.mcap", range(0, 2000, 2), "one")
+    recorded(tmp_path / "b.mcap", range(501, 1501, 2), "other")
+    content = bytearray((tmp_path / "b.mcap").read_bytes())
+    starts = chunk_starts(bytes(content))
+    content[starts[3] + 60 : starts[3] + 80] = bytes(20)
+    (tmp_path / "b.mcap").write_bytes(content if summary else content[: starts[8] + 60])
+    reading = InputQuery((tmp_path,)).read(None)
+    rows = [row for batch in reading for row in batch.rows]
+    assert [row for row in rows if row.port == "one"] == one
+    assert rows == sorted(rows, key=lambda row: row.t_ns or 0)
+    assert len(rows) - len(one) == (450 if summary else 350)
+    assert any("b.mcap" in note for note in reading.notes)
+
+
+def test_logs_and_recordings_merge_and_inputs_without_times_come_last(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.mcap", range(0, 20_000_000, 1_000_000), "one")
+    clock = "2026-02-02T02:40:"
+    lines = [f"{clock}{second:02}.500Z  {SPEED.hex(' ').upper()}\n" for second in range(19)]
+    (tmp_path / "b.log").write_text("".join(lines))
+    (tmp_path / "c.bin").write_bytes(SPEED * 3)
+    files = [tmp_path / name for name in ("c.bin", "b.log", "a.mcap")]
+    found = [row for batch in InputQuery(tuple(files)).read(None) for row in batch.rows]
+    assert [row.t_ns for row in found[-3:]] == [None] * 3
+    times = [row.t_ns or 0 for row in found[:-3]]
+    assert times == sorted(times)
+    assert len({row.port for row in found[:20]}) == 2
+    assert len(found) == 20 + 19 + 3
+
+
+def test_of_many_recordings_few_are_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(40):
+        recorded(tmp_path / f"{number:02}.mcap", range(100 * number, 100 * number + 150), "p")
+    busy, most, batches = 0, 0, RecordingInput.batches
+
+    def counted(self: RecordingInput, *arguments: object) -> Iterator[InputBatch]:
+        nonlocal busy, most
+        busy += 1
+        most = max(most, busy)
+        yield from batches(self, *arguments)  # type: ignore[arg-type]
+        busy -= 1
+
+    monkeypatch.setattr(RecordingInput, "batches", counted)
+    reading = InputQuery((tmp_path,)).read(None)
+    rows = [row.t_ns or 0 for batch in reading for row in batch.rows]
+    assert isinstance(reading, InputReading)
+    assert rows == sorted(rows)
+    assert len(rows) == 40 * 150
+    assert most == 2
+
+
+Item = Row | PortEvent | Gap
+
+
+def pieces_of(steps: list[Step]) -> InputBatch:
+    """Rows, the gaps among them, and an event before each gap."""
+    rows, changes, events = list[Row](), list[StreamChange](), list[PortEvent]()
+    for step in steps:
+        if isinstance(step, Row):
+            rows.append(step)
+        elif isinstance(step, Gap):
+            changes.append(StreamChange(len(rows), step))
+            if rows and rows[-1].t_ns is not None:
+                events.append(PortEvent(rows[-1].t_ns, "a", PortEventKind.OPENED, ""))
+    found = Rows.from_rows(rows, events=events)
+    return InputBatch(found, found.events, changes=changes)
+
+
+def in_order(batch: InputBatch) -> list[Row | Gap]:
+    """The rows and the gaps in the order of their places."""
+    found, start = list[Row | Gap](), 0
+    for change in batch.changes:
+        found += batch.rows[start : change.index]
+        assert isinstance(change.what, Gap)
+        found.append(change.what)
+        start = change.index
+    return [*found, *batch.rows[start:]]
+
+
+@pytest.mark.parametrize("has_facts", [False, True])
+@pytest.mark.parametrize("has_readings", [False, True])
+@given(captures(), st.lists(st.integers(0, 25), max_size=4))
+def test_rows_gaps_and_events_stay_in_order(
+    has_facts: bool, has_readings: bool, steps: list[Step], cuts: list[int]
+) -> None:
+    steps = [step for step in steps if isinstance(step, Row | Gap)]
+    edges = [0, *sorted(min(cut, len(steps)) for cut in cuts), len(steps)]
+    batches = [pieces_of(steps[start:end]) for start, end in pairwise(edges)]
+    stage = FactStage(Facts() if has_facts else None, Readings() if has_readings else None)
+    found = [*chain.from_iterable(map(stage.feed, batches)), *stage.end()]
+    ordered = [one for batch in found for one in in_order(batch)]
+    assert [
+        replace(one, readings=None) if isinstance(one, Row) else one for one in ordered
+    ] == steps
+    events = [event for batch in found for event in batch.events]
+    assert sorted(events, key=lambda one: one.t_ns) == sorted(
+        (event for batch in batches for event in batch.events), key=lambda one: one.t_ns
+    )
+    assert all(one.rows.has_facts is has_facts for one in found if len(one.rows))
+    for row in ordered:
+        if isinstance(row, Row):
+            assert (row.readings is not None) is (has_readings and is_doubtful(row.faults))

@@ -16,8 +16,7 @@ from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.input_reading import InputReading
-from fte_sniff.session.inputs import Input, LogInput, RecordingInput
+from fte_sniff.session.inputs import Input, InputReading, LogInput, RecordingInput
 from fte_sniff.session.notes import Notes, Place
 from fte_sniff.session.replay import ReplaySession
 from fte_sniff.tui.app import SniffApp

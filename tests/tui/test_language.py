@@ -42,7 +42,7 @@ from fte_sniff.protocol import Chunk, Frame, Framer, Gap, LineErrorCounts, PortE
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import DeletedError, stopped_by_error, stopped_by_limit
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.input_reading import ANOTHER, DAMAGED
+from fte_sniff.session.inputs import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.cells import event_text, landmark_text
 from fte_sniff.tui.commands import COMMANDS, KEY_NAMES, SECTIONS, Mode, short_text
