@@ -25,8 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.findings import Cause, Finding, Findings
-from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import DEFAULT_BAUD, Fault, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Codebook, Rows
 

@@ -28,8 +28,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.reader import RecordStream

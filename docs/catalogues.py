@@ -21,7 +21,7 @@ from babel.messages.pofile import read_po, write_po
 from jinja2.ext import babel_extract
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
-from fte_sniff.analysis.motor_events import Health
+from fte_sniff.analysis.motors import Health
 from fte_sniff.capture.serial_port import ControlLine, LowLatency
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status

@@ -4,44 +4,425 @@
     feedback       f1                                      deadline: 1 s
     unanswered no      yes (c1)     yes (deadline)   null (the rows end)
 
-Before the first feedback of a recording no command is unanswered: null, since the wire of the
-answers may not be recorded. Otherwise a fact depends only on the rows up to `DEADLINE_NS` before
-and after its row, and on at most `MOST_HELD` of them. So `Facts` holds few rows back, and any
-division of the input into batches gives the same facts.
+The answer of a command is the motor's first feedback with the same CMD before the motor's next
+command and the deadline. Before the first feedback of a recording no command is unanswered: null,
+since the wire of the answers may not be recorded.
+
+`Facts` gives each row its facts, so rows wait. A fact depends only on the rows up to `DEADLINE_NS`
+before and after its row, and on at most `MOST_HELD` of them. So few rows are held back, and any
+division of the input into batches gives the same facts. `Pairing` counts the answers of one motor
+at once, and holds no rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from fte_sniff.analysis.counters import RecentValues
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.model import Model
-from fte_sniff.analysis.motors import (
-    ANSWERABLE,
-    COMMANDS,
-    DEADLINE_NS,
-    NAMES_MOTOR,
-    MotorFrames,
-    find_answers,
-    first_feedback,
-    is_overdue,
-    motor_rows,
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KINDS,
+    MOTORS,
+    Direction,
+    Fault,
+    Gap,
+    GapKind,
+    Status,
+    status_of,
 )
-from fte_sniff.analysis.previous_frames import PreviousFrames
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Fault, Gap, GapKind, Status, status_of
-from fte_sniff.protocol.rows import FACTS, NO_FACT, NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
+from fte_sniff.protocol.rows import (
+    FACTS,
+    NO_FACT,
+    NO_KIND,
+    NO_ROWS,
+    NO_TIME,
+    Bools,
+    Ints,
+    Rows,
+    no_facts,
+)
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FTE_FORMAT,
     HEADERS,
     NUM_OFFSET,
     TAIL,
-    Direction,
     motor_bit,
 )
+
+# Commands and their answers
+
+
+def _by_kind(values: Iterator[bool]) -> Bools:
+    return np.array([*values, False])
+
+
+COMMANDS: Final = _by_kind(kind.direction is Direction.CONTROL for kind in KINDS)
+"""By kind code, whether it is a command."""
+
+FEEDBACK: Final = _by_kind(kind.direction is Direction.FEEDBACK for kind in KINDS)
+"""By kind code, whether it is feedback."""
+
+NAMES_MOTOR: Final = _by_kind(kind.names_motor for kind in KINDS)
+"""By kind code, whether NUM is a motor; a command without one is to all motors."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotorRows:
+    """Indices, rising, of the rows of a batch that are to or from motors."""
+
+    commands: dict[int, Ints]
+    feedback: dict[int, Ints]
+    any_feedback: Ints
+    first_feedback: int
+    """The result of the function `first_feedback`."""
+
+
+def first_feedback(rows: Rows) -> int:
+    """The index of the first feedback, to which motor it may belong; `len(rows)` without any."""
+    found = FEEDBACK[rows.kinds]
+    return int(found.argmax()) if found.any() else len(rows)
+
+
+def motor_rows(rows: Rows) -> MotorRows:
+    """Find the rows that are to or from motors."""
+    commands = np.flatnonzero(COMMANDS[rows.kinds])
+    feedback = np.flatnonzero(FEEDBACK[rows.kinds])
+    to_all, to = ~NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands]
+    answering = rows.nums[feedback]
+    return MotorRows(
+        {motor: commands[(to == motor) | to_all] for motor in MOTORS},
+        {motor: feedback[answering == motor] for motor in MOTORS},
+        feedback[(answering >= MOTORS[0]) & (answering <= MOTORS[-1])],
+        first_feedback(rows),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A command that may still be answered."""
+
+    cmd: int
+    t_ns: int
+    covered: bool
+    """Whether feedback came before it."""
+
+
+ANSWERABLE: Final = np.array(
+    sorted({cmd for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds})
+)
+"""The CMDs of feedback: commands with another CMD have no answer."""
+
+DEADLINE_NS: Final = 1_000_000_000
+"""Time in which a command must be answered."""
+
+_NO_CMD: Final = -1
+BEFORE_BATCH: Final = -1
+_NEVER: Final = 2**62
+_NONE: Final[Ints] = np.empty(0, np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class MotorFrames:
+    """Commands to one motor, or its feedback, in a batch."""
+
+    indices: Ints
+    """In the batch, rising."""
+    cmds: Ints
+    t_ns: Ints
+    """Nanoseconds since 1970 UTC, or `NO_TIME`."""
+
+    @classmethod
+    def of(cls, rows: Rows, indices: Ints) -> MotorFrames:
+        """The rows with these indices."""
+        return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
+
+    def after(self, cmd: int, t_ns: int) -> MotorFrames:
+        """These frames after one from before the batch."""
+        return MotorFrames(
+            np.concatenate(([BEFORE_BATCH], self.indices)),
+            np.concatenate(([cmd], self.cmds)),
+            np.concatenate(([t_ns], self.t_ns)),
+        )
+
+
+def _frames(cmds_and_times: Sequence[tuple[int, int]], after: int = 0) -> MotorFrames:
+    """Frames from an index of a batch on, by CMD and time."""
+    columns = np.array(cmds_and_times, np.int64).reshape(-1, 2)
+    return MotorFrames(np.arange(len(columns)) + after, columns[:, 0], columns[:, 1])
+
+
+_COMMAND: Final = "command"
+_GAP: Final = "gap"
+
+
+@dataclass(frozen=True, slots=True)
+class DecidedCommands:
+    """Commands to one motor that were answered, or followed by another command first."""
+
+    indices: Ints
+    """In the batch, rising; -1 for a command from before it."""
+    answered: Bools
+    delays_ns: Ints
+    """From the command to its answer, or `NO_TIME`."""
+    ends_ns: Ints
+    """Times of the answers, or `NO_TIME`."""
+    commands_ns: Ints
+    """Times of the commands, or `NO_TIME`."""
+    uncovered: Ints
+    """Indices of other commands: without an answer, before the first feedback."""
+
+    @property
+    def measured(self) -> tuple[Ints, Ints]:
+        """The known answer times, and the times of those answers."""
+        known = self.delays_ns != NO_TIME
+        return self.delays_ns[known], self.ends_ns[known]
+
+
+NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE, _NONE, _NONE)
+
+
+class Pairing(Model):
+    """Matches the commands to one motor with its feedback.
+
+    The answer of a command is the first feedback with the same CMD before the next command and the
+    deadline. While a port is lost, and before the first feedback of a recording (the wire of the
+    answers may not be recorded), a command may be answered, but it is never unanswered.
+    """
+
+    def __init__(self) -> None:
+        self.answered = 0
+        self.unanswered = 0
+        self.uncovered = 0
+        """Commands without an answer before the first feedback of their recording."""
+        self._early_count = 0
+        """Those of them that are unanswered if feedback came before these rows."""
+        self.delays = RecentValues()
+        """Latest answer times, nanoseconds."""
+        self._waiting: _Waiting | None = None
+        """The last command, if it may still be answered."""
+        self._early: dict[int, int] = {}
+        """By CMD, the time of the first feedback before `_begins_with`."""
+        self._early_ns = NO_TIME
+        """The latest time of a row before `_begins_with`."""
+        self._begins_with: str | None = None
+        """Whether the first command or gap is a `command` or a `gap`; None before it."""
+        self._port_lost: bool | None = None
+        """Whether a port is lost, so that no command is unanswered; None before it is known."""
+        self.has_feedback = False
+        """Whether feedback, of any motor, came in this recording."""
+        self.has_start = False
+        """Whether the recording began among these rows."""
+
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Frames are missing here: whether the last command was answered remains unknown."""
+        self._waiting = None
+        self._begins_with = self._begins_with or _GAP
+        if gap is None:
+            return
+        if gap.port_lost is not None:
+            self._port_lost = gap.port_lost
+        if gap.kind is GapKind.OTHER_RECORDING:
+            self.has_feedback, self.has_start = False, True
+
+    def merge(self, later: Pairing) -> DecidedCommands:
+        """Add the frames that follow; returns what became of the command that was open here."""
+        decided = NO_COMMANDS
+        if self._waiting is not None:
+            answers = [one for one in later._early.items() if one[0] == self._waiting.cmd]
+            follows = later._begins_with == _COMMAND
+            decided = self._decide(
+                _frames([(_NO_CMD, NO_TIME)] if follows else [], after=len(answers)),
+                _frames(answers),
+                np.array([later._early_ns]),
+            )
+        if self._begins_with is None:
+            self._early = {**later._early, **self._early}
+            self._early_ns = max(self._early_ns, later._early_ns)
+            self._begins_with = later._begins_with
+        follows = self.has_feedback and not later.has_start
+        if later._begins_with is not None:
+            self._waiting = later._waiting
+            if self._waiting is not None and follows:
+                self._waiting = replace(self._waiting, covered=True)
+        if later._port_lost is not None:
+            self._port_lost = later._port_lost
+        self.delays.merge(later.delays)
+        self.answered += later.answered
+        self.unanswered += later.unanswered
+        self.uncovered += later.uncovered
+        if self.has_feedback:
+            self.unanswered += later._early_count
+            self.uncovered -= later._early_count
+        elif not self.has_start:
+            self._early_count += later._early_count
+        self.has_feedback = later.has_feedback or follows
+        self.has_start |= later.has_start
+        return decided
+
+    def _observe_early(self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints) -> None:
+        """Note feedback before the first command: it may answer a command before all rows."""
+        stop = commands.indices[0] if len(commands.indices) else _NEVER
+        self._early_ns = max(self._early_ns, int(t_ns[:stop].max(initial=NO_TIME)))
+        early = feedback.cmds[feedback.indices < stop]
+        for cmd in ANSWERABLE.tolist():
+            same = np.flatnonzero(early == cmd)
+            if len(same):
+                self._early.setdefault(cmd, int(feedback.t_ns[same[0]]))
+        if len(commands.indices):
+            self._begins_with = _COMMAND
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the last command may still be answered."""
+        return self._waiting is not None
+
+    @property
+    def waiting_cmd(self) -> int | None:
+        """The CMD of that command, if there is one."""
+        return None if self._waiting is None else self._waiting.cmd
+
+    @property
+    def waiting_since_ns(self) -> int | None:
+        """The time of that command, if it has one."""
+        if self._waiting is None or self._waiting.t_ns == NO_TIME:
+            return None
+        return self._waiting.t_ns
+
+    def observe(self, rows: Rows, found: MotorRows, motor: int) -> DecidedCommands:
+        """Match the next rows; returns what became of the commands that they decide."""
+        commands = MotorFrames.of(rows, found.commands[motor])
+        feedback = MotorFrames.of(rows, found.feedback[motor])
+        covered_from = 0 if self.has_feedback else found.first_feedback
+        self.has_feedback |= found.first_feedback < len(rows)
+        return self._decide(commands, feedback, rows.t_ns, covered_from)
+
+    def _decide(
+        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints, covered_from: int = 0
+    ) -> DecidedCommands:
+        """Match commands and feedback; commands before an index are not covered.
+
+        `t_ns` are the times of all rows of the batch, for the deadline of the last command.
+        """
+        if self._begins_with is None:
+            self._observe_early(commands, feedback, t_ns)
+        covered = commands.indices >= covered_from
+        if self._waiting is not None:
+            commands = commands.after(self._waiting.cmd, self._waiting.t_ns)
+            covered = np.concatenate(([self._waiting.covered], covered))
+        if not len(commands.indices):
+            return NO_COMMANDS
+        answers, answered = find_answers(commands, feedback)
+        ends_ns = np.full(len(answers), NO_TIME, np.int64)
+        ends_ns[answered] = feedback.t_ns[answers[answered]]
+        known = (commands.t_ns != NO_TIME) & (ends_ns != NO_TIME) & (ends_ns >= commands.t_ns)
+        delays_ns = np.where(known, ends_ns - commands.t_ns, NO_TIME)
+        self.delays.observe(delays_ns[known])
+        answerable = np.isin(commands.cmds, ANSWERABLE)
+        overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
+        waits = bool(answerable[-1] and not answered[-1] and not overdue)
+        last = int(commands.cmds[-1]), int(commands.t_ns[-1]), bool(covered[-1])
+        self._waiting = _Waiting(*last) if waits else None
+        unanswered = answerable & ~answered & (not self._port_lost)
+        unanswered[-1] &= overdue
+        uncovered = commands.indices[unanswered & ~covered]
+        self.uncovered += len(uncovered)
+        if not self.has_start:
+            self._early_count += len(uncovered)
+        unanswered &= covered
+        self.answered += int(answered.sum())
+        self.unanswered += int(unanswered.sum())
+        decided = answered | unanswered
+        return DecidedCommands(
+            commands.indices[decided],
+            answered[decided],
+            delays_ns[decided],
+            ends_ns[decided],
+            commands.t_ns[decided],
+            uncovered,
+        )
+
+
+def is_overdue(asked_ns: int, later_ns: Ints) -> bool:
+    """Whether the deadline of a command passed, by the times of the rows after it."""
+    latest = int(later_ns.max(initial=NO_TIME))
+    return NO_TIME not in (asked_ns, latest) and latest - asked_ns > DEADLINE_NS
+
+
+def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
+    """For every command the position in `feedback` of its answer, and whether it has one.
+
+    The answer is the first feedback with the same CMD before the next command and the deadline.
+    """
+    answers = np.zeros(len(commands.indices), np.int64)
+    answered = np.zeros(len(commands.indices), np.bool_)
+    ends = np.append(commands.indices[1:], _NEVER)
+    for cmd in ANSWERABLE:
+        asking = np.flatnonzero(commands.cmds == cmd)
+        same = np.flatnonzero(feedback.cmds == cmd)
+        if not len(asking) or not len(same):
+            continue
+        indices = feedback.indices[same]
+        first = np.searchsorted(indices, commands.indices[asking], side="right")
+        found = first < len(same)
+        found[found] = indices[first[found]] < ends[asking[found]]
+        asked, same = asking[found], same[first[found]]
+        delays_ns = feedback.t_ns[same] - commands.t_ns[asked]
+        timed = (feedback.t_ns[same] != NO_TIME) & (commands.t_ns[asked] != NO_TIME)
+        in_time = ~(timed & (delays_ns > DEADLINE_NS))
+        answered[asked[in_time]] = True
+        answers[asked[in_time]] = same[in_time]
+    return answers, answered
+
+
+# Facts of rows
+
+
+class PreviousFrames(Model):
+    """The frame before of the same port, motor and kind, for consecutive rows."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, int, int], int] = {}
+        """By port, kind and NUM (0 for kinds without a motor), the payload of the last frame."""
+
+    def add(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Rows:
+        """The next rows, with `previous`; it is not known across the gaps between them."""
+        found, start = [], 0
+        for change in changes:
+            if isinstance(change.what, Gap):
+                found.append(self._added(rows[start : change.index]))
+                self.interrupt()
+                start = change.index
+        found.append(self._added(rows[start:]))
+        return rows.with_facts(no_facts(len(rows)) | {"previous": np.concatenate(found)})
+
+    def interrupt(self) -> None:
+        """Rows are missing here."""
+        self._last.clear()
+
+    def _added(self, rows: Rows) -> Ints:
+        found = np.full(len(rows), NO_FACT, np.int64)
+        kinds = rows.kinds
+        at = np.flatnonzero(kinds != NO_KIND)
+        ports, kinds = rows.port[at], kinds[at].astype(np.int64)
+        nums = np.where(NAMES_MOTOR[kinds], rows.nums[at], 0)
+        keys = (ports.astype(np.int64) * len(KINDS) + kinds) * 256 + nums
+        payloads = rows.payloads[at]
+        for key in np.unique(keys).tolist():
+            own = np.flatnonzero(keys == key)
+            first = int(own[0])
+            name = (rows.codebook.ports[ports[first]], int(kinds[first]), int(nums[first]))
+            found[at[own[1:]]] = payloads[own[:-1]]
+            found[at[first]] = self._last.get(name, NO_FACT)
+            self._last[name] = int(payloads[own[-1]])
+        return found
+
 
 MOST_HELD: Final = 20_000
 """Rows after a command among which its answer is searched for, whatever their times."""

@@ -32,11 +32,10 @@ from fte_sniff.analysis.events import (
     by_role,
     least_of,
 )
-from fte_sniff.analysis.facts import MOST_HELD, Facts
+from fte_sniff.analysis.facts import DEADLINE_NS, MOST_HELD, Facts, first_feedback
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.model import Model, RowModel
-from fte_sniff.analysis.motors import DEADLINE_NS, first_feedback
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (

@@ -14,14 +14,13 @@ from typing import Final
 
 import numpy as np
 
+from fte_sniff.analysis.facts import motor_rows
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.findings import Finding, Findings
-from fte_sniff.analysis.motor_events import MotorEvents
-from fte_sniff.analysis.motor_stats import FlagCounts
-from fte_sniff.analysis.motors import Motors, motor_rows
+from fte_sniff.analysis.motors import FlagCounts, MotorEvents, Motors
+from fte_sniff.analysis.plots import Traces
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics, Streams, StreamStats
-from fte_sniff.analysis.traces import Traces
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.protocol.rows import Rows

@@ -1,346 +1,43 @@
-"""State of the motors, from commands and feedback.
+"""The motors: state, statistics, and events over time, from commands and feedback.
 
 Batches are processed as columns. A state has constant size and can be copied, so that the state at
 any row can be computed from an earlier copy and the rows between.
+
+Events of a motor over time:
+
+    lanes of a motor      x    xx x        commands without an answer, at the time of the command
+                           >  >            answers that came later than usual
+                              !  !!        damaged rows that were probably to or from the motor
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.counters import RecentValues
-from fte_sniff.analysis.model import Model
-from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind, Gap, GapKind
-from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import NUM_OFFSET, Role
-
-
-def _by_kind(values: Iterator[bool]) -> Bools:
-    return np.array([*values, False])
-
-
-COMMANDS: Final = _by_kind(kind.direction is Direction.CONTROL for kind in KINDS)
-"""By kind code, whether it is a command."""
-
-FEEDBACK: Final = _by_kind(kind.direction is Direction.FEEDBACK for kind in KINDS)
-"""By kind code, whether it is feedback."""
-
-NAMES_MOTOR: Final = _by_kind(kind.names_motor for kind in KINDS)
-"""By kind code, whether NUM is a motor; a command without one is to all motors."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotorRows:
-    """Indices, rising, of the rows of a batch that are to or from motors."""
-
-    commands: dict[int, Ints]
-    feedback: dict[int, Ints]
-    any_feedback: Ints
-    first_feedback: int
-    """The result of the function `first_feedback`."""
-
-
-def first_feedback(rows: Rows) -> int:
-    """The index of the first feedback, to which motor it may belong; `len(rows)` without any."""
-    found = FEEDBACK[rows.kinds]
-    return int(found.argmax()) if found.any() else len(rows)
-
-
-def motor_rows(rows: Rows) -> MotorRows:
-    """Find the rows that are to or from motors."""
-    commands = np.flatnonzero(COMMANDS[rows.kinds])
-    feedback = np.flatnonzero(FEEDBACK[rows.kinds])
-    to_all, to = ~NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands]
-    answering = rows.nums[feedback]
-    return MotorRows(
-        {motor: commands[(to == motor) | to_all] for motor in MOTORS},
-        {motor: feedback[answering == motor] for motor in MOTORS},
-        feedback[(answering >= MOTORS[0]) & (answering <= MOTORS[-1])],
-        first_feedback(rows),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """A command that may still be answered."""
-
-    cmd: int
-    t_ns: int
-    covered: bool
-    """Whether feedback came before it."""
-
-
-ANSWERABLE: Final = np.array(
-    sorted({cmd for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds})
+from fte_sniff.analysis.counters import Durations, RecentValues, Series, extent
+from fte_sniff.analysis.facts import (
+    ANSWERABLE,
+    BEFORE_BATCH,
+    NO_COMMANDS,
+    DecidedCommands,
+    MotorRows,
+    Pairing,
+    motor_rows,
 )
-"""The CMDs of feedback: commands with another CMD have no answer."""
+from fte_sniff.analysis.model import Ends, Model
+from fte_sniff.analysis.tally import RowCount
+from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind, Gap
+from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
+from fte_sniff.protocol.spec import NUM_OFFSET, Role, motor_bit, online_bit_text
 
-DEADLINE_NS: Final = 1_000_000_000
-"""Time in which a command must be answered."""
-
-_NO_CMD: Final = -1
-_BEFORE_BATCH: Final = -1
-_NEVER: Final = 2**62
-_NONE: Final[Ints] = np.empty(0, np.int64)
-
-
-@dataclass(frozen=True, slots=True)
-class MotorFrames:
-    """Commands to one motor, or its feedback, in a batch."""
-
-    indices: Ints
-    """In the batch, rising."""
-    cmds: Ints
-    t_ns: Ints
-    """Nanoseconds since 1970 UTC, or `NO_TIME`."""
-
-    @classmethod
-    def of(cls, rows: Rows, indices: Ints) -> MotorFrames:
-        """The rows with these indices."""
-        return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
-
-    def after(self, cmd: int, t_ns: int) -> MotorFrames:
-        """These frames after one from before the batch."""
-        return MotorFrames(
-            np.concatenate(([_BEFORE_BATCH], self.indices)),
-            np.concatenate(([cmd], self.cmds)),
-            np.concatenate(([t_ns], self.t_ns)),
-        )
-
-
-def _frames(cmds_and_times: Sequence[tuple[int, int]], after: int = 0) -> MotorFrames:
-    """Frames from an index of a batch on, by CMD and time."""
-    columns = np.array(cmds_and_times, np.int64).reshape(-1, 2)
-    return MotorFrames(np.arange(len(columns)) + after, columns[:, 0], columns[:, 1])
-
-
-_COMMAND: Final = "command"
-_GAP: Final = "gap"
-
-
-@dataclass(frozen=True, slots=True)
-class DecidedCommands:
-    """Commands to one motor that were answered, or followed by another command first."""
-
-    indices: Ints
-    """In the batch, rising; -1 for a command from before it."""
-    answered: Bools
-    delays_ns: Ints
-    """From the command to its answer, or `NO_TIME`."""
-    ends_ns: Ints
-    """Times of the answers, or `NO_TIME`."""
-    commands_ns: Ints
-    """Times of the commands, or `NO_TIME`."""
-    uncovered: Ints
-    """Indices of other commands: without an answer, before the first feedback."""
-
-    @property
-    def measured(self) -> tuple[Ints, Ints]:
-        """The known answer times, and the times of those answers."""
-        known = self.delays_ns != NO_TIME
-        return self.delays_ns[known], self.ends_ns[known]
-
-
-_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE, _NONE, _NONE)
-
-
-class Pairing(Model):
-    """Matches the commands to one motor with its feedback.
-
-    The answer of a command is the first feedback with the same CMD before the next command and the
-    deadline. While a port is lost, and before the first feedback of a recording (the wire of the
-    answers may not be recorded), a command may be answered, but it is never unanswered.
-    """
-
-    def __init__(self) -> None:
-        self.answered = 0
-        self.unanswered = 0
-        self.uncovered = 0
-        """Commands without an answer before the first feedback of their recording."""
-        self._early_count = 0
-        """Those of them that are unanswered if feedback came before these rows."""
-        self.delays = RecentValues()
-        """Latest answer times, nanoseconds."""
-        self._waiting: _Waiting | None = None
-        """The last command, if it may still be answered."""
-        self._early: dict[int, int] = {}
-        """By CMD, the time of the first feedback before `_begins_with`."""
-        self._early_ns = NO_TIME
-        """The latest time of a row before `_begins_with`."""
-        self._begins_with: str | None = None
-        """Whether the first command or gap is a `command` or a `gap`; None before it."""
-        self._port_lost: bool | None = None
-        """Whether a port is lost, so that no command is unanswered; None before it is known."""
-        self.has_feedback = False
-        """Whether feedback, of any motor, came in this recording."""
-        self.has_start = False
-        """Whether the recording began among these rows."""
-
-    def interrupt(self, gap: Gap | None = None) -> None:
-        """Frames are missing here: whether the last command was answered remains unknown."""
-        self._waiting = None
-        self._begins_with = self._begins_with or _GAP
-        if gap is None:
-            return
-        if gap.port_lost is not None:
-            self._port_lost = gap.port_lost
-        if gap.kind is GapKind.OTHER_RECORDING:
-            self.has_feedback, self.has_start = False, True
-
-    def merge(self, later: Pairing) -> DecidedCommands:
-        """Add the frames that follow; returns what became of the command that was open here."""
-        decided = _NO_COMMANDS
-        if self._waiting is not None:
-            answers = [one for one in later._early.items() if one[0] == self._waiting.cmd]
-            follows = later._begins_with == _COMMAND
-            decided = self._decide(
-                _frames([(_NO_CMD, NO_TIME)] if follows else [], after=len(answers)),
-                _frames(answers),
-                np.array([later._early_ns]),
-            )
-        if self._begins_with is None:
-            self._early = {**later._early, **self._early}
-            self._early_ns = max(self._early_ns, later._early_ns)
-            self._begins_with = later._begins_with
-        follows = self.has_feedback and not later.has_start
-        if later._begins_with is not None:
-            self._waiting = later._waiting
-            if self._waiting is not None and follows:
-                self._waiting = replace(self._waiting, covered=True)
-        if later._port_lost is not None:
-            self._port_lost = later._port_lost
-        self.delays.merge(later.delays)
-        self.answered += later.answered
-        self.unanswered += later.unanswered
-        self.uncovered += later.uncovered
-        if self.has_feedback:
-            self.unanswered += later._early_count
-            self.uncovered -= later._early_count
-        elif not self.has_start:
-            self._early_count += later._early_count
-        self.has_feedback = later.has_feedback or follows
-        self.has_start |= later.has_start
-        return decided
-
-    def _observe_early(self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints) -> None:
-        """Note feedback before the first command: it may answer a command before all rows."""
-        stop = commands.indices[0] if len(commands.indices) else _NEVER
-        self._early_ns = max(self._early_ns, int(t_ns[:stop].max(initial=NO_TIME)))
-        early = feedback.cmds[feedback.indices < stop]
-        for cmd in ANSWERABLE.tolist():
-            same = np.flatnonzero(early == cmd)
-            if len(same):
-                self._early.setdefault(cmd, int(feedback.t_ns[same[0]]))
-        if len(commands.indices):
-            self._begins_with = _COMMAND
-
-    @property
-    def waiting(self) -> bool:
-        """Whether the last command may still be answered."""
-        return self._waiting is not None
-
-    @property
-    def waiting_cmd(self) -> int | None:
-        """The CMD of that command, if there is one."""
-        return None if self._waiting is None else self._waiting.cmd
-
-    @property
-    def waiting_since_ns(self) -> int | None:
-        """The time of that command, if it has one."""
-        if self._waiting is None or self._waiting.t_ns == NO_TIME:
-            return None
-        return self._waiting.t_ns
-
-    def observe(self, rows: Rows, found: MotorRows, motor: int) -> DecidedCommands:
-        """Match the next rows; returns what became of the commands that they decide."""
-        commands = MotorFrames.of(rows, found.commands[motor])
-        feedback = MotorFrames.of(rows, found.feedback[motor])
-        covered_from = 0 if self.has_feedback else found.first_feedback
-        self.has_feedback |= found.first_feedback < len(rows)
-        return self._decide(commands, feedback, rows.t_ns, covered_from)
-
-    def _decide(
-        self, commands: MotorFrames, feedback: MotorFrames, t_ns: Ints, covered_from: int = 0
-    ) -> DecidedCommands:
-        """Match commands and feedback; commands before an index are not covered.
-
-        `t_ns` are the times of all rows of the batch, for the deadline of the last command.
-        """
-        if self._begins_with is None:
-            self._observe_early(commands, feedback, t_ns)
-        covered = commands.indices >= covered_from
-        if self._waiting is not None:
-            commands = commands.after(self._waiting.cmd, self._waiting.t_ns)
-            covered = np.concatenate(([self._waiting.covered], covered))
-        if not len(commands.indices):
-            return _NO_COMMANDS
-        answers, answered = find_answers(commands, feedback)
-        ends_ns = np.full(len(answers), NO_TIME, np.int64)
-        ends_ns[answered] = feedback.t_ns[answers[answered]]
-        known = (commands.t_ns != NO_TIME) & (ends_ns != NO_TIME) & (ends_ns >= commands.t_ns)
-        delays_ns = np.where(known, ends_ns - commands.t_ns, NO_TIME)
-        self.delays.observe(delays_ns[known])
-        answerable = np.isin(commands.cmds, ANSWERABLE)
-        overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
-        waits = bool(answerable[-1] and not answered[-1] and not overdue)
-        last = int(commands.cmds[-1]), int(commands.t_ns[-1]), bool(covered[-1])
-        self._waiting = _Waiting(*last) if waits else None
-        unanswered = answerable & ~answered & (not self._port_lost)
-        unanswered[-1] &= overdue
-        uncovered = commands.indices[unanswered & ~covered]
-        self.uncovered += len(uncovered)
-        if not self.has_start:
-            self._early_count += len(uncovered)
-        unanswered &= covered
-        self.answered += int(answered.sum())
-        self.unanswered += int(unanswered.sum())
-        decided = answered | unanswered
-        return DecidedCommands(
-            commands.indices[decided],
-            answered[decided],
-            delays_ns[decided],
-            ends_ns[decided],
-            commands.t_ns[decided],
-            uncovered,
-        )
-
-
-def is_overdue(asked_ns: int, later_ns: Ints) -> bool:
-    """Whether the deadline of a command passed, by the times of the rows after it."""
-    latest = int(later_ns.max(initial=NO_TIME))
-    return NO_TIME not in (asked_ns, latest) and latest - asked_ns > DEADLINE_NS
-
-
-def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
-    """For every command the position in `feedback` of its answer, and whether it has one.
-
-    The answer is the first feedback with the same CMD before the next command and the deadline.
-    """
-    answers = np.zeros(len(commands.indices), np.int64)
-    answered = np.zeros(len(commands.indices), np.bool_)
-    ends = np.append(commands.indices[1:], _NEVER)
-    for cmd in ANSWERABLE:
-        asking = np.flatnonzero(commands.cmds == cmd)
-        same = np.flatnonzero(feedback.cmds == cmd)
-        if not len(asking) or not len(same):
-            continue
-        indices = feedback.indices[same]
-        first = np.searchsorted(indices, commands.indices[asking], side="right")
-        found = first < len(same)
-        found[found] = indices[first[found]] < ends[asking[found]]
-        asked, same = asking[found], same[first[found]]
-        delays_ns = feedback.t_ns[same] - commands.t_ns[asked]
-        timed = (feedback.t_ns[same] != NO_TIME) & (commands.t_ns[asked] != NO_TIME)
-        in_time = ~(timed & (delays_ns > DEADLINE_NS))
-        answered[asked[in_time]] = True
-        answers[asked[in_time]] = same[in_time]
-    return answers, answered
-
+# State
 
 FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.legal_bits is not None)
 
@@ -474,7 +171,7 @@ class _Motor(Model):
         self.number = number
         self.commands = self.feedback = 0
         self.pairing = Pairing()
-        self.decided = _NO_COMMANDS
+        self.decided = NO_COMMANDS
         """The commands that the last batch decided."""
         self._answers = {cmd: _Answers() for cmd in ANSWERABLE.tolist()}
         self._target: MotorTarget | None = None
@@ -509,7 +206,7 @@ class _Motor(Model):
             return
         cmds = rows.cmds[decided.indices].astype(np.int64)
         if open_cmd is not None:
-            cmds[decided.indices == _BEFORE_BATCH] = open_cmd
+            cmds[decided.indices == BEFORE_BATCH] = open_cmd
         for cmd, answers in self._answers.items():
             own = cmds == cmd
             if own.any():
@@ -600,3 +297,331 @@ def _time(t_ns: int) -> int | None:
 def _known_times(t_ns: Ints) -> Ints:
     known: Ints = t_ns[t_ns != NO_TIME]
     return known
+
+
+# Statistics
+
+
+@dataclass
+class FlagStats(Model):
+    """The flags of one motor."""
+
+    motor: int
+    error_bits: dict[int, RowCount] = field(default_factory=dict)
+    """Frames by bit of ERROR, from 0; only bits that were set in this motor's feedback."""
+    offline: RowCount = field(default_factory=RowCount)
+    """Feedback of any motor whose ONLINE byte lacks this motor's bit."""
+    times_lost: int = 0
+    """Number of times that the bit changed from 1 to 0."""
+
+    def merge(self, other: FlagStats) -> None:
+        """Add the frames of other statistics of the same motor."""
+        for bit, count in other.error_bits.items():
+            self.error_bits.setdefault(bit, RowCount()).merge(count)
+        self.offline.merge(other.offline)
+        self.times_lost += other.times_lost
+
+
+class FlagCounts(Model):
+    """The flags of all motors so far."""
+
+    def __init__(self) -> None:
+        self._motors = {number: FlagStats(number) for number in MOTORS}
+        self._online = Ends[int]()
+        """The ONLINE bytes of the first and the last feedback."""
+
+    def merge(self, later: FlagCounts) -> None:
+        """Add the flags of the rows that follow."""
+        before, after = self._online.merge(later._online) or (0, 0)
+        for number, motor in self._motors.items():
+            motor.merge(later._motors[number])
+            motor.times_lost += (before & ~after) >> motor_bit(number) & 1
+
+    def observe(self, rows: Rows, found: MotorRows) -> None:
+        """Add the next rows, in order of time."""
+        for number, own in found.feedback.items():
+            self._count_errors(self._motors[number], rows.values(Role.ERRORS, own), rows.t_ns[own])
+        feedback = found.any_feedback
+        if len(feedback):
+            self._count_online(rows.values(Role.ONLINE, feedback), rows.t_ns[feedback])
+
+    def _count_errors(self, motor: FlagStats, errors: Ints, t_ns: Ints) -> None:
+        ever = int(np.bitwise_or.reduce(errors)) if len(errors) else 0
+        for bit in BITS:
+            if ever >> bit & 1:
+                having = (errors >> bit & 1).astype(np.bool_)
+                _count(motor.error_bits.setdefault(bit, RowCount()), t_ns[having])
+
+    def _count_online(self, online: Ints, t_ns: Ints) -> None:
+        before = self._online.append(int(online[0]), int(online[-1]))
+        before = int(online[0]) if before is None else before
+        lost = np.concatenate(([before], online[:-1])) & ~online
+        always = int(np.bitwise_and.reduce(online))
+        for number, motor in self._motors.items():
+            bit = motor_bit(number)
+            if not always >> bit & 1:
+                _count(motor.offline, t_ns[(online >> bit & 1) == 0])
+                motor.times_lost += int((lost >> bit & 1).sum())
+
+    def stats(self) -> list[FlagStats]:
+        """By motor."""
+        for motor in self._motors.values():
+            motor.error_bits = dict(sorted(motor.error_bits.items()))
+        return list(self._motors.values())
+
+
+def _count(flag: RowCount, t_ns: Ints) -> None:
+    flag.count(len(t_ns), len(t_ns) * FRAME_LENGTH, extent(t_ns[t_ns != NO_TIME]))
+
+
+FLAGS_IN_ORDER: Final = TranslatableText(
+    "no ERROR bit was ever set, and every motor was always ONLINE"
+)
+
+TimeText = Callable[[int | None], str]
+"""Formats nanoseconds since 1970 UTC; a dash for None."""
+
+
+def flag_texts(
+    motors: Sequence[FlagStats], time_text: TimeText, *, in_order: bool
+) -> Iterator[TranslatableText]:
+    """A line for each flag that was raised; `in_order` says whether rows are ordered by time."""
+    for motor in motors:
+        for bit, seen in motor.error_bits.items():
+            yield TranslatableText(
+                "motor {motor}: ERROR bit {bit} set in {seen}",
+                motor=motor.motor,
+                bit=bit,
+                seen=_count_text(seen, time_text),
+            )
+        if motor.offline.rows:
+            text = TranslatableText(
+                "{bit} was 0 in {seen}",
+                bit=online_bit_text(motor.motor),
+                seen=_count_text(motor.offline, time_text),
+            )
+            lost = _lost_text(motor.times_lost)
+            yield TranslatableText("{one}; {other}", one=text, other=lost) if in_order else text
+
+
+def _count_text(seen: RowCount, time_text: TimeText) -> TranslatableText:
+    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
+    frames = TranslatableText("{count:,} frames", count=seen.rows)
+    if seen.rows == 1:
+        frames = TranslatableText("1 frame")
+    if seen.first_ns is None:
+        return frames
+    times = from_to(seen.first_ns, seen.last_ns, time_text)
+    return TranslatableText("{frames}, {time}", frames=frames, time=times)
+
+
+def _lost_text(times: int) -> TranslatableText:
+    if times == 1:
+        return TranslatableText("lost once")
+    return TranslatableText("lost {count:,} times", count=times)
+
+
+def from_to(first_ns: int, last_ns: int | None, time_text: TimeText) -> str:
+    """`12:00:01.000 to 12:00:09.000`; one time if both are the same."""
+    if first_ns == last_ns:
+        return time_text(first_ns)
+    return TranslatableText("{start} to {end}", start=time_text(first_ns), end=time_text(last_ns))
+
+
+@dataclass
+class AnswerStats(Model):
+    """The commands to one motor, and their answers."""
+
+    motor: int
+    commands: int = 0
+    """Frames to it; a reset and a chassis motion are commands to every motor."""
+    feedback: int = 0
+    """Frames from it."""
+    pairing: Pairing = field(default_factory=Pairing)
+    delays: Durations = field(default_factory=Durations)
+    """From each command to its answer; its ends are the times of the answers."""
+
+    @property
+    def unanswered(self) -> int | None:
+        """Commands without an answer; None where feedback never came: its wire may be missing."""
+        pairing = self.pairing
+        covered = pairing.answered or pairing.unanswered or not pairing.uncovered
+        return pairing.unanswered if covered else None
+
+    @property
+    def neither(self) -> int:
+        """Commands that expect no feedback, or of which it is not known whether they were answered.
+
+        They are before the first feedback, a gap, or the end of the rows.
+        """
+        return self.commands - self.pairing.answered - self.pairing.unanswered
+
+
+class Answers(Model):
+    """The commands and answers of all motors so far."""
+
+    def __init__(self) -> None:
+        self._motors = [AnswerStats(number) for number in MOTORS]
+
+    def observe(self, rows: Rows, found: MotorRows) -> None:
+        """Add the next rows, in order of time."""
+        for motor in self._motors:
+            commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]
+            motor.commands += len(commands)
+            motor.feedback += len(feedback)
+            motor.delays.observe(*motor.pairing.observe(rows, found, motor.motor).measured)
+
+    def merge(self, later: Answers) -> None:
+        """Add the rows that follow."""
+        for motor, other in zip(self._motors, later._motors, strict=True):
+            motor.commands += other.commands
+            motor.feedback += other.feedback
+            motor.delays.observe(*motor.pairing.merge(other.pairing).measured)
+            motor.delays.merge(other.delays)
+
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Rows are missing here: a command before the gap has no answer after it."""
+        for motor in self._motors:
+            motor.pairing.interrupt(gap)
+
+    def stats(self) -> list[AnswerStats]:
+        """By motor."""
+        return self._motors
+
+
+# Events over time
+
+
+class MotorEvent(IntEnum):
+    """What can be wrong, the gravest first; the value is its number among the series."""
+
+    UNANSWERED = 0
+    DAMAGE = 1
+    LATE = 2
+    FLAGS = 3
+    """ERROR is not 00, or the motor's bit in ONLINE is missing."""
+
+
+_ASKED: Final = len(MotorEvent)
+"""Number of the series of commands whose answer came, or is missing."""
+
+_GROUPS: Final = len(MotorEvent) + 1
+
+FINEST_NS: Final = 1 << 22
+"""Length of the shortest windows, nanoseconds: about 4 ms."""
+
+_WINDOWS: Final = 2048
+_LEVELS: Final = 6
+
+LATE: Final = 2.0
+"""An answer is late after this many times the median of the motor's latest answer times."""
+
+_LEAST_ANSWERS: Final = 8
+"""Answers from which on it is known what is usual."""
+
+TROUBLED: Final = 0.02
+"""Share of a motor's commands: with more events something is wrong."""
+
+_LATEST: Final = 8192
+"""Answer times of all motors that are kept, for percentiles of the last seconds."""
+
+
+class Health(Enum):
+    """How a motor answered in a span of time."""
+
+    SOUND = "in the last 10 s its commands were answered, and at most 2 % had an event"
+    TROUBLED = "events at more than 2 % of its commands: unanswered, late, damage, flags"
+    SILENT = "none of its commands was answered"
+
+
+@dataclass(frozen=True, slots=True)
+class EventCounts:
+    """Events of one motor in a span of time."""
+
+    asked: int
+    """Commands whose answer came, or is missing."""
+    events: Mapping[MotorEvent, int]
+
+    @property
+    def unanswered(self) -> int:
+        """Commands without an answer."""
+        return self.events[MotorEvent.UNANSWERED]
+
+
+class MotorEvents:
+    """Events of all motors; rows without a time are ignored."""
+
+    def __init__(self) -> None:
+        self._series = Series(shortest_ns=FINEST_NS, windows=_WINDOWS, levels=_LEVELS)
+        self._delays, self._ends = RecentValues(_LATEST), RecentValues(_LATEST)
+
+    def observe(self, rows: Rows, motors: Motors) -> None:
+        """Add the next rows, which `motors` has just observed."""
+        found = motor_rows(rows)
+        feedback = found.feedback
+        for motor, decided in motors.decided.items():
+            self._add(motor, _ASKED, decided.commands_ns)
+            self._add(motor, MotorEvent.UNANSWERED, decided.commands_ns[~decided.answered])
+            usual = motors.usual_delay_ns(motor, _LEAST_ANSWERS)
+            if usual is not None:
+                late = decided.delays_ns > LATE * usual
+                self._add(motor, MotorEvent.LATE, decided.ends_ns[late])
+            delays, ends = decided.measured
+            self._delays.observe(delays)
+            self._ends.observe(ends)
+            at = feedback[motor]
+            self._add(motor, MotorEvent.FLAGS, rows.t_ns[at[_raised(rows, at, motor)]])
+
+    def observe_facts(self, rows: Rows) -> None:
+        """Add the damage among the next rows whose facts are known."""
+        for motor in MOTORS if (rows.motor_hint > 0).any() else ():
+            self._add(motor, MotorEvent.DAMAGE, rows.t_ns[rows.motor_hint == motor])
+
+    def _add(self, motor: int, number: int, t_ns: Ints) -> None:
+        known = t_ns[t_ns != NO_TIME] if len(t_ns) else t_ns
+        if len(known):
+            self._series.observe(known, group=_group(motor, number))
+
+    def ticks(self, motor: int, event: MotorEvent, span: tuple[int, int], columns: int) -> Ints:
+        """The number of events in columns of a span (a start and an exclusive end)."""
+        return self._series.totals(_group(motor, event), span, columns)
+
+    def counts(self, motor: int, span: tuple[int, int]) -> EventCounts:
+        """The events in a span."""
+        asked, *events = (
+            int(self._series.totals(_group(motor, number), span, 1)[0])
+            for number in (_ASKED, *MotorEvent)
+        )
+        return EventCounts(asked, dict(zip(MotorEvent, events, strict=True)))
+
+    def health(self, span: tuple[int, int]) -> Mapping[int, Health]:
+        """How each motor answered in a span; motors without commands and events are left out."""
+        found = {}
+        for motor in MOTORS:
+            counts = self.counts(motor, span)
+            if counts.asked and counts.unanswered == counts.asked:
+                found[motor] = Health.SILENT
+            elif sum(counts.events.values()) > TROUBLED * counts.asked:
+                found[motor] = Health.TROUBLED
+            elif counts.asked:
+                found[motor] = Health.SOUND
+        return found
+
+    def delay_ns(self, percent: float, span: tuple[int, int]) -> int | None:
+        """A percentile (0 to 100) of the answer times that ended in a span; None without any."""
+        ends = self._ends.values
+        delays = self._delays.values[(ends >= span[0]) & (ends < span[1])]
+        if not len(delays):
+            return None
+        return int(np.percentile(delays, percent, method="inverted_cdf"))
+
+
+def _group(motor: int, number: int) -> int:
+    return (motor - MOTORS[0]) * _GROUPS + number
+
+
+def _raised(rows: Rows, at: Ints, motor: int) -> Bools:
+    """Which of the rows of a motor's feedback report an error, or the motor as not online."""
+    online = rows.values(Role.ONLINE, at) >> motor_bit(motor) & 1
+    raised: Bools = (rows.values(Role.ERRORS, at) != 0) | (online == 0)
+    return raised

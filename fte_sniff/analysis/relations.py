@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from fte_sniff.analysis.motors import (
+from fte_sniff.analysis.facts import (
     ANSWERABLE,
     COMMANDS,
     FEEDBACK,

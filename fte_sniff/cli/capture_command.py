@@ -276,7 +276,7 @@ class Judge(Observer):
     def __init__(self, path: Path) -> None:
         """Read the rules; raises FteSniffError if one is invalid."""
         rules = read_rules(path)
-        from fte_sniff.analysis.verdicts import RuleCheck
+        from fte_sniff.analysis.rules import RuleCheck
 
         self._check = RuleCheck(rules)
 

@@ -47,7 +47,7 @@ def command(
     """
     check_inputs(query.files)
     wanted = read_rules(rules, expectations)
-    from fte_sniff.analysis.verdicts import RuleCheck
+    from fte_sniff.analysis.rules import RuleCheck
 
     check, measured = measure(query, partial(RuleCheck, wanted), jobs, cluster)
     print_verdicts(check, form, measured.reading, query)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.measures import RowPosition, Rule
-    from fte_sniff.analysis.verdicts import RuleCheck, Verdict
+    from fte_sniff.analysis.rules import RuleCheck, Verdict
     from fte_sniff.session.inputs import InputReading
 
 VERSION: Final = 1

@@ -20,8 +20,8 @@ from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.save import replace_file
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.summary import StatisticsSummary
-    from fte_sniff.analysis.timeline import Timeline
+    from fte_sniff.analysis.plots import Timeline
+    from fte_sniff.analysis.statistics import StatisticsSummary
     from fte_sniff.session.inputs import InputReading
 
 _DELAY_BINS = 60
@@ -52,7 +52,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f"report needs {error.name}, which is not installed; install it with"
             f" `{install_command('report')}`"
         ) from error
-    from fte_sniff.analysis.timeline import Timeline
+    from fte_sniff.analysis.plots import Timeline
     from fte_sniff.session.stats_json import statistics_json
     from fte_sniff.tui.i18n import set_language
 
@@ -99,8 +99,7 @@ def _check_suffix(output: Path) -> None:
 
 
 def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:
-    from fte_sniff.analysis.statistics import LineSetup
-    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 
     # A filter hides rows whose absence would be a finding.
     with_findings = reading.row_filter is None

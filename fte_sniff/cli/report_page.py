@@ -39,8 +39,8 @@ from bokeh.resources import Resources
 from jinja2 import Environment
 
 from fte_sniff import __version__
+from fte_sniff.analysis.plots import ALL_MOTORS, MOST_DAMAGED, Points, Timeline, Trace
 from fte_sniff.analysis.time_text import time_ns
-from fte_sniff.analysis.timeline import ALL_MOTORS, MOST_DAMAGED, Points, Timeline, Trace
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.protocol import (

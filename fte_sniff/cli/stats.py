@@ -29,8 +29,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     fte-sniff stats logs/ --from -10m
     fte-sniff stats samples/clean.mcap --format json
     """
-    from fte_sniff.analysis.statistics import LineSetup
-    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 
     check_inputs(query.files)
     # A filter hides rows whose absence would be a finding.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from rich.cells import cell_len
 from rich.text import Text
 
-from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
+from fte_sniff.analysis.motors import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
 from fte_sniff.cli.output import gap_text
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
@@ -28,9 +28,8 @@ from fte_sniff.protocol.look import LOOKS
 from fte_sniff.session.stats_json import COUNTED, MOTOR
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.motor_stats import AnswerStats
-    from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
-    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.motors import AnswerStats
+    from fte_sniff.analysis.statistics import EventStats, PortStats, StatisticsSummary, StreamStats
     from fte_sniff.analysis.tally import RowCount
     from fte_sniff.session.inputs import InputReading
 

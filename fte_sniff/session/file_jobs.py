@@ -37,7 +37,7 @@ from fte_sniff.session.inputs import (
 from fte_sniff.session.worker_process import start_worker
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.verdicts import Verdict
+    from fte_sniff.analysis.rules import Verdict
     from fte_sniff.recording.metadata import Part
     from fte_sniff.recording.reader import Paths
     from fte_sniff.recording.reading_pass import TimeRange
@@ -382,8 +382,7 @@ def check(
     Warns:
         RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
-    from fte_sniff.analysis.rules import parse_rule
-    from fte_sniff.analysis.verdicts import RuleCheck
+    from fte_sniff.analysis.rules import RuleCheck, parse_rule
 
     listed = [rules] if isinstance(rules, str) else rules
     make = partial(RuleCheck, [parse_rule(text) for text in listed])
@@ -395,8 +394,7 @@ def stats(paths: Paths, *, executor: Executor | None = None) -> dict[str, Any]:
 
     Takes the paths and the executor of `check`, and raises FileError and warns as it does.
     """
-    from fte_sniff.analysis.statistics import LineSetup
-    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
     from fte_sniff.session.stats_json import statistics_json
 
     return statistics_json(*_measured(paths, partial(StatisticsSummary, LineSetup()), executor))

@@ -21,7 +21,7 @@ from textual.strip import Strip
 from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.analysis.motor_events import Health
+from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.relations import UNCHANGED
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap

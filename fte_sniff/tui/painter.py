@@ -27,8 +27,7 @@ from textual.scrollbar import ScrollBarRender
 from textual.strip import Strip
 from textual.theme import Theme
 
-from fte_sniff.analysis.landmarks import Landmarks, Overview
-from fte_sniff.analysis.row_store import RowNote, RowStore
+from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.formats.cell_text import fit

@@ -21,9 +21,8 @@ from textual.strip import Strip
 from textual.timer import Timer
 from textual.widget import Widget
 
-from fte_sniff.analysis.landmarks import Landmarks
 from fte_sniff.analysis.relations import RowRelations
-from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.row_store import Landmarks, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit

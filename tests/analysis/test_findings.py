@@ -23,11 +23,11 @@ from benchmarks.findings_quality import (
     port_events,
     recording,
 )
+from fte_sniff.analysis.counters import Keep
 from fte_sniff.analysis.events import MOST_WINDOWS, Events
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.findings import Cause, Finding, Findings, spans_of
-from fte_sniff.analysis.series import Keep
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,

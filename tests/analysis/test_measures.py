@@ -12,10 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.facts import DEADLINE_NS
 from fte_sniff.analysis.measures import OPERATORS, RowPosition
-from fte_sniff.analysis.motors import DEADLINE_NS
-from fte_sniff.analysis.rules import parse_rule
-from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
+from fte_sniff.analysis.rules import RuleCheck, RuleResult, Verdict, parse_rule
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
 from fte_sniff.protocol.rows import NO_TIME, Rows
 from tests.analysis.pieces import MS, Step, captures, observe, pieces_of, state_of

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.measures import MEASURES, OPERATORS
-from fte_sniff.analysis.rules import FIELDS, parse_rule, rules_of_toml
-from fte_sniff.analysis.verdicts import RuleCheck, RuleResult
+from fte_sniff.analysis.rules import FIELDS, RuleCheck, RuleResult, parse_rule, rules_of_toml
 from fte_sniff.errors import InputTextError
 from fte_sniff.protocol import COLUMNS, KINDS, Column, Frame, encode
 from fte_sniff.protocol.rows import Rows

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import GapDetector
 from fte_sniff.analysis.motors import Motors
-from fte_sniff.analysis.statistics import LineSetup, Statistics
-from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.analysis.statistics import LineSetup, Statistics, StatisticsSummary
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,

@@ -14,7 +14,7 @@ import pytest
 from distributed import Client
 
 import fte_sniff
-from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.analysis.statistics import StatisticsSummary
 from fte_sniff.cli.measuring import processes_for
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput

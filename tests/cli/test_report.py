@@ -21,8 +21,8 @@ from selenium.webdriver.support.expected_conditions import visibility_of
 from selenium.webdriver.support.ui import WebDriverWait
 
 import fte_sniff
+from fte_sniff.analysis.plots import Timeline
 from fte_sniff.analysis.time_text import time_ns
-from fte_sniff.analysis.timeline import Timeline
 from fte_sniff.cli.extras import install_command
 from fte_sniff.protocol import (
     KIND_BY_NAME,

@@ -16,7 +16,7 @@ import pytest
 from rich.cells import cell_len
 
 import fte_sniff
-from fte_sniff.analysis.motors import DEADLINE_NS
+from fte_sniff.analysis.facts import DEADLINE_NS
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts

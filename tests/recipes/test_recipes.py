@@ -477,7 +477,7 @@ class LongestRow:
     models = "fte_sniff/analysis/live_models.py"
     recipe.before(
         models,
-        "from fte_sniff.analysis.motor_stats import FlagCounts",
+        "from fte_sniff.analysis.motors import FlagCounts",
         "from fte_sniff.analysis.longest import LongestRow\n",
     )
     recipe.before(models, "        self.missed = 0\n", "        self.longest = LongestRow()\n")
@@ -574,10 +574,10 @@ class LongestRow:
         self.bytes = max(self.bytes, later.bytes)
 ''',
     )
-    summary = "fte_sniff/analysis/summary.py"
+    summary = "fte_sniff/analysis/statistics.py"
     recipe.before(
         summary,
-        "from fte_sniff.analysis.motor_stats import",
+        "from fte_sniff.analysis.motors import",
         "from fte_sniff.analysis.longest import LongestRow\n",
     )
     recipe.before(

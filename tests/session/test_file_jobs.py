@@ -21,10 +21,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff
-from fte_sniff.analysis.rules import parse_rule
-from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.summary import StatisticsSummary
-from fte_sniff.analysis.verdicts import RuleCheck
+from fte_sniff.analysis.rules import RuleCheck, parse_rule
+from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import Rows

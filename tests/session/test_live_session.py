@@ -20,8 +20,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.rules import parse_rule
-from fte_sniff.analysis.verdicts import RuleCheck
+from fte_sniff.analysis.rules import RuleCheck, parse_rule
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row

@@ -17,15 +17,13 @@ from rich.style import Style
 from textual.pilot import Pilot
 from textual.widgets import Static
 
+from fte_sniff.analysis.counters import EnvelopeColumns
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.motor_events import MotorEvents
-from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER
-from fte_sniff.analysis.motors import Motors
+from fte_sniff.analysis.motors import FLAGS_IN_ORDER, MotorEvents, Motors
+from fte_sniff.analysis.plots import Traces
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.series import EnvelopeColumns
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.traces import Traces
 from fte_sniff.formats.cell_text import rate_text, share_text, short_number, sparkline
 from fte_sniff.protocol import (
     KIND_BY_NAME,

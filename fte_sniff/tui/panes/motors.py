@@ -10,10 +10,9 @@ from typing import Final
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.motor_events import MotorEvent, MotorEvents
-from fte_sniff.analysis.motors import Flags, Motors, MotorState
+from fte_sniff.analysis.motors import Flags, MotorEvent, MotorEvents, Motors, MotorState
+from fte_sniff.analysis.plots import QUANTITIES, Traces
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
     clock_text,

@@ -22,8 +22,8 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.series import EnvelopeColumns, Floats
-from fte_sniff.analysis.usual_range import inside, medians, usual_targets
+from fte_sniff.analysis.counters import EnvelopeColumns, Floats
+from fte_sniff.analysis.plots import inside, medians, usual_targets
 from fte_sniff.formats.cell_text import fit_right, short_number
 from fte_sniff.protocol.rows import Bools, Ints
 from fte_sniff.tui.painter import Palette

@@ -12,10 +12,9 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.counters import Durations
+from fte_sniff.analysis.counters import Counts, Durations
 from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts
-from fte_sniff.analysis.series import Counts
+from fte_sniff.analysis.motors import FLAGS_IN_ORDER, TimeText, flag_texts
 from fte_sniff.analysis.statistics import FaultStats, PortStats, StreamStats
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import (

@@ -8,7 +8,7 @@ from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.motor_events import Health
+from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.errors import FteSniffError

@@ -22,12 +22,11 @@ from textual.geometry import Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
+from fte_sniff.analysis.counters import Floats
 from fte_sniff.analysis.live_models import ShownStreams
 from fte_sniff.analysis.motors import AnsweredCommands, MotorState
-from fte_sniff.analysis.series import Floats
+from fte_sniff.analysis.plots import QUANTITIES, Traces, usual_range
 from fte_sniff.analysis.statistics import StreamStats
-from fte_sniff.analysis.traces import QUANTITIES, Traces
-from fte_sniff.analysis.usual_range import usual_range
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     BLOCKS,

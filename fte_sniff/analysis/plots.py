@@ -1,19 +1,220 @@
-"""Commands, feedback, flags and faults over time: the data of the plots of a report."""
+"""The data of plots: targets and feedback of the motors over time, and their usual range.
+
+`Traces` keeps envelopes in constant memory, for plots of rows that come. `Timeline` keeps points,
+for the plots of a report. An outlier, such as a flipped bit, must not flatten either: the range of
+a plot is that of a running median.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
+from fte_sniff.analysis.counters import EnvelopeColumns, Floats, Keep, Series
+from fte_sniff.analysis.facts import motor_rows
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.motors import motor_rows
-from fte_sniff.analysis.usual_range import limits, medians, points_of_median, usual_targets
-from fte_sniff.protocol import KINDS, MOTORS, Fault, FrameKind, Gap, Row
-from fte_sniff.protocol.rows import Ints, Rows
+from fte_sniff.analysis.model import Model
+from fte_sniff.protocol import KINDS, MOTORS, Direction, Fault, FrameKind, Gap, Row
+from fte_sniff.protocol.rows import Bools, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit
+
+# The usual range
+
+MEDIAN_POINTS: Final = 5
+"""Points of the running median whose range is the usual one."""
+
+MARGIN: Final = 0.5
+"""How far a value may be outside the range of the medians, as a share of it."""
+
+LEAST_MARGIN: Final = 0.05
+"""The least margin, as a share of the greatest median; it matters where the range is narrow."""
+
+MOST_OUTLIERS: Final = 0.25
+"""Share of the commands that are outliers at most; a target that often changes has none."""
+
+
+def points_of_median(count: int) -> int:
+    """Points of the running median over `count` single points.
+
+    Four more for each tenfold above 200: among many points, some outliers are close together.
+    """
+    return MEDIAN_POINTS + 4 * max(0, int(np.log10(max(1, count / 200))))
+
+
+def medians(values: Floats, points: int = MEDIAN_POINTS) -> Floats:
+    """The running median of the values that are known; all of them where there are few."""
+    known = values[~np.isnan(values)]
+    if len(known) < points:
+        return known
+    windows = np.lib.stride_tricks.sliding_window_view(known, points)
+    found: Floats = np.median(windows, axis=1)
+    return found
+
+
+def usual_targets(
+    targets: Floats,
+    lengths: Ints,
+    *,
+    points: int = MEDIAN_POINTS,
+    begins: bool = True,
+    holds: bool = True,
+) -> Floats:
+    """The running median of the commands, so that one with a flipped bit is an outlier.
+
+    A command that is held longer than others counts more, since it may be sent only once; so do
+    the first of all, if these are all (`begins`), and the one that holds at the end (`holds`),
+    which have commands only at one side.
+
+    Args:
+        targets: What each command sets.
+        lengths: How long each is held, in any unit.
+    """
+    if not len(targets):
+        return targets
+    repeats = np.clip(lengths // max(1, int(np.median(lengths))), 1, points).astype(np.int64)
+    repeats[0] += points // 2 if begins else 0
+    repeats[-1] += points // 2 if holds else 0
+    found = medians(np.repeat(targets, repeats), points)
+    low, high = limits(found)
+    outliers = (targets < low) | (targets > high)
+    return found if outliers.mean() <= MOST_OUTLIERS else targets
+
+
+def limits(usual: Floats) -> tuple[float, float]:
+    """The range outside which a value is an outlier; `usual` values must not be empty."""
+    low, high = float(usual.min()), float(usual.max())
+    margin = max(MARGIN * (high - low), LEAST_MARGIN * max(abs(low), abs(high)), 1.0)
+    return low - margin, high + margin
+
+
+def inside(values: Floats, usual: Floats) -> Floats:
+    """The values that are not outliers; all of them where none is usual."""
+    if not len(usual):
+        return values
+    low, high = limits(usual)
+    found = values[(values >= low) & (values <= high)]
+    return found if len(found) else values
+
+
+def usual_range(values: Floats) -> tuple[float, float] | None:
+    """The least and the greatest value without outliers; None without values."""
+    known = inside(values[~np.isnan(values)], medians(values))
+    return (float(known.min()), float(known.max())) if len(known) else None
+
+
+# Envelopes of rows that come
+
+FINEST_NS: Final = 1 << 22
+"""Duration of the shortest windows, nanoseconds: about 4 ms."""
+
+LEVELS: Final = 6
+"""Levels of windows; those of the last one are at least two minutes long."""
+
+WINDOWS: Final = 2048
+"""Windows of a level."""
+
+_TRACED: Final = [
+    (code, kind, name)
+    for code, kind in enumerate(KINDS)
+    if kind.names_motor and (name := kind.subject) is not None
+]
+
+QUANTITIES: Final = tuple(dict.fromkeys(name for _, _, name in _TRACED))
+"""Column names of what is traced: `rpm` and `pulses`."""
+
+_Key: TypeAlias = tuple[int, Direction, str]
+
+_TO_ALL: Final = (0, Direction.CONTROL, "")
+_GROUPS: Final[dict[_Key, int]] = {
+    key: group
+    for group, key in enumerate(
+        [
+            *((motor, way, name) for way in Direction for name in QUANTITIES for motor in MOTORS),
+            _TO_ALL,
+        ]
+    )
+}
+"""By motor, direction and quantity, the group in the series; the last is commands to all motors."""
+
+_KINDS_TO_ALL: Final = [
+    code
+    for code, kind in enumerate(KINDS)
+    if kind.direction is Direction.CONTROL and not kind.names_motor
+]
+
+
+class Traces(Model):
+    """Commands and feedback of every motor over time; rows without a time are ignored."""
+
+    def __init__(self) -> None:
+        self._series = Series(
+            Keep.LOW, Keep.HIGH, Keep.LAST, shortest_ns=FINEST_NS, windows=WINDOWS, levels=LEVELS
+        )
+        self._window: tuple[int, int] | None = None
+        self._resampled: dict[tuple[_Key, int], EnvelopeColumns] = {}
+        """Results for that window, since a command is the target of one curve and ends another."""
+        self.last_ns: int | None = None
+        """Latest time of a row, nanoseconds since 1970 UTC."""
+
+    def observe(self, rows: Rows) -> None:
+        """Add the next rows."""
+        if (times := rows.extent) is None:
+            return
+        self._window = None
+        self.last_ns = times[1] if self.last_ns is None else max(self.last_ns, times[1])
+        groups = np.full(len(rows), -1)
+        values = np.zeros(len(rows), np.int64)
+        for code, kind, name in _TRACED:
+            at = np.flatnonzero(rows.kinds == code)
+            at = at[np.isin(rows.nums[at], MOTORS)]
+            groups[at] = _GROUPS[MOTORS[0], kind.direction, name] + rows.nums[at] - MOTORS[0]
+            values[at] = rows.values(name, at)
+        groups[np.isin(rows.kinds, _KINDS_TO_ALL)] = _GROUPS[_TO_ALL]
+        traced = rows.timed & (groups >= 0)
+        self._series.observe(rows.t_ns[traced], values[traced], groups[traced])
+
+    def resample(
+        self, motor: int, direction: Direction, name: str, window: tuple[int, int], columns: int
+    ) -> EnvelopeColumns:
+        """One quantity of a motor in a time window: its target (control) or feedback.
+
+        The result is shared: never change it.
+        """
+        if window != self._window:
+            self._window, self._resampled = window, {}
+        key = motor, direction, name
+        if (key, columns) not in self._resampled:
+            self._resampled[key, columns] = self._series.envelope(_GROUPS[key], window, columns)
+        return self._resampled[key, columns]
+
+    def other_commands(self, motor: int, name: str, window: tuple[int, int], columns: int) -> Bools:
+        """In which columns a motor got a command that does not set this quantity."""
+        found = np.zeros(columns, np.bool_)
+        for key in _other_commands(motor, name):
+            found |= ~np.isnan(self.resample(*key, window, columns).last)
+        return found
+
+    def target_before(self, motor: int, name: str, t_ns: int) -> int | None:
+        """The target of a quantity just before a time.
+
+        None if it is unknown, or the last command does not set this quantity.
+        """
+        own = self._series.before(_GROUPS[motor, Direction.CONTROL, name], t_ns)
+        others = [self._series.before(_GROUPS[key], t_ns) for key in _other_commands(motor, name)]
+        if own is None or any(other is not None and other[0] > own[0] for other in others):
+            return None
+        return own[1]
+
+
+def _other_commands(motor: int, name: str) -> list[_Key]:
+    others = [other for other in QUANTITIES if other != name]
+    return [*((motor, Direction.CONTROL, other) for other in others), _TO_ALL]
+
+
+# Points of a report
 
 MOST_POINTS: Final = 2_000_000
 """Rows with a time up to which every point is kept."""

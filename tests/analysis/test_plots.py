@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.timeline import ALL_MOTORS, Points, Timeline
-from fte_sniff.analysis.usual_range import limits, medians, points_of_median
+from fte_sniff.analysis.plots import ALL_MOTORS, Points, Timeline, limits, medians, points_of_median
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     KINDS,
