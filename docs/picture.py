@@ -27,9 +27,8 @@ from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui import status_bar
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers.findings import SEARCH
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.switcher import STEP_ROWS
+from fte_sniff.tui.panes.switcher import SEARCH, STEP_ROWS
 from fte_sniff.tui.table import RowTable
 
 FOLDER = Path(__file__).with_name("pictures")

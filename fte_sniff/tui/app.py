@@ -16,7 +16,6 @@ from textual import on
 from textual.actions import ActionParseResult, parse
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
-from textual.containers import Vertical
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.events import Event, InputEvent, Key, MouseDown, Resize
@@ -46,23 +45,19 @@ from fte_sniff.tui.commands import (
     bindings,
     key_names,
 )
-from fte_sniff.tui.controllers.controller import Parts
-from fte_sniff.tui.controllers.export import ExportController
-from fte_sniff.tui.controllers.filters import FilterController
-from fte_sniff.tui.controllers.findings import FindingsController
-from fte_sniff.tui.controllers.notes import NotesController
-from fte_sniff.tui.controllers.playback import PlaybackController
-from fte_sniff.tui.controllers.rows import RowController
-from fte_sniff.tui.controllers.search import SearchController
-from fte_sniff.tui.controllers.view import ViewController
-from fte_sniff.tui.focus import Focus
+from fte_sniff.tui.export import ExportField
+from fte_sniff.tui.filters import FilterField
+from fte_sniff.tui.find import GotoField, SearchField
 from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
-from fte_sniff.tui.modals import Entry, Picker
+from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
+from fte_sniff.tui.notes import NotesField
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.painter import CONTRAST_THEMES, ColorRules, NoColor, ReadableColors
-from fte_sniff.tui.panes.pane import Body, Pane
+from fte_sniff.tui.panes.pane import Pane
+from fte_sniff.tui.panes.row import DetailPane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.prompt import PromptField
+from fte_sniff.tui.playback import PlaybackControl
+from fte_sniff.tui.prompt import Focus, Parts, PromptField
 from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table import RowTable, TableHeader
 from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
@@ -80,8 +75,7 @@ TALL = 40
 class SniffApp(App[None]):
     """The screen over one feed.
 
-    It composes the widgets and the controllers, runs the commands on what owns them, polls the
-    feed, and ends.
+    It composes the widgets, runs the commands on what owns them, polls the feed, and ends.
     """
 
     CSS_PATH = Path(__file__).with_name("screen.tcss")
@@ -113,68 +107,53 @@ class SniffApp(App[None]):
         self._poll_interval = PollInterval(feed)
         self._alerts = 0
         self._compose_widgets()
-        self._compose_controllers()
         self.first_choices = self.choices
 
     def _compose_widgets(self) -> None:
         options, store = self._options, self._model.store
         rules = ColorRules(options.colors)
         self._warnings = [*options.warnings, *rules.mistakes]
-        self._header = TableHeader()
-        self._table = RowTable(store, self._header, options.choices.view)
-        self._table.rules = rules if options.colors else None
-        captures = 1 if options.notes is None else options.notes.origins.captures
-        self._panes = PaneSwitcher(store, self._table, options.line_setup, captures)
-        self._focus = Focus(self, self._table, self._header, self._panes.top)
-        main = Vertical(self._header, self._table, self._panes.top, id="main")
-        self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()
+        header = TableHeader()
+        self._table = RowTable(store, header, self._notice, options.choices.view)
+        self._table.rules = rules if options.colors else None
+        self._panes = PaneSwitcher(store, header, self._table, self._notice, options)
+        self._focus = Focus(self, self._table, header, self._panes.top)
         self._title_line, self._status_line = TitleLine(), StatusLine()
         self._key_line = KeyLine()
         self._hit_status = HitStatus(store, self._table)
-
-    def _compose_controllers(self) -> None:
-        parts = Parts(
-            self._options,
-            self._model,
-            self._table,
-            self._panes,
-            self._body,
-            self._focus,
-            self._notice,
+        parts = Parts(options, self._model, self._table, self._panes, self._focus, self._notice)
+        self.filters, self.notes, self.search = (
+            FilterField(parts),
+            NotesField(parts),
+            SearchField(parts),
         )
-        self.rows, self.search = RowController(parts), SearchController(parts)
-        self.filters = FilterController(parts)
-        self.findings = FindingsController(parts, self.filters)
-        self.notes, self.export = NotesController(parts), ExportController(parts)
-        self.playback, self.view = PlaybackController(parts), ViewController(parts)
+        self.goto, self.export = GotoField(parts), ExportField(parts)
+        self.playback = PlaybackControl(parts)
         self._owners: Mapping[str, object] = {
             "app": self,
             "table": self._table,
             "top": self._panes.top,
             "panes": self._panes,
-            "body": self._body,
-            "rows": self.rows,
-            "search": self.search,
             "filters": self.filters,
-            "findings": self.findings,
             "notes": self.notes,
+            "search": self.search,
+            "goto": self.goto,
             "export": self.export,
             "playback": self.playback,
-            "view": self.view,
         }
 
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
         yield self._title_line
-        yield self._body
+        yield self._panes
         yield self._notice
-        yield self.filters.field
+        yield self.filters
         yield self.filters.name_field
-        yield self.notes.field
-        yield self.search.field
-        yield self.rows.field
-        yield self.export.field
+        yield self.notes
+        yield self.search
+        yield self.goto
+        yield self.export
         yield self._status_line
         yield self._key_line
 
@@ -207,11 +186,11 @@ class SniffApp(App[None]):
         """End one thing that was begun: a save, a selection, a notice, a search, a pane."""
         if self.export.abandon() or self._table.end_selection():
             return
-        if self._notice.display and not self.search.running:
+        if self._notice.display and not self.search.is_searching:
             self._notice.dismiss()
         elif not self.search.end() and not self._panes.close():
             if self._panes.top.display:
-                self.view.action_top()
+                self.action_top()
             else:
                 self.playback.stop()
 
@@ -243,18 +222,39 @@ class SniffApp(App[None]):
     def action_open(self) -> None:
         """Show the rows of the chosen finding or time of a pane, else explain the row."""
         pane = self._panes.open
-        if self.findings.go():
+        if self.filters.show_finding():
             return
         if pane is not None and (span := pane.chosen_span) is not None:
             self._panes.close()
-            self.rows.go_to_fault_between(*span)
+            self._table.go_to_fault_between(*span)
         else:
-            self._panes.action_toggle("detail")
+            self._panes.action_switch(DetailPane.NAME)
 
     def action_choose(self) -> None:
         """Show the rows of the chosen finding, else of the line of the top view."""
-        if not self.findings.go():
+        if not self.filters.show_finding():
             self.filters.choose()
+
+    def action_top(self) -> None:
+        """Show one line for each kind and motor in place of the table, or the table again."""
+        self._focus.show_top(not self._panes.top.display)
+        if self._panes.top.display and self._panes.explains_row:
+            self._panes.close()
+        self._panes.call_after_refresh(self._panes.redraw)
+
+    def action_columns(self) -> None:
+        """Choose columns and their order."""
+
+        def choose(chosen: ChosenColumns | None) -> None:
+            if chosen is not None:
+                self._table.set_view(choice=chosen.names, delta=chosen.delta)
+
+        chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
+        self.push_screen(chooser, choose)
+
+    def action_help(self) -> None:
+        """Show the help page."""
+        self.push_screen(HelpPage(self._table.palette))
 
     def action_theme(self) -> None:
         """Switch to the next theme."""
@@ -349,7 +349,7 @@ class SniffApp(App[None]):
     @property
     def choices(self) -> Choices:
         """What the user has chosen by now."""
-        view, panes, before = self._table.view, self._body.pane_layout, self._options
+        view, panes, before = self._table.view, self._panes.pane_layout, self._options
         switched = self.language != before.language
         return Choices(
             self.theme,
@@ -422,14 +422,12 @@ class SniffApp(App[None]):
             self._update_table()
         self._hit_status.tick()
         self._show_state()
-        self.playback.serve(update.played, update.events)
+        if self._options.viewers is not None:
+            self.playback.serve(self._options.viewers, update.played, update.events)
         if not keys_first:
-            state = self._model.state
             play = self._model.playback
-            self.findings.tick(self.now_ns())
-            self._panes.tick(
-                self.now_ns(), state.live and state.running, None if play is None else play.t_ns
-            )
+            playhead_ns = None if play is None else play.t_ns
+            self._panes.tick(self.now_ns(), self._model.state, playhead_ns)
             if play is not None and play.is_over and not state.running:
                 self.playback.stop()
 
@@ -498,7 +496,8 @@ class SniffApp(App[None]):
         self._status_line.numbers = model.status_counters(
             viewport, self._hit_status.text, self._panes.health, top_time
         )
-        self.filters.field.set_count(model.filter_count)
+        if model.filter_count is not None:
+            self.filters.set_count(*model.filter_count)
         self._table.set_empty_text(model.empty_text)
 
     def _display(self, screen: Screen[object], renderable: RenderableType | None) -> None:
@@ -530,7 +529,7 @@ class SniffApp(App[None]):
 
     @on(RowTable.Opened)
     def _on_double_click(self) -> None:
-        self.view.explain_row()
+        self._panes.explain_row()
 
     @on(Pane.Pointed)
     def _on_pointed(self, event: Pane.Pointed) -> None:
@@ -544,7 +543,7 @@ class SniffApp(App[None]):
     def _on_table_moved(self) -> None:
         self._show_state()
         self.notes.show_note()
-        self._panes.on_cursor_moved()
+        self._panes.on_table_moved()
 
 
 def run_screen(

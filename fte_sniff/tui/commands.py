@@ -56,7 +56,7 @@ class Command(Binding):
     """A command: its keys, its texts, and what it calls."""
 
     run: str = ""
-    """The owner and its method, without `action_`: `rows.fault(1)`; unique."""
+    """The owner and its method, without `action_`: `table.fault(1)`; unique."""
     where: Where = Where.VIEW
     rank: int = 0
     """Its importance in the key line, 1 is the most important; 0 before all, for one view."""
@@ -132,14 +132,14 @@ MOVING: tuple[Command, ...] = (
         rank=8,
         words="bottom end tail newest last live",
     ),
-    _rows("left,h", "view.aside(-1)", "columns to the left; a time in the statistics"),
-    _rows("right,l", "view.aside(1)", "columns to the right; a time in the statistics"),
+    _rows("left,h", "panes.aside(-1)", "columns to the left; a time in the statistics"),
+    _rows("right,l", "panes.aside(1)", "columns to the right; a time in the statistics"),
 )
 
 FINDING: tuple[Command, ...] = (
     _key(
         "f",
-        "filters.filter",
+        "filters.ask",
         "filter the rows: motor = 1 AND rpm > 500",
         short="Filter",
         rank=3,
@@ -148,40 +148,40 @@ FINDING: tuple[Command, ...] = (
     _key("F", "filters.unfilter", "show all rows again", words="clear remove reset filter"),
     _rows(
         "e",
-        "rows.fault(1)",
+        "table.fault(1)",
         "the next row with a fault",
         short="Fault",
         rank=4,
         words="next error damage malformed",
     ),
-    _rows("E", "rows.fault(-1)", "the previous row with a fault", words="error damage malformed"),
+    _rows("E", "table.fault(-1)", "the previous row with a fault", words="error damage malformed"),
     _rows(
         "a",
-        "rows.raised(1)",
+        "table.raised(1)",
         "the next row whose ERROR or ONLINE is not all in order",
         words="next alarm flag",
     ),
     _rows(
         "A",
-        "rows.raised(-1)",
+        "table.raised(-1)",
         "the previous row whose ERROR or ONLINE is not all in order",
         words="alarm flag",
     ),
     _rows(
         "right_curly_bracket",
-        "rows.unanswered(1)",
+        "table.unanswered(1)",
         "the next command without an answer",
         words="next missing reply response silent timeout",
     ),
     _rows(
         "left_curly_bracket",
-        "rows.unanswered(-1)",
+        "table.unanswered(-1)",
         "the previous command without an answer",
         words="missing reply response silent timeout",
     ),
     _rows(
         "slash",
-        "search.search",
+        "search.ask",
         "find rows that have a text or bytes (hex:AA ?? 03)",
         short="Search",
         rank=6,
@@ -210,7 +210,7 @@ FINDING: tuple[Command, ...] = (
     _rows("m", "notes.mark", "mark the row, or remove its mark", words="bookmark flag"),
     _rows(
         "number_sign",
-        "notes.note",
+        "notes.ask",
         "write a note on the row; an empty one removes it",
         words="comment remark annotate text label",
     ),
@@ -218,19 +218,19 @@ FINDING: tuple[Command, ...] = (
     _rows("U", "notes.to_mark(-1)", "the previous marked row"),
     _rows(
         "o",
-        "rows.landmark(1)",
+        "table.landmark(1)",
         "the next lost port or gap",
         words="next gap lost port disconnect missing",
     ),
     _rows(
         "O",
-        "rows.landmark(-1)",
+        "table.landmark(-1)",
         "the previous lost port or gap",
         words="gap lost port disconnect missing",
     ),
     _rows(
         "colon",
-        "rows.goto",
+        "goto.ask",
         "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte",
         words="jump seek time row number offset",
     ),
@@ -258,7 +258,7 @@ HANDLING: tuple[Command, ...] = (
     ),
     _rows(
         "v",
-        "rows.select",
+        "table.select",
         "select rows from here to the cursor, for y, Y and w",
         words="range block rows",
     ),
@@ -271,7 +271,7 @@ HANDLING: tuple[Command, ...] = (
     _rows("Y,c", "export.copy", "copy the row's bytes as hex", words="clipboard yank hex"),
     _key(
         "w",
-        "export.save",
+        "export.ask",
         "save the selected rows, or all that are shown, to a file",
         words="export write csv jsonl parquet mcap hex raw txt",
     ),
@@ -283,19 +283,19 @@ HANDLING: tuple[Command, ...] = (
     ),
     _rows(
         "t",
-        "view.times",
+        "table.times",
         "times: UTC, local, since the first row, since a mark",
         words="clock timestamp utc local zone",
     ),
     _rows(
         "d",
-        "view.changes",
+        "table.changes",
         "highlight bytes that changed, dim the others",
         words="difference diff cansniffer dim highlight",
     ),
     _rows(
         "C",
-        "view.columns",
+        "app.columns",
         "choose columns and their order",
         words="fields layout delta",
     ),
@@ -317,7 +317,7 @@ HANDLING: tuple[Command, ...] = (
 UNDERSTANDING: tuple[Command, ...] = (
     _rows(
         "i",
-        "panes.toggle('detail')",
+        "panes.switch('detail')",
         "what each byte means (also enter)",
         short="Detail",
         rank=9,
@@ -325,7 +325,7 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _key(
         "exclamation_mark",
-        "panes.toggle('findings')",
+        "panes.switch('findings')",
         "what is wrong: cause, motor and time; enter shows its rows",
         short="Findings",
         rank=5,
@@ -333,31 +333,31 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _rows(
         "right_square_bracket",
-        "view.field(1)",
+        "panes.field(1)",
         "look at the next field of the row",
         words="next byte highlight",
     ),
     _rows(
         "left_square_bracket",
-        "view.field(-1)",
+        "panes.field(-1)",
         "look at the previous field",
         words="byte highlight",
     ),
     _rows(
         "R",
-        "rows.related",
+        "table.related",
         "from a command to its answer, or back",
         words="answer reply response request pair jump",
     ),
     _rows(
         "b",
-        "panes.toggle('bytes')",
+        "panes.switch('bytes')",
         "the bytes around the row",
         words="hex dump",
     ),
     _key(
         "M",
-        "panes.toggle('motors')",
+        "panes.switch('motors')",
         "target and feedback of each motor",
         short="Motors",
         rank=10,
@@ -365,7 +365,7 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _key(
         "T",
-        "view.top",
+        "app.top",
         "one line for each kind and motor, in place of the table",
         short="Top",
         rank=11,
@@ -373,7 +373,7 @@ UNDERSTANDING: tuple[Command, ...] = (
     ),
     _key(
         "S",
-        "panes.toggle('statistics')",
+        "panes.switch('statistics')",
         "rates, use of the line, faults over time",
         short="Stats",
         rank=12,
@@ -390,9 +390,9 @@ UNDERSTANDING: tuple[Command, ...] = (
         "panes.change('switch_range')",
         "outliers of the motors: markers at the edge, or the full range",
     ),
-    _key("plus", "body.grow(1)", "a larger pane"),
-    _key("minus", "body.grow(-1)", "a smaller pane"),
-    _key("L", "view.pane_side", "the pane beside the table or below it, from 160 columns on"),
+    _key("plus", "panes.grow(1)", "a larger pane"),
+    _key("minus", "panes.grow(-1)", "a smaller pane"),
+    _key("L", "panes.move", "the pane beside the table or below it, from 160 columns on"),
     _key("J", "panes.change('scroll_lines', 1)", "scroll the pane down"),
     _key("K", "panes.change('scroll_lines', -1)", "scroll the pane up"),
 )
@@ -411,7 +411,7 @@ TOP: tuple[Command, ...] = (
 LEAVING: tuple[Command, ...] = (
     _key(
         "question_mark",
-        "view.help",
+        "app.help",
         "all keys and signs",
         short="Help",
         rank=1,
@@ -448,7 +448,7 @@ UNBOUND: tuple[Command, ...] = (
     ),
     _rows(
         "",
-        "view.events",
+        "table.events",
         "show or hide the lines of port events and gaps",
         words="separator port lines hide show",
     ),

@@ -27,6 +27,7 @@ from textual.scrollbar import ScrollBarRender
 from textual.strip import Strip
 from textual.theme import Theme
 
+from fte_sniff.analysis.relations import AnswerState
 from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FilterError, TranslatableText, quoted
@@ -61,7 +62,7 @@ from fte_sniff.tui.cells import (
     is_raised,
     value_parts,
 )
-from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT, ExplainedWord
+from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT, ExplainedWord, later
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -470,6 +471,16 @@ class Sign(ExplainedWord):
     SELECTED = "|", "selected by v"
     UNANSWERED = "x", "a command without an answer"
     PAIRED = "&", "the command or the answer of the row under the cursor"
+
+
+NO_ANSWER: Final = {
+    AnswerState.UNANSWERED: later(
+        "unanswered: the motor's next command, or the deadline, came first"
+    ),
+    AnswerState.WAITING: later("unanswered so far"),
+    AnswerState.UNKNOWN: later("whether it was answered is unknown"),
+}
+"""What is known of a command that has no answer."""
 
 
 @dataclass(frozen=True, slots=True)

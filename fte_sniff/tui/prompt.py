@@ -1,40 +1,109 @@
-"""Prompt fields at the bottom: filter, search and save, with history and completion."""
+"""Prompt fields at the bottom: a line that is checked while the user types, and the focus."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from threading import Thread
-from time import monotonic
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final
 
-from rich.cells import cell_len
 from rich.text import Text
-from textual import events, on
-from textual.app import ComposeResult
+from textual import events
+from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.timer import Timer
 from textual.widget import Widget
-from textual.widgets import Input, OptionList, Static
+from textual.widgets import Input, Static
 
-from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
-from fte_sniff.analysis.search import MatchCounter, ValueCounter
-from fte_sniff.errors import FilterError, FteSniffError, TranslatableText
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
-from fte_sniff.protocol import COLUMN_BY_NAME
-from fte_sniff.session.save import DEFAULT_NAME
-from fte_sniff.tui.cells import first_fitting
-from fte_sniff.tui.focus import Focus
+from fte_sniff.errors import FteSniffError
+from fte_sniff.tui.commands import Where
 from fte_sniff.tui.i18n import _, error_text, later
-from fte_sniff.tui.modals import LineList, list_line
-from fte_sniff.tui.status_bar import WrappedText
-from fte_sniff.tui.view_model import STEP_PAUSE_S
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.switcher import PaneSwitcher
+from fte_sniff.tui.panes.top import TopView
+from fte_sniff.tui.status_bar import NoticeLine, WrappedText
+from fte_sniff.tui.table import RowTable, TableHeader
+from fte_sniff.tui.view_model import ViewModel
 
-if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+class Focus:
+    """The focus of the screen: the table, the top view, or the line of the open field.
+
+    Exactly one of them can have the focus. So no click, no Tab, and no request that Textual handles
+    later can move it, and a key that is typed ahead goes where the key before it led.
+    """
+
+    def __init__(self, app: App[None], table: RowTable, header: TableHeader, top: TopView) -> None:
+        """The table has the focus once `start` is called."""
+        self._app, self._table, self._header, self._top = app, table, header, top
+        self._field: PromptField | None = None
+        self._holder: Widget = table
+        table.can_focus, top.can_focus = True, False
+
+    def start(self) -> None:
+        """Give the focus to its owner, once that is on the screen."""
+        self._give()
+
+    @property
+    def owner(self) -> Widget:
+        """The widget that receives the keys, when no page is open."""
+        if self._field is not None:
+            return self._field.line
+        return self._top if self._top.display else self._table
+
+    def show_top(self, shown: bool) -> None:
+        """Show the top view in place of the table, or the table again."""
+        self._top.display = shown
+        self._header.display = self._table.display = not shown
+        self._give()
+
+    def open(self, field: PromptField) -> None:
+        """Let the user type in a field; any other one is left."""
+        if self._field is not None and self._field is not field:
+            self._field.close()
+        self._field = field
+        self._give()
+
+    def close(self, field: PromptField) -> None:
+        """Return the focus from a field, if it is the open one."""
+        if field is self._field:
+            self._field = None
+            self._give()
+
+    def has_open(self, field: PromptField) -> bool:
+        """Whether the user is typing in this field."""
+        return field is self._field
+
+    def clicked(self, widget: Widget | None) -> None:
+        """Leave the open field where the table, its header or the top view was clicked."""
+        views = (self._table, self._header, self._top)
+        clicked = [] if widget is None else widget.ancestors_with_self
+        if any(view in clicked for view in views):
+            self.leave()
+
+    def leave(self) -> None:
+        """Leave the open field, if there is one."""
+        if self._field is not None:
+            self._field.close()
+
+    def allows(self, where: Where) -> bool:
+        """Whether such an action may act now: an open field and a page have their own keys."""
+        is_page_open = len(self._app.screen_stack) > 1
+        return where is Where.ANYWHERE or not (is_page_open or self._field)
+
+    def prepare(self, where: Where) -> None:
+        """Bring the table back for an action on rows that is allowed."""
+        if where is Where.ROWS and self._top.display:
+            self.show_top(False)
+
+    def _give(self) -> None:
+        """Move the focus at once and not by a message: the next key may be typed already."""
+        self._holder.can_focus = False
+        self._holder = self.owner
+        self._holder.can_focus = True
+        self._holder.screen.set_focus(self._holder)
 
 
 class History:
@@ -68,13 +137,6 @@ class History:
             self._typed = typed
         self._current = min(max(0, self._current + by), len(self.lines))
         return self._typed if self._current == len(self.lines) else self.lines[self._current]
-
-
-Check: TypeAlias = Callable[[str], object]
-"""Parses a line; raises an FteSniffError with the reason where it is invalid."""
-
-OnSubmit: TypeAlias = Callable[[str], None]
-"""Receives a valid line, before the next key acts."""
 
 
 @cache
@@ -148,6 +210,18 @@ class PromptLine(Input):
 
 
 @dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of the screen that fields and playback change."""
+
+    options: StartOptions
+    model: ViewModel
+    table: RowTable
+    panes: PaneSwitcher
+    focus: Focus
+    notice: NoticeLine
+
+
+@dataclass(frozen=True, slots=True)
 class Prompt:
     """What a field asks for."""
 
@@ -160,14 +234,22 @@ class Prompt:
 
 
 class PromptField(Vertical):
-    """A labelled input that is checked while the user types; Enter shows a mistake."""
+    """A labelled input that is checked while the user types; Enter shows a mistake.
 
-    def __init__(self, focus: Focus, prompt: Prompt, check: Check, on_submit: OnSubmit) -> None:
-        """A closed field: `check` parses a line, `on_submit` receives a valid one."""
+    A subclass defines what it asks for, and what it does with a valid line. The input and what
+    is around it are mounted when the field is opened for the first time, since most never are.
+    """
+
+    PROMPT: ClassVar[Prompt]
+
+    def __init__(self, parts: Parts) -> None:
+        """A closed field."""
         super().__init__()
-        self._prompt, self._check, self._on_submit = prompt, check, on_submit
-        self._focus = focus
+        self._options, self._model, self._table = parts.options, parts.model, parts.table
+        self._panes, self._focus, self._notice = parts.panes, parts.focus, parts.notice
+        self._store = parts.model.store
         self.line = PromptLine(self)
+        self._asked = Horizontal(classes="asked")
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
         self.default = ""
@@ -178,29 +260,43 @@ class PromptField(Vertical):
         """The line that was submitted with a mistake."""
         self.display = False
 
+    def parse(self, line: str) -> object:
+        """Parse a line; raises FteSniffError with the reason where it is invalid."""
+        return line
+
+    def accept(self, line: str) -> None:
+        """Act on a valid line, before the next key acts."""
+
     @property
     def _label_text(self) -> Text:
-        return Text(f" {_(self._prompt.label)} ")
+        return Text(f" {_(self.PROMPT.label)} ")
 
     def translate(self) -> None:
         """Show the label in the current language."""
         self._label.update(self._label_text)
 
-    def compose(self) -> ComposeResult:
-        """The label, the input and, below, the verdict."""
-        with Horizontal(classes="asked"):
-            yield self._label
-            yield self.line
-        yield self._verdict
+    def fill(self) -> None:
+        """Mount the label, the input and, below, the verdict, at the first use."""
+        if self.line.parent is None:
+            self.mount(self._asked, self._verdict)
+            # Not as its children: they would be mounted too late for the focus.
+            self._asked.mount(self._label, self.line)
 
     @property
     def is_open(self) -> bool:
         """Whether the user is typing a line."""
         return self._focus.has_open(self)
 
+    def action_ask(self) -> None:
+        """Open the field."""
+        self.open()
+
     def open(self, line: str | None = None) -> None:
         """Show the field with a line, or that in effect; its input has the focus."""
-        self.line.placeholder = self.default or _(self._prompt.example)
+        if not self.is_attached:
+            return  # a key that was typed ahead of the end
+        self.fill()
+        self.line.placeholder = self.default or _(self.PROMPT.example)
         self.display = True
         self.set_class(True, "-asking")
         self.line.value = self.current if line is None else line
@@ -215,6 +311,8 @@ class PromptField(Vertical):
         self.set_class(False, "-asking")
         self.line.value = self.current
         self.display = bool(self.current)
+        if self.display:
+            self.fill()
 
     def set_current(self, line: str) -> None:
         """Set the line in effect; the previous one is in the history."""
@@ -243,7 +341,7 @@ class PromptField(Vertical):
         self._refused = self.line.value
         if self._judge(line):
             self.line.history.append(line)
-            self._on_submit(line)
+            self.accept(line)
             self.close()
 
     def move(self, by: int) -> bool:
@@ -261,16 +359,16 @@ class PromptField(Vertical):
     def _judge(self, line: str, *, finished: bool = True) -> bool:
         """Check a line and show the verdict; an empty line is valid."""
         try:
-            self._on_valid(self._check(line) if line.strip() else None)
+            self._on_valid(self.parse(line) if line.strip() else None)
         except FteSniffError as error:
             self._on_valid(None)
-            text = error_text(error).removeprefix(f"{self._prompt.label}: ")
+            text = error_text(error).removeprefix(f"{self.PROMPT.label}: ")
             if finished:
                 self._show_verdict("✗", text, bad=True)
             else:
-                self._show_verdict("…", _(self._prompt.hint), bad=False)
+                self._show_verdict("…", _(self.PROMPT.hint), bad=False)
             return False
-        self._show_verdict("✓" if line.strip() else " ", _(self._prompt.hint), bad=False)
+        self._show_verdict("✓" if line.strip() else " ", _(self.PROMPT.hint), bad=False)
         return True
 
     def _on_valid(self, parsed: Any) -> None:
@@ -296,338 +394,3 @@ def preload_filter() -> None:
             import_module(name)
 
     Thread(target=load, name="filter import", daemon=True).start()
-
-
-def parse_filter(line: str) -> RowFilter:
-    """Parse a filter; raises FilterError if the line is not a filter."""
-    from fte_sniff.analysis.filter.row_filter import RowFilter
-
-    return RowFilter.parse(line)
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One line of the dropdown."""
-
-    text: str
-    """What is inserted, or the whole line that replaces the typed one."""
-    right: str = ""
-    """What it is: a meaning, or the number of rows."""
-    start: int = 0
-    """Where the text that it replaces starts; that ends at the cursor."""
-
-
-class Dropdown(LineList):
-    """Candidates above the input.
-
-    `textual-autocomplete` opens below the cursor, so at the bottom of the screen it covers the
-    line that is typed, and it takes Up and Enter before the user has entered the list.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(compact=True)
-        self.candidates: Sequence[Candidate] = ()
-        self.display = False
-
-    def show(self, candidates: Sequence[Candidate], lines: int, width: int, left: int) -> None:
-        """Show candidates in at most `lines` lines and `width` cells, from a column on."""
-        self.display = bool(candidates) and lines > 0
-        if candidates == self.candidates and self.option_count:
-            return
-        self.candidates = candidates
-        names = max((cell_len(one.text) for one in candidates), default=0)
-        rights = max((cell_len(one.right) for one in candidates), default=0)
-        cells = min(width, names + rights + 4 + (len(candidates) > lines))
-        self.styles.width = cells
-        self.styles.height = min(lines, len(candidates))
-        self.styles.offset = (max(0, min(left, width - cells)), -min(lines, len(candidates)))
-        # Without colours there is no background that separates it from the rows.
-        side = "│" if self.app.no_color else " "
-        self.set_options(list_line(side + one.text, one.right + side) for one in candidates)
-        self.highlighted = None
-
-    @property
-    def chosen(self) -> Candidate | None:
-        """The candidate that the user has moved to."""
-        return None if self.highlighted is None else self.candidates[self.highlighted]
-
-    def move(self, by: int) -> bool:
-        """Move by lines; up from the first leaves the list. False if the key is not for it."""
-        here = self.highlighted
-        if not self.display or (here is None and by < 0):
-            return False
-        place = 0 if here is None else here + by
-        self.highlighted = None if place < 0 else min(place, len(self.candidates) - 1)
-        return True
-
-
-MOST_CANDIDATES: Final = 200
-"""Lines of the dropdown; more are found by typing."""
-
-MOST_EARLIER: Final = 5
-
-UNCOUNTED: Final = ("time", "offset", "raw")
-"""Columns whose values seldom repeat; they are not suggested."""
-
-STEP_S: Final = 0.01
-"""How long counting may block the screen before keys come first."""
-
-
-FILTER: Final = Prompt(
-    later("filter"),
-    "motor = 1 AND rpm > 500",
-    later("enter applies, empty shows all; down: list, up: earlier, ^s: save by name"),
-)
-
-
-_COUNT_PADDING: Final = 2
-"""Cells around the count."""
-
-
-def _count_forms(shown: int, every: int, pending: int = 0) -> tuple[str, str]:
-    """How many of all rows pass a filter, in words and short."""
-    numbers = f"{shown:,}/{every:,}"
-    if pending:
-        rows = _(
-            "{shown:,} of {all:,} rows, {pending:,} to go", shown=shown, all=every, pending=pending
-        )
-        return rows, f"{numbers} …"
-    return _("{shown:,} of {all:,} rows", shown=shown, all=every), numbers
-
-
-class FilterField(PromptField):
-    """Asks for a filter; shows the current one with the number of rows that pass."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+s", "save", later("Save"), key_display="^s"),
-    ]
-
-    def __init__(
-        self,
-        focus: Focus,
-        store: RowStore,
-        current: str,
-        saved: Mapping[str, str],
-        cursor_ns: Callable[[], int | None],
-        on_submit: OnSubmit,
-        on_save: OnSubmit,
-    ) -> None:
-        """A field over the rows of a store, with the filter in effect.
-
-        It suggests `saved` filters, by name, and the time that `cursor_ns` returns. `on_save`
-        receives a filter to be saved by name.
-        """
-        super().__init__(focus, FILTER, parse_filter, on_submit)
-        self._store, self._saved, self._cursor_ns, self._on_save = store, saved, cursor_ns, on_save
-        self._count = Static(classes="shown")
-        self._count_text = ""
-        self._dropdown = Dropdown()
-        self._matching: MatchCounter | None = None
-        self._values: dict[str, ValueCounter] = {}
-        self._column: str | None = None
-        self._timer: Timer | None = None
-        self.current = current
-
-    def compose(self) -> ComposeResult:
-        """The dropdown over the line."""
-        yield self._dropdown
-        yield from super().compose()
-
-    def on_mount(self) -> None:
-        """Add the count after the line."""
-        self.query_one(".asked").mount(self._count)
-        self.close()
-
-    def open(self, line: str | None = None) -> None:
-        """Let the user type."""
-        preload_filter()
-        super().open(line)
-        # The line has no place on the screen before the next layout.
-        self.call_after_refresh(self._suggest)
-
-    def close(self) -> None:
-        """Return the focus and stop counting."""
-        super().close()
-        self._dropdown.display = False
-        self._matching, self._values, self._column = None, {}, None
-
-    def set_count(self, count: tuple[int, int, int] | None) -> None:
-        """Show how many rows pass the filter in effect, of all, and how many are to go.
-
-        Not while one is typed.
-        """
-        if not self.is_open:
-            self._show_count([""] if count is None else _count_forms(*count))
-
-    def _show_count(self, forms: Sequence[str]) -> None:
-        """Show the number of rows in the first of these forms that leaves the line uncut."""
-        around = cell_len(f"{self._label_text} {self.line.value} ") + _COUNT_PADDING
-        text = first_fitting(forms, self.size.width - around)
-        if text != self._count_text:
-            # The count changes all the time: a new layout only where its width changes.
-            layout = cell_len(text) != cell_len(self._count_text)
-            self._count_text = text
-            self._count.update(Text(text), layout=layout)
-
-    def action_save(self) -> None:
-        """Apply a valid filter, and ask for its name."""
-        line = self.line.value.strip()
-        if line and self._judge(line):
-            self.submit(line)
-            self._on_save(line)
-
-    def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the line, count its rows, and suggest how it goes on."""
-        super().on_input_changed(event)
-        self._suggest()
-
-    def _on_valid(self, parsed: RowFilter | None) -> None:
-        """Count the rows that pass; the steps give way to keys."""
-        self._matching = None
-        self._show_count([""])
-        if self.is_open and parsed is not None:
-            self._matching = MatchCounter(self._store, parsed.matches, BLOCK_ROWS)
-            self._continue()
-
-    def _continue(self) -> None:
-        if self._timer is None:
-            self._timer = self.set_timer(STEP_PAUSE_S, self._step)
-
-    def _step(self) -> None:
-        """Count for a moment: first the values that are suggested, then the matching rows."""
-        self._timer = None
-        until = monotonic() + STEP_S
-        values = self._values.get(self._column or "")
-        changed = False
-        # At least one step each time: the machine may be busy with something else for long.
-        while running := values is not None and values.step():
-            changed = True
-            if monotonic() >= until:
-                break
-        if changed:
-            self._suggest()
-        try:
-            while self._matching is not None and not running:
-                if not self._matching.step():
-                    self._show_matching(self._matching)
-                    break
-                running = monotonic() >= until
-        except FilterError:
-            self._matching = None
-        if running:
-            self._continue()
-
-    def _show_matching(self, counter: MatchCounter) -> None:
-        total = counter.position(-1).total
-        self._show_count(_count_forms(total, len(self._store)))
-
-    def _observed(self, column: str) -> Mapping[str, int]:
-        """The values of a column that are counted so far."""
-        if column in UNCOUNTED:
-            return {}
-        self._column = column
-        if column not in self._values:
-            self._values[column] = ValueCounter(self._store, column)
-        self._continue()
-        return self._values[column].counts
-
-    def _suggest(self) -> None:
-        line = self.line
-        if not self.is_open:
-            return
-        candidates = self._candidates(line.value, line.cursor_position)
-        start = candidates[0].start if candidates else 0
-        left = line.region.x - self.region.x + cell_len(line.value[:start]) - line.scroll_offset.x
-        lines = min(8, self.app.size.height // 3)
-        self._dropdown.show(candidates[:MOST_CANDIDATES], lines, self.app.size.width, left - 1)
-
-    def _candidates(self, line: str, cursor: int) -> list[Candidate]:
-        from fte_sniff.analysis.filter.completion import completions
-
-        self._column = None
-        typed = line.strip().lower()
-        saved = [
-            Candidate(text, name)
-            for name, text in self._saved.items()
-            if name.lower().startswith(typed) and text != line
-        ]
-        earlier = [
-            Candidate(text, _("earlier"))
-            for text in self.line.history.newest_first()
-            if typed in text.lower() and text not in (line, *self._saved.values())
-        ][:MOST_EARLIER]
-        found = completions(line, cursor, self._cursor_ns(), self._observed)
-        here = [
-            Candidate(choice, self._meaning(choice, found.counts), found.start)
-            for choice in found.choices
-        ]
-        return [*here, *saved, *earlier] if typed else [*saved, *earlier, *here]
-
-    @staticmethod
-    def _meaning(choice: str, counts: Mapping[str, int]) -> str:
-        if choice in counts:
-            return _("{count:,} rows", count=counts[choice])
-        column = COLUMN_BY_NAME.get(choice)
-        return "" if column is None else _(column.meaning)
-
-    def move(self, by: int) -> bool:
-        """Move in the dropdown."""
-        return self._dropdown.move(by)
-
-    def pick(self, *, typed: bool = False) -> bool:
-        """Insert the candidate under the cursor, or with `typed`, that of the typed word."""
-        chosen = self._dropdown.chosen
-        cursor, value = self.line.cursor_position, self.line.value
-        if chosen is None and typed and self._dropdown.display:
-            first = self._dropdown.candidates[0]
-            chosen = first if value[first.start : cursor].strip() else None
-        if chosen is None:
-            return False
-        before = value[: chosen.start] + chosen.text + " "
-        self.line.value = before + (value[cursor:].lstrip() if chosen.start else "")
-        self.line.cursor_position = len(before)
-        # At once: the next key may be typed already, and is for the line.
-        self._dropdown.highlighted = None
-        return True
-
-    def leave_list(self) -> bool:
-        """Leave the dropdown; returns whether the cursor was in it."""
-        was_in = self._dropdown.highlighted is not None
-        self._dropdown.highlighted = None
-        return was_in
-
-    @on(OptionList.OptionSelected)
-    def _on_clicked(self, event: OptionList.OptionSelected) -> None:
-        event.stop()
-        self._dropdown.highlighted = event.option_index
-        self.pick()
-
-
-FILTER_NAME: Final = Prompt(
-    later("save the filter as"),
-    "stalled",
-    later("enter saves it for the list of f, esc goes back"),
-)
-SEARCH: Final = Prompt(
-    later("search"),
-    "rpm=1000, AA 01, hex:AA ?? 03",
-    later("enter finds the next row from here on, then n and N; up: earlier ones"),
-)
-GOTO: Final = Prompt(
-    later("go to"),
-    "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
-    later("enter goes there, esc stays here"),
-)
-NOTE: Final = Prompt(
-    later("note"),
-    later("the wheel was blocked by hand"),
-    later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
-)
-ROWS_FILE: Final = Prompt(
-    later("save to"),
-    DEFAULT_NAME,
-    TranslatableText(
-        "enter saves, esc goes back; the extension selects the format: {forms}",
-        forms=" ".join(FORMAT_BY_SUFFIX),
-    ),
-)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC
 from itertools import repeat
 from typing import ClassVar
 
@@ -23,7 +24,7 @@ from textual.widget import Widget
 
 from fte_sniff.analysis.relations import RowRelations
 from fte_sniff.analysis.row_store import Landmarks, RowStore
-from fte_sniff.analysis.search import Search
+from fte_sniff.analysis.search import Search, find_fault, find_raised, find_unanswered
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Frame, Row
@@ -38,7 +39,9 @@ from fte_sniff.tui.cells import (
     layout_for,
 )
 from fte_sniff.tui.commands import MOVING, OPENING, action_of, bindings
+from fte_sniff.tui.i18n import _, choice_after
 from fte_sniff.tui.painter import (
+    NO_ANSWER,
     REVERSED,
     BarSign,
     ColorRules,
@@ -51,6 +54,7 @@ from fte_sniff.tui.painter import (
     Sign,
     palette_of,
 )
+from fte_sniff.tui.status_bar import NoticeLine
 
 
 class Viewport:
@@ -187,7 +191,7 @@ class TableHeader(Widget):
 
     async def on_click(self) -> None:
         """Choose columns."""
-        await self.run_action(action_of("view.columns"))
+        await self.run_action(action_of("app.columns"))
 
     def render_line(self, y: int) -> Strip:
         """The names."""
@@ -251,7 +255,9 @@ class RowTable(ScrollView):
             super().__init__()
             self.failure = failure
 
-    def __init__(self, store: RowStore, header: TableHeader, view: TableView) -> None:
+    def __init__(
+        self, store: RowStore, header: TableHeader, notice: NoticeLine, view: TableView
+    ) -> None:
         super().__init__()
         self.viewport = Viewport()
         self.landmarks = Landmarks(store)
@@ -273,6 +279,7 @@ class RowTable(ScrollView):
         self._empty_text = ""
         self._store = store
         self._header = header
+        self._notice = notice
         self.last_index = 0
         """Index of the row under the cursor, now or when there last were rows."""
         self._pause_index = 0
@@ -400,7 +407,7 @@ class RowTable(ScrollView):
         """Put the cursor on the most important row of a cell of the overview."""
         position = self._overview.position_at(cell)
         if position is not None:
-            self.jump(min(position, max(0, self.viewport.count - 1)))
+            self.jump(position)
 
     def _window_lines(self) -> Sequence[TableLine]:
         viewport = self.viewport
@@ -710,3 +717,113 @@ class RowTable(ScrollView):
     def next_mark(self, by: int) -> int | None:
         """Index of the nearest shown mark below (`by` 1) or above (-1)."""
         return next(filter(self._store.view.has, self.marks.beyond(self.last_index, by)), None)
+
+    def go_to_fault_between(self, start_ns: int, end_ns: int) -> None:
+        """Go to the first shown row with a fault in a span of time, else to its first row."""
+        store = self._store
+        self.stop_following()
+        self.jump(store.view.position_of(store.index_from(start_ns)))
+        row = self.cursor_row
+        if row is None or not row.faults:
+            index = find_fault(store, self.last_index, 1)
+            t_ns = None if index is None else store.row(index).t_ns
+            if t_ns is not None and t_ns < end_ns:
+                self.jump_to_index(index)
+
+    def action_fault(self, by: int) -> None:
+        """Go to the next fault, or to the previous one."""
+        store, start = self._store, self.last_index
+        if self.jump_to_index(find_fault(store, start, by)):
+            return
+        text, other = _("no row with a fault below this one"), _("{key} goes to the previous one")
+        if by < 0:
+            text, other = _("no row with a fault above this one"), _("{key} goes to the next one")
+        if find_fault(store, start, -by) is not None:
+            text += "; " + other.format(key="E" if by > 0 else "e")
+        if find_raised(store, start, by) is not None:
+            hint = _("{key} goes to a row whose ERROR or ONLINE is not in order")
+            text += "; " + hint.format(key="a" if by > 0 else "A")
+        self._notice.inform(text)
+
+    def action_raised(self, by: int) -> None:
+        """Go to the next row with a raised flag byte, or to the previous one."""
+        below = _("no row below this one whose ERROR or ONLINE is not in order")
+        above = _("no row above this one whose ERROR or ONLINE is not in order")
+        index = find_raised(self._store, self.last_index, by)
+        self._jump_or_inform(index, below if by > 0 else above)
+
+    def action_unanswered(self, by: int) -> None:
+        """Go to the next command without an answer, or to the previous one."""
+        below = _("no command without an answer below this row")
+        above = _("no command without an answer above this row")
+        index = find_unanswered(self._store, self.last_index, by)
+        self._jump_or_inform(index, below if by > 0 else above)
+
+    def _jump_or_inform(self, index: int | None, otherwise: str) -> None:
+        if not self.jump_to_index(index):
+            self._notice.inform(otherwise)
+
+    def action_landmark(self, by: int) -> None:
+        """Go to the next lost port or gap, or to the previous one."""
+        store, last = self._store, self.last_index
+        beyond = self.landmarks.beyond(last, by)
+        index = next((one.index for one in beyond if store.first <= one.index), None)
+        if index is None:
+            below = _("no port was lost and no rows are missing below this row")
+            above = _("no port was lost and no rows are missing above this row")
+            self._notice.inform(below if by > 0 else above)
+            return
+        self.jump(store.view.position_of(index))
+
+    def action_related(self) -> None:
+        """Go from a command to its answer, or from an answer to its command."""
+        if not self.viewport.count:
+            return
+        index = self.last_index
+        related = self.relations.related(index)
+        text = _("this row is neither a command that awaits an answer nor an answer")
+        states = {one.state for one in self.relations.answers(index)}
+        text = next((_(NO_ANSWER[one]) for one in NO_ANSWER if one in states), text)
+        if related:
+            text = _(
+                "the filter hides row {number:,}, to which this one belongs; F shows all",
+                number=related[0] + 1,
+            )
+        shown = (one for one in related if self._store.view.has(one))
+        self.stop_following()
+        self._jump_or_inform(next(shown, None), text)
+
+    def action_select(self) -> None:
+        """Begin a selection at the cursor's row, or end it."""
+        if not self.end_selection() and self.viewport.count:
+            self.stop_following()
+            self.selection_start = self.last_index
+            self.sync()
+            self._notice.inform(_("selecting: move, then y or Y copies, w saves, esc ends it"))
+
+    def action_times(self) -> None:
+        """Switch to the next time style; without a mark or another zone, two are skipped."""
+        if self.start_ns is None and len(self._store):
+            self._notice.inform(_("no row here has a time"))
+            return
+        view, styles = self.view, list(TimeStyle)
+        if self.marks.latest is None:
+            styles.remove(TimeStyle.MARK)
+        if view.zone == UTC:
+            styles.remove(TimeStyle.LOCAL)
+        style = choice_after(view.times, styles)
+        self.set_view(times=style)
+        self._notice.inform(_(style.meaning))
+
+    def action_changes(self) -> None:
+        """Highlight the bytes that changed, or no longer."""
+        changes = not self.view.changes
+        self.set_view(changes=changes)
+        on = _("bytes that differ from the frame before of the same kind and motor are highlighted")
+        self._notice.inform(on if changes else _("changed bytes are not highlighted"))
+
+    def action_events(self) -> None:
+        """Show the lines of port events and gaps, or hide them."""
+        events = not self.view.events
+        self.set_view(events=events)
+        self._notice.inform(_("port events are shown") if events else _("port events are hidden"))

@@ -388,12 +388,12 @@ def test_key_of_the_screen(recipe: Recipe) -> None:
         "fte_sniff/tui/commands.py",
         "MOVING: tuple[Command, ...] = (",
         """    _key(
-        "D", "view.greet", "greet the user", short="Greet", rank=1, words="hello"
+        "D", "table.greet", "greet the user", short="Greet", rank=1, words="hello"
     ),
 """,
     )
     recipe.before(
-        "fte_sniff/tui/controllers/view.py",
+        "fte_sniff/tui/table.py",
         "    def action_times(self)",
         """    def action_greet(self) -> None:
         self._notice.inform("welcome")
@@ -444,7 +444,7 @@ class GreetingPane(Pane):
     recipe.after(
         "fte_sniff/tui/commands.py",
         "UNDERSTANDING: tuple[Command, ...] = (",
-        """    _rows("D", "panes.toggle('greeting')", "a greeting"),\n""",
+        """    _rows("D", "panes.switch('greeting')", "a greeting"),\n""",
     )
     recipe.append("fte_sniff/tui/panes/__init__.py", "")
     with recipe.program() as copy:

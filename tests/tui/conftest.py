@@ -29,9 +29,8 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.protocol import rows as columns
-from fte_sniff.tui import status_bar
+from fte_sniff.tui import find, status_bar
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers import search
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table import RowTable
 from tests.protocol.oracle import frame_faults
@@ -120,7 +119,7 @@ def notices_stay(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def searches_end_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search is not continued beside the next keys because a slow machine took long for it."""
-    monkeypatch.setattr(search, "SEARCH_BLOCK_S", 3600.0)
+    monkeypatch.setattr(find, "SEARCH_BLOCK_S", 3600.0)
 
 
 class UndrawnApp(SniffApp):

@@ -411,7 +411,7 @@ def test_random_keys_never_break_it(
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         if not live:
             monkeypatch.setattr(app, "now_ns", lambda: now[0])
-            monkeypatch.setattr("fte_sniff.tui.controllers.playback.monotonic_ns", lambda: now[0])
+            monkeypatch.setattr("fte_sniff.tui.playback.monotonic_ns", lambda: now[0])
         came = 0
         for _ in range(rounds):
             now[0] += 5 * STEP_NS

@@ -19,8 +19,8 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.inputs import Input, InputReading, LogInput, RecordingInput
 from fte_sniff.session.notes import Notes, Place
 from fte_sniff.session.replay import ReplaySession
+from fte_sniff.tui import find
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers import search
 from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.painter import DARK
@@ -135,7 +135,7 @@ async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
     await press(app, pilot, "enter")
     await settle(app, pilot)
     # On a busy machine a search continues in the background.
-    await until(app, pilot, lambda: not app.search.running)
+    await until(app, pilot, lambda: not app.search.is_searching)
 
 
 def test_the_search_goes_from_hit_to_hit_and_around(feed: Any) -> None:
@@ -189,15 +189,15 @@ def test_every_way_around_the_end_is_reported(feed: Any, monkeypatch: pytest.Mon
             (123, "n", -1.0, ""),
             (123, "N", 0.05, ""),
         ):
-            monkeypatch.setattr(search, "SEARCH_BLOCK_S", block_s)
-            app.filters.set_filter(row_filter)
+            monkeypatch.setattr(find, "SEARCH_BLOCK_S", block_s)
+            app.filters.accept(row_filter)
             table(app).jump(start)
             await press(app, pilot, "escape", "k", "j")
             assert "the search continued" not in page(app)
             await look_for(app, pilot, "rpm=123")
             for key in keys:
                 await press(app, pilot, key)
-                await until(app, pilot, lambda: not app.search.running)
+                await until(app, pilot, lambda: not app.search.is_searching)
             assert table(app).viewport.cursor == 123, keys
             assert "the search continued from the other end" in page(app)
 
@@ -291,7 +291,7 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
 def test_a_long_search_shows_its_progress_and_is_ended_by_esc(
     feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "SEARCH_BLOCK_S", -1.0)
+    monkeypatch.setattr(find, "SEARCH_BLOCK_S", -1.0)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         some = speed_rows(30_000)
@@ -307,7 +307,7 @@ def test_a_long_search_shows_its_progress_and_is_ended_by_esc(
         await press(app, pilot, "g", "slash", "ctrl+u")
         await type_line(app, pilot, "rpm=77777")
         await rush(app, pilot, "enter", "escape")
-        assert not app.search.running
+        assert not app.search.is_searching
         assert "esc ends it" not in page(app)
         assert "no row has" not in page(app)
         assert table(app).viewport.cursor == 0

@@ -23,8 +23,8 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers import findings
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes import switcher
 from fte_sniff.tui.panes.statistics import POINTER, StatisticsPane
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, page, play, press, settle, table, type_line, until
@@ -67,7 +67,7 @@ def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
         assert table(app).viewport.top == 0
         await press(app, pilot, "enter")
         await settle(app, pilot)
-        assert app.filters.field.current == "unanswered AND motor = 3"
+        assert app.filters.current == "unanswered AND motor = 3"
         row = table(app).cursor_row
         assert row is not None
         assert row.unanswered
@@ -76,7 +76,7 @@ def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
         assert app.place.filter == "", "opening the file again would hide rows without a word"
         await press(app, pilot, "backspace")
         await settle(app, pilot)
-        assert app.filters.field.current == ""
+        assert app.filters.current == ""
         assert table(app).viewport.cursor == 0
         assert "findings: 1" in page(app)
         await press(app, pilot, "exclamation_mark")
@@ -100,11 +100,11 @@ def test_backspace_returns_to_the_chosen_finding(feed: Any) -> None:
         second = re.findall(r"> .*motor (\d) answered", page(app))
         assert sorted(first + second) == ["2", "3"]
         await press(app, pilot, "enter")
-        assert app.filters.field.current == f"unanswered AND motor = {second[0]}"
+        assert app.filters.current == f"unanswered AND motor = {second[0]}"
         await press(app, pilot, "exclamation_mark", "enter", "backspace", "backspace")
         await settle(app, pilot)
         assert re.findall(r"> .*motor (\d) answered", page(app)) == second
-        assert app.filters.field.current == app.place.filter == "motor >= 2"
+        assert app.filters.current == app.place.filter == "motor >= 2"
 
     play(feed, scenario)
 
@@ -201,11 +201,11 @@ def test_enter_in_the_top_view_leads_to_the_finding_of_the_open_list(feed: Any) 
         await until(app, pilot, lambda: "findings: 1" in page(app))
         await press(app, pilot, "T", "enter")
         await settle(app, pilot)
-        assert app.filters.field.current == "unanswered AND motor = 3"
+        assert app.filters.current == "unanswered AND motor = 3"
         assert table(app).display
         await press(app, pilot, "T", "enter")
         await settle(app, pilot)
-        assert app.filters.field.current.endswith("kind = 'speed' AND motor = 3")
+        assert app.filters.current.endswith("kind = 'speed' AND motor = 3")
 
     play(feed, scenario)
 
@@ -255,7 +255,7 @@ def test_a_finding_is_shown_in_chinese(feed: Any) -> None:
 def test_a_finding_of_a_capture_is_one_line_once(
     feed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(findings, "EVERY_NS", 0)
+    monkeypatch.setattr(switcher, "FINDINGS_EVERY_NS", 0)
     feed.give(session(THIRD))
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -267,7 +267,7 @@ def test_a_finding_of_a_capture_is_one_line_once(
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
         feed.give([Frame("p", 0, raw, later + n * SECOND_NS) for n in range(3)])
         known = app._panes.models.known
-        await until(app, pilot, lambda: app.findings._searched > known)
+        await until(app, pilot, lambda: app._panes._searched > known)
         assert "motor 3 answered" not in page(app)
 
     play(feed, scenario)
@@ -276,7 +276,7 @@ def test_a_finding_of_a_capture_is_one_line_once(
 def test_what_a_port_reports_is_shown_once_and_not_as_a_finding_too(
     feed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(findings, "EVERY_NS", 0)
+    monkeypatch.setattr(switcher, "FINDINGS_EVERY_NS", 0)
     feed.give(session())
     feed.emit(PortEvent(NOON_NS + SECOND_NS, "p", PortEventKind.LOST, "pulled out"))
 

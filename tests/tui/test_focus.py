@@ -30,11 +30,11 @@ KEYS: Final = sorted({key for one in BINDINGS for key in one.key.split(",") if k
 """Every key of the table of commands."""
 
 FIELDS: Final = {
-    "f": attrgetter("filters.field"),
-    "slash": attrgetter("search.field"),
-    "colon": attrgetter("rows.field"),
-    "number_sign": attrgetter("notes.field"),
-    "w": attrgetter("export.field"),
+    "f": attrgetter("filters"),
+    "slash": attrgetter("search"),
+    "colon": attrgetter("goto"),
+    "number_sign": attrgetter("notes"),
+    "w": attrgetter("export"),
 }
 """Keys that open a field."""
 
@@ -82,7 +82,7 @@ def view_of(app: SniffApp, view: str) -> Widget:
 def line_of(app: SniffApp, key: str) -> PromptLine:
     """The line of the field that a key opens."""
     field: PromptField = FIELDS[key](app)
-    return field.query_one(PromptLine)
+    return field.line
 
 
 def has_focus(app: SniffApp, wanted: Widget, pages: int = 0) -> str:
@@ -103,7 +103,7 @@ def expected(app: SniffApp, view: str, pane: str, key: str) -> tuple[Widget, int
 
 async def begin(app: SniffApp, view: str, pane: str = "") -> None:
     """Go to a view and a pane, with nothing else open and no filter, unless they are there."""
-    panes = [one.NAME for one in app._panes if one.display]
+    panes = [app._panes.open.NAME] if app._panes.open else []
     if not has_focus(app, view_of(app, view)) and panes == ([pane] if pane else []):
         return
     while len(app.screen_stack) > 1:
@@ -113,14 +113,14 @@ async def begin(app: SniffApp, view: str, pane: str = "") -> None:
         field.close()
     app.workers.cancel_all()
     app.export.job = None
-    app.filters.set_filter("")
+    app.filters.accept("")
     app._table.set_search(None)
     app._table.selection_start = None
     app.playback.stop()
     app._panes.close()
     app._focus.show_top(view == "top")
     if pane:
-        app._panes.action_toggle(pane)
+        app._panes.action_switch(pane)
     await idle(app)
 
 
@@ -282,10 +282,10 @@ def test_a_click_on_a_field_at_rest_leaves_the_open_one(
     feed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def check(app: SniffApp, pilot: Pilot[None]) -> None:
-        app.filters.set_filter("motor = 1")
+        app.filters.accept("motor = 1")
         await press(app, pilot, "slash", *"AA")
         await pilot.click("FilterField .asked", offset=(30, 0))
         assert not has_focus(app, line_of(app, "f"))
-        assert not app.search.field.display
+        assert not app.search.display
 
     on_rows(feed, check, tmp_path, monkeypatch)

@@ -45,7 +45,7 @@ from fte_sniff.tui.i18n import LANGUAGES, set_language
 from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.painter import DARK, LIGHT
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
-from fte_sniff.tui.panes.pane import STEP_SHARE, Pane
+from fte_sniff.tui.panes.pane import Pane
 from fte_sniff.tui.panes.plot import (
     SCALE_CELLS,
     Canvas,
@@ -64,6 +64,7 @@ from fte_sniff.tui.panes.row import (
     neighbours,
 )
 from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
+from fte_sniff.tui.panes.switcher import STEP_SHARE
 from fte_sniff.tui.table import TableHeader
 from tests.analysis import conftest
 from tests.slow import first
@@ -159,7 +160,7 @@ def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
-        app._panes.action_toggle("motors")
+        app._panes.action_switch("motors")
         app._panes.redraw()
         assert app.query_one(MotorsPane)._drawn is None
         await settle(app, pilot)

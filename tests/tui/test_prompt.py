@@ -21,12 +21,13 @@ from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.protocol import Gap, GapKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
-from fte_sniff.tui import prompt
+from fte_sniff.tui import filters
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers.rows import Goal, parse_goal
+from fte_sniff.tui.filters import Dropdown, FilterField
+from fte_sniff.tui.find import Goal, parse_goal
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.prompt import Dropdown, FilterField, History
+from fte_sniff.tui.prompt import History
 from fte_sniff.tui.table import RowTable
 from tests.tui.conftest import (
     NOON_NS,
@@ -289,7 +290,7 @@ def test_fields_operators_and_observed_values_are_suggested_with_counts(
     feed: Any, monkeypatch: pytest.MonkeyPatch, step_s: float
 ) -> None:
     """Also where the time of each step of counting is over at once, as on a busy machine."""
-    monkeypatch.setattr(prompt, "STEP_S", step_s)
+    monkeypatch.setattr(filters, "STEP_S", step_s)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f", *"mo")
@@ -359,14 +360,14 @@ def test_a_filter_is_continued_behind_the_present_one_or_pasted_whole(feed: Any)
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await enter_line(app, pilot, "f", "motor = 1")
         await enter_line(app, pilot, "f", " AND rpm > 390")
-        assert app.filters.field.current == "motor = 1 AND rpm > 390"
+        assert app.filters.current == "motor = 1 AND rpm > 390"
         await press(app, pilot, "F", "f")
         app.post_message(events.Paste("motor = 1\r\n  AND rpm > 390\n"))
         await settle(app, pilot)
-        assert app.filters.field.current == ""
+        assert app.filters.current == ""
         await press(app, pilot, "enter")
         await settle(app, pilot)
-        assert app.filters.field.current == "motor = 1 AND rpm > 390"
+        assert app.filters.current == "motor = 1 AND rpm > 390"
 
     play(feed, scenario, rows=400)
 
@@ -496,7 +497,7 @@ def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
 
 async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "w")
-    app.export.field.line.value = str(path)
+    app.export.line.value = str(path)
     await press(app, pilot, "enter")
 
 

@@ -111,7 +111,7 @@ def test_every_key_of_the_line_has_a_rank() -> None:
 def test_keys_stand_whole_and_help_always() -> None:
     for width in range(6, 140):
         found = fitting_keys(SHOWN, width)
-        assert found[0].action == action_of("view.help")
+        assert found[0].action == action_of("app.help")
         texts = [f"{key.key_display} {key.description}" for key in found]
         assert len("  ".join(texts)) <= width
 
@@ -145,7 +145,7 @@ def test_a_key_that_is_clicked_is_pressed(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await pilot.click(KeyLine, offset=(17, 0))
         await pilot.pause()
-        assert app.filters.field.is_open
+        assert app.filters.is_open
 
     play(feed, scenario)
 

@@ -75,7 +75,7 @@ def test_port_events_have_lines_that_are_no_rows(feed: Any, speed_rows: Rows) ->
         assert table(app).viewport.cursor == 3
         await pilot.click(table(app), offset=(20, 4))
         assert table(app).viewport.cursor == 3
-        await app.run_action(action_of("view.events"))
+        await app.run_action(action_of("table.events"))
         assert not events_in(app)
         assert not app.choices.events
 

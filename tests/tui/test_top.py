@@ -16,10 +16,10 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.controllers import findings
+from fte_sniff.tui.filters import parse_filter
+from fte_sniff.tui.panes import switcher
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import COLUMNS, TopView, columns_for
-from fte_sniff.tui.prompt import parse_filter
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, lines, page, play, press, rush, settle, table, until
 
@@ -176,7 +176,7 @@ def test_the_mouse_sorts_and_chooses(feed: Any) -> None:
         await pilot.click(TopView, offset=(5, 4), times=2)
         await settle(app, pilot)
         assert not app.query_one(TopView).display
-        assert app.filters.field.current == "kind = 'speed_feedback' AND motor = 2"
+        assert app.filters.current == "kind = 'speed_feedback' AND motor = 2"
 
     play(feed, scenario)
 
@@ -193,7 +193,7 @@ def test_enter_shows_the_rows_of_the_line_and_the_key_again_the_lines_of_the_fil
         await press(app, pilot, "down", "enter")
         await settle(app, pilot)
         assert app.focused is table(app)
-        assert app.filters.field.current == "kind = 'speed' AND motor = 2"
+        assert app.filters.current == "kind = 'speed' AND motor = 2"
         assert table(app).viewport.count == 30
         await open_top(app, pilot)
         assert keys(app) == ["speed 2"]
@@ -218,11 +218,11 @@ def test_enter_shows_the_rows_of_the_line_and_the_key_again_the_lines_of_the_fil
 def test_enter_typed_ahead_does_not_choose_from_the_lines_of_an_earlier_filter(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "T")
-        app.filters.set_filter("noise")
+        app.filters.accept("noise")
         await settle(app, pilot)
         await press(app, pilot, "T", "F")
         await rush(app, pilot, "T", "enter")
-        assert app.filters.field.current.startswith("kind = 'speed'")
+        assert app.filters.current.startswith("kind = 'speed'")
         assert not app.query_one(TopView).display
 
     play(feed, scenario, rows=30)
@@ -249,7 +249,7 @@ def test_keys_about_rows_bring_the_table_back(feed: Any, key: str, stays: bool) 
 
 def test_a_pause_freezes_the_lines(feed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when a search for findings ends meanwhile, which draws the open pane."""
-    monkeypatch.setattr(findings, "EVERY_NS", 0)
+    monkeypatch.setattr(switcher, "FINDINGS_EVERY_NS", 0)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(drive())
@@ -257,9 +257,9 @@ def test_a_pause_freezes_the_lines(feed: Any, monkeypatch: pytest.MonkeyPatch) -
         await open_top(app, pilot)
         await until(app, pilot, lambda: keys(app))
         await press(app, pilot, "space")
-        before = app.findings._searched
+        before = app._panes._searched
         feed.give([frame(4000, "reset")])
-        await until(app, pilot, lambda: app.findings._searched > before)
+        await until(app, pilot, lambda: app._panes._searched > before)
         await app.workers.wait_for_complete()
         for _ in range(3):
             app._panes._drawn_at_ns.clear()

@@ -1,7 +1,7 @@
 """The panes below the table.
 
 To add one: write a subclass of `Pane` in a module here, list it in `switcher.PANES`, and give it a
-key in `keys.UNDERSTANDING`.
+key in `commands.UNDERSTANDING`.
 
 Modules:
 
@@ -11,6 +11,6 @@ Modules:
     plot        Curves in braille characters.
     row         A row explained byte by byte, and the bytes of the stream around it.
     statistics  Rates, line use and faults of all rows.
-    switcher    The list of panes; shows one at a time and updates the models that they draw.
+    switcher    The list of panes; shows one at a time, and keeps the models and findings current.
     top         Top view: one sorted line for each kind and motor, in place of the table.
 """

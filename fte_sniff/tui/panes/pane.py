@@ -1,21 +1,20 @@
-"""Base class of the panes, the context that they draw, and where they are on the screen."""
+"""Base class of the panes, and the context that they draw."""
 
 from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import tzinfo
 from typing import ClassVar, Final, ParamSpec
 
 from rich.text import Text
 from textual.app import ComposeResult
-from textual.containers import Container, VerticalScroll
+from textual.containers import VerticalScroll
 from textual.events import MouseMove
 from textual.geometry import Size
 from textual.message import Message
-from textual.widget import Widget
 from textual.widgets import Static
 
 from fte_sniff.analysis.live_models import LiveModels
@@ -25,7 +24,6 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
 from fte_sniff.tui.cells import first_fitting
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.options import SHARES, PaneLayout
 from fte_sniff.tui.painter import Palette
 
 HINT = later("J K: scroll   esc: close")
@@ -131,11 +129,6 @@ class Pane(VerticalScroll, can_focus=False):
         """Post the message."""
         self.post_message(self.Resized())
 
-    def fill(self, *, fills: bool) -> None:
-        """Fill the screen but for a few rows, or no longer."""
-        if self.parent is not None:
-            self.parent.set_class(fills, "-full")
-
     @abstractmethod
     def draw(self, context: PaneContext) -> None:
         """Draw the context with `set_title` and `set_page`."""
@@ -207,64 +200,3 @@ class Pane(VerticalScroll, can_focus=False):
             # A layout of the whole screen takes twice as long as the drawing.
             lines_stay = before is not None and before.plain.count("\n") == page.plain.count("\n")
             self._page.update(page, layout=not lines_stay)
-
-
-BESIDE_CELLS: Final = 160
-"""Cells of the terminal from which on a pane can be beside the table."""
-
-STEP_SHARE: Final = 5
-"""By how much a key moves the divider, percent."""
-
-
-class Body(Container):
-    """The table, and the open pane below or beside it."""
-
-    def __init__(self, main: Widget, panes: Iterable[Pane], layout: PaneLayout) -> None:
-        super().__init__(id="body")
-        self._main, self._panes = main, list(panes)
-        self.pane_layout = layout
-
-    def compose(self) -> ComposeResult:
-        """The main part and the panes, of which at most one is displayed."""
-        yield self._main
-        yield from self._panes
-
-    def set_pane_layout(self, layout: PaneLayout) -> None:
-        """Apply another layout."""
-        self.pane_layout = layout
-        self.on_resize()
-
-    @property
-    def can_be_beside(self) -> bool:
-        """Whether the terminal is wide enough for a pane beside the table."""
-        return self.app.size.width >= BESIDE_CELLS
-
-    @property
-    def _beside(self) -> bool:
-        return self.pane_layout.beside and self.can_be_beside
-
-    def on_resize(self) -> None:
-        """Place the panes."""
-        layout, beside = self.pane_layout, self._beside
-        self.set_class(beside, "-beside")
-        share = layout.width if beside else layout.height
-        self.set_class(share is not None, "-divided")
-        for pane in self._panes:
-            pane.styles.width = None if share is None or not beside else f"{share}%"
-            pane.styles.height = None if share is None or beside else f"{share}%"
-
-    def action_grow(self, by: int) -> None:
-        """Make the open pane larger (`by` 1) or smaller (-1)."""
-        pane = next((pane for pane in self._panes if pane.display), None)
-        if pane is None or not self.size:
-            return
-        layout, beside, size, whole = self.pane_layout, self._beside, pane.outer_size, self.size
-        share = layout.width if beside else layout.height
-        if share is None:
-            part = size.width / whole.width if beside else size.height / whole.height
-            share = round(part * 100)
-        share = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
-        if beside:
-            self.set_pane_layout(replace(layout, width=share))
-        else:
-            self.set_pane_layout(replace(layout, height=share))

@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.relations import AnswerState, CommandAnswer
+from fte_sniff.analysis.relations import CommandAnswer
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import listed, printable
@@ -37,7 +37,7 @@ from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.painter import Palette, Sign
+from fte_sniff.tui.painter import NO_ANSWER, Palette, Sign
 from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
 
 INLINE_BYTES = 4
@@ -59,16 +59,6 @@ _VALUE_WIDTH = 18
 _INDENT = " " * (2 + _HEX_WIDTH)
 
 
-STATES = {
-    AnswerState.UNANSWERED: later(
-        "unanswered: the motor's next command, or the deadline, came first"
-    ),
-    AnswerState.WAITING: later("unanswered so far"),
-    AnswerState.UNKNOWN: later("whether it was answered is unknown"),
-}
-"""What is known of a command that has no answer."""
-
-
 def relation_lines(context: PaneContext) -> list[str]:
     """How the row and other rows belong together: a command and its answers."""
     command, answers = context.command, context.answers
@@ -86,7 +76,7 @@ def relation_lines(context: PaneContext) -> list[str]:
 
 def _answer_text(one: CommandAnswer, context: PaneContext) -> str:
     if one.answer is None:
-        return _(STATES[one.state])
+        return _(NO_ANSWER[one.state])
     form = _("answered by {row}") if one.delay_ns is None else _("answered after {delay} by {row}")
     return _(form, row=context.row_text(one.answer), delay=span_text(one.delay_ns))
 

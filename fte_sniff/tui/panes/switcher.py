@@ -1,26 +1,35 @@
-"""Pane switcher: shows one pane at a time and updates the models that they draw."""
+"""Pane switcher: the table, one pane below or beside it, and the models that panes draw."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import asyncio
+from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import Final
 
-from fte_sniff.analysis.feed import StreamChange
+from textual.app import ComposeResult
+from textual.containers import Container, Vertical
+
+from fte_sniff.analysis.feed import FeedState, StreamChange
+from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.cells import span_text
-from fte_sniff.tui.panes.findings import FindingsPane
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.options import SHARES, StartOptions
+from fte_sniff.tui.panes.findings import FindingsPane, span_of
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.row import BytesPane, DetailPane
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.panes.top import TopView
-from fte_sniff.tui.table import RowTable
+from fte_sniff.tui.status_bar import NoticeLine
+from fte_sniff.tui.table import RowTable, TableHeader
 from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 PANES: Final[tuple[type[Pane], ...]] = (
@@ -49,17 +58,46 @@ HEALTH_EVERY_NS: Final = 1_000_000_000
 HEALTH: Final = {Health.SOUND: "●", Health.TROUBLED: "◐", Health.SILENT: "○"}
 
 
-class PaneSwitcher:
-    """The panes, of which at most one is shown."""
+FINDINGS_EVERY_NS: Final = 5_000_000_000
+"""Shortest time between two searches for findings; each takes some tenths of a second in a
+thread."""
+
+RECENT_NS: Final = 600_000_000_000
+"""How far back a finding of a capture that runs may be to be shown in a line."""
+
+SEARCH: Final = "findings"
+"""Group of the worker that searches for findings."""
+
+BESIDE_CELLS: Final = 160
+"""Cells of the terminal from which on a pane can be beside the table."""
+
+STEP_SHARE: Final = 5
+"""By how much a key moves the divider, percent."""
+
+
+class PaneSwitcher(Container):
+    """The table or the top view, and the panes, of which at most one is shown.
+
+    A pane is mounted when it is shown for the first time.
+    """
 
     def __init__(
-        self, store: RowStore, table: RowTable, line_setup: LineSetup, captures: int = 1
+        self,
+        store: RowStore,
+        header: TableHeader,
+        table: RowTable,
+        notice: NoticeLine,
+        options: StartOptions,
     ) -> None:
-        self._captures = captures
-        self._store, self._table, self._line_setup = store, table, line_setup
-        self.models = LiveModels(store, line_setup)
+        super().__init__(id="body")
+        self._store, self._header, self._table, self._notice = store, header, table, notice
+        self._captures = 1 if options.notes is None else options.notes.origins.captures
+        self._line_setup = options.line_setup
+        self.pane_layout = options.choices.panes
+        self.models = LiveModels(store, options.line_setup)
         self.top = TopView()
-        self._panes = {pane.NAME: pane() for pane in PANES}
+        self._panes: dict[str, Pane] = {}
+        """The panes that are mounted, by name."""
         self.open: Pane | None = None
         """The pane that is shown; None while all are closed."""
         self._held: int | None = None
@@ -70,19 +108,85 @@ class PaneSwitcher:
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
         self._playhead_ns: int | None = None
+        self._zone = table.view.shown_zone
         self.health = ""
         """How the motors answered in `HEALTH_NS` up to the cursor, and their answer time."""
         self._health_at_ns = -HEALTH_EVERY_NS
+        self._searched = 0
+        """Rows that the last search for findings has seen."""
+        self._next_search_ns = 0
+        self._searching = self._offered = False
+        self._reported: set[tuple[str, str, int | None]] = set()
+        """Cause, port and motor of the findings that were shown in a line."""
 
-    def __iter__(self) -> Iterator[Pane]:
-        return iter(self._panes.values())
+    def compose(self) -> ComposeResult:
+        """The main part; panes are mounted later."""
+        yield Vertical(self._header, self._table, self.top, id="main")
 
-    def action_toggle(self, name: str) -> None:
+    def _pane(self, name: str) -> Pane:
+        """The pane of that name."""
+        if name not in self._panes:
+            pane = self._panes[name] = next(kind for kind in PANES if name == kind.NAME)()
+            self.mount(pane)
+            self._place()
+        return self._panes[name]
+
+    def on_resize(self) -> None:
+        """Place the panes."""
+        self._place()
+
+    def _place(self) -> None:
+        layout, beside = self.pane_layout, self._beside
+        self.set_class(beside, "-beside")
+        share = layout.width if beside else layout.height
+        self.set_class(share is not None, "-divided")
+        for pane in self._panes.values():
+            pane.styles.width = None if share is None or not beside else f"{share}%"
+            pane.styles.height = None if share is None or beside else f"{share}%"
+
+    @property
+    def _can_be_beside(self) -> bool:
+        """Whether the terminal is wide enough for a pane beside the table."""
+        return self.app.size.width >= BESIDE_CELLS
+
+    @property
+    def _beside(self) -> bool:
+        return self.pane_layout.beside and self._can_be_beside
+
+    def action_move(self) -> None:
+        """Move the panes beside the table, or below it."""
+        if not self._can_be_beside:
+            text = _("a pane is beside the table from {cells} columns on", cells=BESIDE_CELLS)
+            self._notice.inform(text)
+            return
+        self.pane_layout = replace(self.pane_layout, beside=not self.pane_layout.beside)
+        self._place()
+
+    def action_grow(self, by: int) -> None:
+        """Make the open pane larger (`by` 1) or smaller (-1)."""
+        if self.open is None or not self.size:
+            return
+        layout, beside, size, whole = (
+            self.pane_layout,
+            self._beside,
+            self.open.outer_size,
+            self.size,
+        )
+        share = layout.width if beside else layout.height
+        if share is None:
+            part = size.width / whole.width if beside else size.height / whole.height
+            share = round(part * 100)
+        share = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
+        beside_one, below_one = replace(layout, width=share), replace(layout, height=share)
+        self.pane_layout = beside_one if beside else below_one
+        self._place()
+
+    def action_switch(self, name: str) -> None:
         """Show the pane of that name in place of any other, or close it where it is shown.
 
         A pane that explains a row stops following the end.
         """
-        pane, before = self._panes[name], self.open
+        pane, before = self._pane(name), self.open
         self._hide()
         if before is not pane:
             self.open = pane
@@ -93,18 +197,18 @@ class PaneSwitcher:
         else:
             self._release_row()
         # The pane has no size before the next layout.
-        self._table.call_after_refresh(self.redraw)
+        self.call_after_refresh(self.redraw)
 
     def action_motor(self, motor: int) -> None:
         """Give one motor the whole screen, or show all again."""
-        pane = self._panes[MotorsPane.NAME]
+        pane = self._pane(MotorsPane.NAME)
         assert isinstance(pane, MotorsPane)
         chosen = motor if self.open is not pane or pane.chosen != motor else None
         if self.open is not pane:
-            self.action_toggle(MotorsPane.NAME)
+            self.action_switch(MotorsPane.NAME)
         pane.chosen = chosen
-        pane.fill(fills=chosen is not None)
-        self._table.call_after_refresh(self.redraw)
+        self.set_class(chosen is not None, "-full")
+        self.call_after_refresh(self.redraw)
 
     def close(self) -> bool:
         """Show no pane; returns whether one was open."""
@@ -117,7 +221,7 @@ class PaneSwitcher:
     def _hide(self) -> None:
         if self.open is not None:
             self.open.forget_choice()
-            self.open.fill(fills=False)
+            self.set_class(False, "-full")
             self.open.display = False
             self.open = None
 
@@ -144,10 +248,33 @@ class PaneSwitcher:
         """Whether the open pane is about the cursor's row, which then should not move away."""
         return self.open is not None and self.open.EXPLAINS_ROW
 
-    def on_cursor_moved(self) -> None:
-        """Draw a pane about the cursor's row."""
-        if self.explains_row:
+    def on_table_moved(self) -> None:
+        """Draw a pane about the cursor's row; all, if times have another zone."""
+        before, self._zone = self._zone, self._table.view.shown_zone
+        if self.explains_row or self._zone != before:
             self.redraw()
+
+    def action_aside(self, by: int) -> None:
+        """Choose a time in the statistics where they are open, else scroll sideways."""
+        if self.open is not None and self.open.aside(by):
+            self.redraw_open()
+        else:
+            self._table.action_aside(by)
+
+    def action_field(self, by: int) -> None:
+        """Look at the next field of the cursor's row, or at the previous one."""
+        row = self._table.cursor_row
+        if row is None:
+            return
+        self.explain_row()
+        current, count = self._table.field, len(dissect(row))
+        start = (-1 if by > 0 else count) if current is None else current
+        self._table.look_at((start + by) % count)
+
+    def explain_row(self) -> None:
+        """Open the detail pane, unless a pane about the row is open."""
+        if not self.explains_row:
+            self.action_switch(DetailPane.NAME)
 
     def action_change(self, method: str, *arguments: int) -> None:
         """Change the open pane by a method that every pane has, and draw it."""
@@ -168,12 +295,14 @@ class PaneSwitcher:
         self.models = LiveModels(self._store, self._line_setup)
         self.observe(events, changes)
 
-    def tick(self, now_ns: int, running: bool, playhead_ns: int | None = None) -> None:
+    def tick(self, now_ns: int, state: FeedState, playhead_ns: int | None = None) -> None:
         """Update the models with new rows, and draw the open pane where it is due.
 
-        `now_ns` is of any monotonic clock. If `running`, time passes also without rows.
+        `now_ns` is of any monotonic clock; in a capture that runs, time passes also without rows.
         `playhead_ns` is the time that is played, nanoseconds since 1970 UTC.
         """
+        self._search_for_findings(now_ns, state)
+        running = state.live and state.running
         self._clock_ns, self._playhead_ns = now_ns, playhead_ns
         self._postponed = False
         self._rows_come = running or playhead_ns is not None
@@ -192,6 +321,47 @@ class PaneSwitcher:
             self._update_models()
         for view in due:
             self._redraw_changed(view)
+
+    def _search_for_findings(self, now_ns: int, state: FeedState) -> None:
+        """Search in a thread, if rows came since and the last search was a while ago."""
+        known = self.models.known
+        complete = not state.running and known == self._store.next
+        is_due = now_ns >= self._next_search_ns or (complete and not self._searching)
+        if self._searching or known == self._searched or not is_due:
+            return
+        self._searching, self._searched = True, known
+        self._next_search_ns = now_ns + FINDINGS_EVERY_NS
+        self.run_worker(self._find(state), group=SEARCH)
+
+    async def _find(self, state: FeedState) -> None:
+        try:
+            # Of a copy: more rows are observed meanwhile.
+            findings = self.models.findings.copy()
+            findings.grows = state.running
+            search = findings.found_and_recent
+            found, recent = await asyncio.to_thread(search, RECENT_NS if state.live else 0)
+        finally:
+            self._searching = False
+        models = self.models
+        models.found, models.coverage = tuple(found), tuple(findings.coverage(found))
+        self.redraw_open()
+        if state.live:
+            self._report(recent)
+        elif found and not self._offered:
+            # The list of a file's findings opens once, where no pane is open.
+            self._offered = True
+            if self.open is None:
+                self.action_switch(FindingsPane.NAME)
+
+    def _report(self, found: Sequence[Finding]) -> None:
+        """Show a new finding of a capture in one line, once; events of ports were shown before."""
+        for one in found:
+            topic = (one.cause, one.port, one.motor)
+            if one.cause is not Cause.PORT and topic not in self._reported:
+                self._reported.add(topic)
+                when = span_of(one, self._table.view.shown_zone)
+                text = _("{when}: {text}; ! lists the findings", when=when, text=one.text)
+                self._notice.warn(text, topic)
 
     def _update_health(self) -> None:
         """How the motors answered up to the cursor, or up to the time of the top view."""
@@ -253,7 +423,7 @@ class PaneSwitcher:
             pass
         if not (done or self._step_pending):
             self._step_pending = True
-            self._table.set_timer(STEP_PAUSE_S, self._continue_models)
+            self.set_timer(STEP_PAUSE_S, self._continue_models)
 
     def _continue_models(self) -> None:
         self._step_pending = False
@@ -299,22 +469,22 @@ class PaneSwitcher:
         if not self.top.scrollable_content_region:
             # It has just been opened, and has the lines of its last drawing, or none.
             self._update_models()
-            self.top.draw(self._context())
+            self.top.draw(self._pane_context())
         return self.top.condition
 
     def _redraw_changed(self, view: Pane | TopView) -> None:
         """Draw it, unless it shows the same already."""
         if not view.scrollable_content_region:
             return
-        context, shown = self._context(), self._store.view
-        sizes = view.scrollable_content_region.size, self._table.app.size
+        context, shown = self._pane_context(), self._store.view
+        sizes = view.scrollable_content_region.size, self.app.size
         rows = self.models.observed, self.models.pending, shown.filter, shown.count
         drawn = (sizes, context, rows, view.is_behind)
         if drawn != self._drawn.get(view) or view.is_behind:
             self._drawn[view], self._drawn_at_ns[view] = drawn, self._clock_ns
             view.draw(context)
 
-    def _context(self) -> PaneContext:
+    def _pane_context(self) -> PaneContext:
         table, row = self._table, self._table.cursor_row
         index = -1 if table.cursor_index is None else table.cursor_index
         following = table.viewport.following and not table.viewport.paused

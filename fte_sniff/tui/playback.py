@@ -7,17 +7,19 @@ from time import monotonic_ns
 
 from fte_sniff.protocol import PortEvent
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.replay import PlayRequest
-from fte_sniff.tui.controllers.controller import Parts, ScreenController
+from fte_sniff.session.replay import PlayRequest, Viewers
 from fte_sniff.tui.i18n import _
+from fte_sniff.tui.prompt import Parts
 
 
-class PlaybackController(ScreenController):
+class PlaybackControl:
     """Pauses the view, and plays a file from the cursor's row on."""
 
     def __init__(self, parts: Parts) -> None:
-        super().__init__(parts)
-        self._speed = 1.0 if self._options.play_speed is None else self._options.play_speed
+        self._model, self._table = parts.model, parts.table
+        self._panes, self._notice = parts.panes, parts.notice
+        speed = parts.options.play_speed
+        self._speed = 1.0 if speed is None else speed
         self._jumped = False
         """Whether playback began at another row since the last report to the viewers."""
 
@@ -50,10 +52,10 @@ class PlaybackController(ScreenController):
             _("playing; < and > change the speed, space pauses, esc shows the whole file")
         )
 
-    def serve(self, rows: Rows, events: Sequence[PortEvent]) -> None:
-        """Send what was played to the viewers, and do what they ask for."""
-        viewers, model = self._options.viewers, self._model
-        if viewers is None or model.start_ns is None:
+    def serve(self, viewers: Viewers, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send what was played to the viewers, and do what they request."""
+        model = self._model
+        if model.start_ns is None:
             return
         if model.playback is not None:
             viewers.send(rows, events)

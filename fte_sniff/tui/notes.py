@@ -11,22 +11,26 @@ from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.protocol import Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.notes import Note, located
-from fte_sniff.tui.controllers.controller import Parts, ScreenController
-from fte_sniff.tui.i18n import _
+from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.modals import Entry, Picker
-from fte_sniff.tui.prompt import NOTE, PromptField
+from fte_sniff.tui.prompt import Parts, Prompt, PromptField
 
 
-class NotesController(ScreenController):
+class NotesField(PromptField):
     """Marks rows, asks for notes on them, and writes these to the file of the notes.
 
     The marks that are shown are an attribute of the table.
     """
 
+    PROMPT = Prompt(
+        later("note"),
+        later("the wheel was blocked by hand"),
+        later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
+    )
+
     def __init__(self, parts: Parts) -> None:
         super().__init__(parts)
         self._notes = self._options.notes
-        self.field = PromptField(self._focus, NOTE, str, self._write_note)
         self._missing = {} if self._notes is None else dict(self._notes.notes)
         """Notes whose rows have not come yet."""
         self.left_at = self._options.place.cursor
@@ -44,17 +48,18 @@ class NotesController(ScreenController):
             elif row is not None:
                 self._keep_note(index, row, "" if index not in self._table.marks else None)
 
-    def action_note(self) -> None:
+    def action_ask(self) -> None:
         """Ask for a note on the row under the cursor."""
         self._table.stop_following()
         index, row = self._table.last_index, self._table.cursor_row
         if row is not None:
             self._noted = index, row
-            self.field.open(self._table.marks.get(index, ""))
+            self.open(self._table.marks.get(index, ""))
 
-    def _write_note(self, text: str) -> None:
+    def accept(self, line: str) -> None:
+        """Write the note; an empty one removes the mark."""
         if self._noted is not None:
-            self._keep_note(*self._noted, text or None)
+            self._keep_note(*self._noted, line or None)
 
     def _keep_note(self, index: int, row: Row, text: str | None) -> None:
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
@@ -73,7 +78,7 @@ class NotesController(ScreenController):
                     text = _("marks and notes are saved in {path}", path=printable(str(path)))
                     self._notice.inform(text)
             work: WorkType[None] = self._save_notes
-            self._table.run_worker(work, group="notes", exclusive=True)
+            self.run_worker(work, group="notes", exclusive=True)
 
     def capture_at(self, index: int) -> int:
         """The number of a row's capture among those of the view."""
@@ -94,7 +99,7 @@ class NotesController(ScreenController):
                 text = printable(marks[index]) or _("mark")
                 entries.append(Entry(f"{time}  {text}", str(index), f"{row.offset:,}"))
         if entries:
-            self._table.app.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
+            self.app.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
         else:
             self._notice.inform(_("no row is marked; m marks one"))
 

@@ -15,8 +15,8 @@ from platformdirs import user_cache_path
 from textual.worker import WorkType
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, reason_of
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.errors import FteSniffError, TranslatableText, reason_of
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import (
@@ -28,9 +28,8 @@ from fte_sniff.session.save import (
     replace_text,
 )
 from fte_sniff.tui.cells import WITH_DETAIL
-from fte_sniff.tui.controllers.controller import Parts, ScreenController
-from fte_sniff.tui.i18n import _, error_text
-from fte_sniff.tui.prompt import ROWS_FILE, PromptField
+from fte_sniff.tui.i18n import _, error_text, later
+from fte_sniff.tui.prompt import Parts, Prompt, PromptField
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -67,14 +66,22 @@ def _short_path(path: Path) -> str:
     return str(path)
 
 
-class ExportController(ScreenController):
+class ExportField(PromptField):
     """Copies and saves rows, one file at a time, and pictures of the screen."""
+
+    PROMPT = Prompt(
+        later("save to"),
+        DEFAULT_NAME,
+        TranslatableText(
+            "enter saves, esc goes back; the extension selects the format: {forms}",
+            forms=" ".join(FORMAT_BY_SUFFIX),
+        ),
+    )
 
     def __init__(self, parts: Parts) -> None:
         super().__init__(parts)
         self.job: SaveJob | None = None
         """The rows that are being saved."""
-        self.field = PromptField(self._focus, ROWS_FILE, self._target, self._save)
 
     def action_copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
@@ -110,13 +117,13 @@ class ExportController(ScreenController):
 
     def _copy(self, text: str, rows: int) -> None:
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
-        self._table.app.copy_to_clipboard(text)
+        self.app.copy_to_clipboard(text)
         file = write_copy(text)
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
         form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
         self._notice.inform(form.format(what=first, file=_short_path(file) if file else ""))
 
-    def action_save(self) -> None:
+    def action_ask(self) -> None:
         """Ask for the file to which the selected rows, or all shown rows, are saved."""
         if self.job is not None:
             text = _("{file} is still being saved; esc ends that")
@@ -125,8 +132,8 @@ class ExportController(ScreenController):
             self._notice.inform(_("no row is shown that could be saved"))
         else:
             self._report_row_count()
-            self.field.default = str(free_path(DEFAULT_NAME))
-            self.field.open()
+            self.default = str(free_path(DEFAULT_NAME))
+            self.open()
 
     def _report_row_count(self) -> None:
         selected = self._selected_positions()
@@ -140,22 +147,24 @@ class ExportController(ScreenController):
         selected, position_of = self._table.selected, self._store.view.position_of
         return range(position_of(selected.start), position_of(selected.stop))
 
-    def _target(self, line: str) -> SaveTarget:
+    def parse(self, line: str) -> SaveTarget:
+        """Parse the path and format of a file; raises FteSniffError."""
         return SaveTarget.parse(line, self._model.state.files)
 
-    def _save(self, line: str) -> None:
+    def accept(self, line: str) -> None:
+        """Save the rows to a file."""
         if not line:
             return
         store, selected = self._store, self._table.selected
         indices = selected or range(store.first, store.next)
         try:
-            job = self.job = SaveJob(self._target(line), self._export_source(selected))
+            job = self.job = SaveJob(self.parse(line), self._export_source(selected))
         except FteSniffError as error:
             self._notice.warn(error_text(error))
             return
         self._show_progress(job, 0)
         work: WorkType[None] = partial(self._write, job, indices, store.view.filter)
-        self._table.run_worker(work, group=GROUP, exclusive=True)
+        self.run_worker(work, group=GROUP, exclusive=True)
 
     def _export_source(self, selected: range) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
@@ -175,7 +184,7 @@ class ExportController(ScreenController):
         """Save the rows of these indices that pass the filter, while the screen continues."""
         store, index = self._store, indices.start
         # The first rows may take long, so the notice comes before them.
-        await self._table.screen.wait_for_refresh()
+        await self.screen.wait_for_refresh()
         try:
             while index < indices.stop:
                 if index < store.first:
@@ -199,7 +208,7 @@ class ExportController(ScreenController):
         path = free_path(PICTURE_NAME)
         try:
             with path.open("x", encoding="utf-8") as file:
-                file.write(self._table.app.export_screenshot())
+                file.write(self.app.export_screenshot())
         except OSError as error:
             failed = _("{file} was not saved", file=path)
             self._notice.warn(_(WITH_DETAIL, event=failed, detail=_(reason_of(error))))
@@ -221,7 +230,7 @@ class ExportController(ScreenController):
         if job is None:
             return False
         self._forget_job()
-        self._table.workers.cancel_group(self._table, GROUP)
+        self.workers.cancel_group(self, GROUP)
         # A worker that has not started yet does not notice that it is cancelled.
         job.abandon()
         self._notice.inform(_("{file} was not saved", file=job.path))
