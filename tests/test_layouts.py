@@ -13,7 +13,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
-from fte_sniff.cli.datagrams import datagram
+from fte_sniff.cli.live_data import datagram
 from fte_sniff.protocol import (
     KINDS,
     MOTORS,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capture_command import capture_options, run_capture
+from fte_sniff.cli.capturing import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import FileName, require_pseudo_terminals
 from fte_sniff.cli.settings import load_settings

@@ -10,11 +10,18 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
-from fte_sniff.cli.options import output_options
-from fte_sniff.cli.output import exit_if_unreadable, print_notes, rows_format_option, summary
-from fte_sniff.cli.progress import ProgressLine, progress_line
-from fte_sniff.cli.streams import STDOUT, ending_signals, print_err
+from fte_sniff.cli.input_files import (
+    STDIN,
+    InputQuery,
+    check_inputs,
+    exit_if_unreadable,
+    follow_options,
+    input_options,
+    print_notes,
+    summary,
+)
+from fte_sniff.cli.options import output_options, rows_format_option
+from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import COLUMN_BY_NAME

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.completion import complete_port
-from fte_sniff.cli.options import Seconds
-from fte_sniff.cli.output import list_format_option
+from fte_sniff.cli.options import Seconds, list_format_option
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import DEFAULT_BAUD

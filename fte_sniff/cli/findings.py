@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.cli.output import print_json, text_or_json_option
+from fte_sniff.cli.measuring import jobs_options, measure, print_json, text_or_json_option
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import finding_json

@@ -11,7 +11,7 @@ from io import BytesIO
 
 import click
 
-from fte_sniff.cli.output import rows_format_option
+from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.log_form import LogOptions

@@ -1,15 +1,24 @@
-"""Arguments and options of commands that read files: which files, and which of their rows."""
+"""Commands that read files: which files, which of their rows, and what is reported about them.
+
+`--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
+
+    2026-01-31T12:00:05.25Z      a date and time, see `analysis.time_text`
+    12:00:05  20:00:05+08:00     a time of day on the date of the first row; for `--to` the first
+                                 after `--from`, possibly on the next day
+    +10s  +1m30s  +250ms         this long after the first row
+    -10s                         this long before the last row
+"""
 
 from __future__ import annotations
 
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
-from datetime import UTC, tzinfo
-from functools import partial, wraps
+from datetime import UTC, time, tzinfo
+from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from select import select
@@ -18,7 +27,15 @@ from weakref import finalize
 
 import click
 
-from fte_sniff.analysis.time_text import SECOND_NS, day_of, time_ns, zone_of
+from fte_sniff.analysis.time_text import (
+    SECOND_NS,
+    ClockTime,
+    clock_time,
+    day_of,
+    duration_ns,
+    time_ns,
+    zone_of,
+)
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
@@ -27,9 +44,8 @@ from fte_sniff.cli.options import (
     is_port_name,
     line_speed_option,
     row_filter,
-    span_options,
-    time_range,
 )
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import (
     FileError,
     FilterError,
@@ -37,6 +53,7 @@ from fte_sniff.errors import (
     UsageError,
     printable,
     quoted,
+    shortened,
     unreadable,
 )
 from fte_sniff.formats.input_kind import (
@@ -49,7 +66,7 @@ from fte_sniff.formats.input_kind import (
     raw_stream_chunks,
 )
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import DEFAULT_BAUD, iso_time
+from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
 from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.inputs import (
     STDIN_NAME,
@@ -66,10 +83,153 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.tally import Tally
     from fte_sniff.formats.log_form import LogOptions
+    from fte_sniff.recording.reading_pass import TimeRange
     from fte_sniff.session.file_jobs import FileJob, Model
+    from fte_sniff.session.notes import Notes
 
 STDIN = Path("-")
+
+
+_HELP = (
+    "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the first row) "
+    "or -10s (before the last)"
+)
+
+Times = tuple[int, int | None] | None
+"""The first and the last time of an input, see `time_range`."""
+
+
+span_options = all_of(
+    click.option(
+        "--from", "since", metavar="TIME", help=f"Only rows from this time on: {_HELP}. See --zone."
+    ),
+    click.option(
+        "--to",
+        "until",
+        metavar="TIME",
+        help="Only rows before this time; as --from. A time of day is the first one after --from.",
+    ),
+)
+
+
+def time_range(
+    since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
+) -> TimeRange | None:
+    """The time range of `--from` and `--to`; None without either.
+
+    Args:
+        since: the text of `--from`, if given.
+        until: the text of `--to`, if given.
+        times: first and last time of each input, nanoseconds since 1970 UTC; the last is None if it
+            is not known before reading. Read only for relative times, because a log must be read
+            completely for them.
+        zone: the zone of times that name none; None for UTC.
+
+    Raises:
+        InputTextError: a text is not a time.
+        UsageError: a time is relative and the inputs have no times, or the range is empty.
+    """
+    if since is None and until is None:
+        return None
+    from fte_sniff.recording.reading_pass import TimeRange
+
+    zone = zone or UTC
+    bounds = cache(lambda: _bounds(times))
+    span = TimeRange()
+    first = span.first_ns if since is None else _time(since, "--from", bounds, zone)
+    if first > span.end_ns:
+        raise InputTextError(
+            f"--from: {quoted(since or '')} is after {iso_time(span.end_ns)}, and so after any row"
+        )
+    end = span.end_ns
+    if until is not None:
+        end = _end(until, None if since is None else first, bounds, zone)
+    if since is not None and until is not None and first >= end:
+        raise UsageError(
+            f"--from {shortened(since)} is not before --to {shortened(until)};"
+            f" no row is between them{_hint(since, until)}"
+        )
+    return TimeRange(first, min(end, span.end_ns))
+
+
+def _hint(since: str, until: str) -> str:
+    if clock_time(since) is None and clock_time(until) is None:
+        return ""
+    return " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
+
+
+def _bounds(times: Iterable[Times]) -> Times:
+    known = [found for found in times if found is not None]
+    if not known:
+        return None
+    ends = [last for _, last in known if last is not None]
+    return min(first for first, _ in known), max(ends) if len(ends) == len(known) else None
+
+
+def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
+    wanted = text.strip()
+    if wanted[:1] in ("+", "-"):
+        first, last = _known(bounds(), option, text)
+        length = _length(wanted[1:], option)
+        if wanted[0] == "+":
+            return first + length
+        if last is None:
+            raise UsageError(
+                f"{option} {shortened(text)}: the last time of the input is not known before it is"
+                " read; write the time in full, or from the first row, as +10s"
+            )
+        return last - length
+    if (clock := clock_time(wanted)) is not None:
+        first, _ = _known(bounds(), option, text)
+        return clock.on_day_of(first, zone)
+    return _absolute(wanted, option, zone)
+
+
+def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzinfo) -> int:
+    """The time of `--to`; a time of day is the first after the start, if rows reach that date."""
+    clock = clock_time(text)
+    if clock is None:
+        return _time(text, "--to", bounds, zone)
+    first, last = _known(bounds(), "--to", text)
+    begin = first if since_ns is None else since_ns
+    end = clock.on_day_of(begin, zone)
+    midnight = ClockTime(time(tzinfo=clock.of_day.tzinfo)).on_day_after(begin, zone)
+    return (
+        clock.on_day_after(begin, zone)
+        if end <= begin and (last is None or midnight <= last)
+        else end
+    )
+
+
+def _known(bounds: Times, option: str, text: str) -> tuple[int, int | None]:
+    if bounds is None:
+        raise UsageError(
+            f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
+            " began, or give a recording or a dated log, with rows"
+        )
+    return bounds
+
+
+def _length(text: str, option: str) -> int:
+    length = duration_ns(text)
+    if length is None:
+        raise InputTextError(
+            f"{option}: {quoted(text)} is not a duration; write 10s, 1m30s or 250ms"
+        )
+    return length
+
+
+def _absolute(text: str, option: str, zone: tzinfo) -> int:
+    t_ns = time_ns(text, zone)
+    if t_ns is None:
+        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
+    if t_ns < 0:
+        raise InputTextError(
+            f"{option}: {quoted(text)} is before {iso_time(0)}, and so before any row"
+        )
+    return t_ns
 
 
 def _files_argument(*, required: bool) -> Callable[..., Any]:
@@ -535,3 +695,106 @@ def _topic(path: Path, topic: str) -> Input:
         return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
 
     return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
+
+
+ENOUGH_ROWS = 5
+"""This many damaged rows without a frame point to a wrong setup."""
+
+
+def summary(
+    tally: Tally,
+    reading: InputReading | None = None,
+    unframed: int = 0,
+    limit: int | None = None,
+) -> str:
+    """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
+
+    With `reading`, whose rows the tally counts, it reports their gaps. `unframed` bytes were
+    received but not decoded, because the capture ended; `limit` is its largest number of rows.
+    """
+    if reading is not None and reading.written == reading.limit:
+        read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
+        return f"stopped at the limit: {read}"
+    parts = [f"{tally.rows:,} row{'s' if tally.rows != 1 else ''}"]
+    if reading is not None and reading.written != tally.rows:
+        parts[0] += f" read, {reading.written:,} written"
+    parts += [
+        text for status in (Status.SUSPECT, Status.MALFORMED) if (text := _share(tally, status))
+    ]
+    if len(parts) == 1 and tally.rows:
+        parts.append("nothing malformed")
+    gaps = reading.reported_gaps if reading is not None else []
+    if unframed:
+        after = "after the limit " if tally.rows == limit else ""
+        parts.append(f"{unframed:,} bytes {after}not decoded")
+    advice = "" if unframed else explain_no_frames(tally, reading)
+    lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
+    zone = UTC if reading is None else reading.source.zone
+    return ", ".join(parts) + _span(tally, zone) + lacking + (advice and f"; {advice}")
+
+
+def gap_text(gaps: Sequence[Gap]) -> str:
+    """`893 rows in 2 places`; `893 rows and more` if the size of a gap is unknown."""
+    rows, places = sum(gap.rows or 0 for gap in gaps), len(gaps)
+    text = f"{rows:,} row{'s' * (rows != 1)}"
+    if any(gap.rows is None for gap in gaps):
+        text = f"{text} and more" if rows else "an unknown number of rows"
+    return f"{text} in {places:,} place{'s' * (places != 1)}"
+
+
+def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
+    """Why rows or frames are missing, or what to check; empty otherwise."""
+    if reading is not None:
+        if not tally.rows and reading.span is not None:
+            return "no row is between --from and --to"
+        if not tally.rows and reading.notes:
+            return ""  # the notes name the reason
+        if not tally.rows and (selections := reading.source.selections):
+            wanted = " and ".join(printable(one.filter_text) for one in selections)
+            return f"nothing was selected when the recording was written: {wanted}"
+        if not tally.rows and reading.reported_gaps:
+            return ""  # rows came, but were left out when recorded
+        if tally.rows and not reading.written and reading.row_filter is not None:
+            return f"none of them matches the filter: {printable(reading.row_filter.text)}"
+    if not tally.rows:
+        return "nothing came: check the wire, the ground and the baud rate"
+    if tally.rows >= ENOUGH_ROWS and not tally.frames:
+        return "no frame found: check the controller, the baud rate and the polarity"
+    return ""
+
+
+def print_saved(notes: Notes) -> None:
+    """Print where the notes of a view are, and try again to save those that are not."""
+    if trouble := notes.save():
+        print_err(trouble)
+    for path in notes.written:
+        print_err(f"notes are in {path}")
+
+
+def print_notes(reading: InputReading) -> None:
+    """Print what is wrong with the inputs, one line each, on standard error."""
+    for note in reading.notes:
+        print_err(f"fte-sniff: {note}")
+
+
+def exit_if_unreadable(reading: InputReading) -> None:
+    """Exit with the code of a file error if one of several inputs could not be read."""
+    if reading.unreadable:
+        sys.exit(FileError.exit_code)
+
+
+def _share(tally: Tally, status: Status) -> str:
+    count = tally.by_status()[status].rows
+    if not count:
+        return ""
+    counts = tally.by_fault()
+    faults = ", ".join(
+        f"{fault} {counts[fault].rows:,}" for fault in tally.faults if status_of((fault,)) is status
+    )
+    return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
+
+
+def _span(tally: Tally, zone: tzinfo) -> str:
+    if tally.first_ns is None or tally.duration_ns is None:
+        return ""
+    return f", {tally.duration_ns / 1e9:,.3f} s from {iso_time(tally.first_ns, zone)}"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,15 +16,15 @@ from urllib.parse import urlsplit
 
 import click
 
-from fte_sniff.cli.extras import install_command
-from fte_sniff.cli.input_files import STDIN, InputQuery
-from fte_sniff.cli.options import all_of
-from fte_sniff.cli.output import explain_no_frames, print_notes
-from fte_sniff.cli.progress import progress_line
-from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err
+from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
+from fte_sniff.cli.options import Decorator, all_of, format_option, install_command
+from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err, progress_line
 from fte_sniff.errors import FileError, UsageError, quoted
+from fte_sniff.formats.writers import printable_json
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from fte_sniff.session.file_jobs import (
         DelayedInterrupt,
         FileJob,
@@ -32,6 +33,19 @@ if TYPE_CHECKING:
         Model,
     )
     from fte_sniff.session.inputs import InputReading
+
+
+def text_or_json_option(page: str) -> Decorator:
+    """The `--format` option of a command that prints text, or the JSON object of a page."""
+    return format_option(f"Text for people, or one JSON object ({page}).", ["text", "json"], "text")
+
+
+def print_json(value: Any) -> None:
+    """Print indented JSON on standard output, without a copy of the whole text."""
+    encoder = json.JSONEncoder(ensure_ascii=False, indent=2)
+    sys.stdout.writelines(map(printable_json, encoder.iterencode(value)))
+    sys.stdout.write("\n")
+
 
 _WAITING_PER_WORKER: Final = 2
 
@@ -240,3 +254,67 @@ def _security(distributed: ModuleType) -> Mapping[str, Any]:
 
 _CONNECT_S: Final = 10
 """How long a scheduler may take to answer at most; Dask's own setting may be shorter."""
+
+
+HEAD_STYLE = "dim"
+LEAST_NAME = 21
+"""Cells that a name is shortened to at most."""
+
+
+class TextTable:
+    """A table that fits a width: names lose their start, then the last columns are dropped.
+
+    `rich.table.Table` would wrap or cut cells in all columns instead.
+    """
+
+    def __init__(self, heads: Sequence[str]) -> None:
+        self._lines = [("", list(heads), "")]
+
+    def append(self, cells: Sequence[str], style: str = "", mark: str = "") -> None:
+        """Append a line: the name, then a cell for each further head.
+
+        `mark` is in a column left of the name, with its style.
+        """
+        self._lines.append((mark, list(cells), style))
+
+    def lines(self, width: int | None) -> Iterator[Text]:
+        """The lines in at most `width` cells, if they can be shortened so far; None: no limit."""
+        from rich.cells import cell_len
+        from rich.text import Text
+
+        from fte_sniff.formats.cell_text import fit_path, fit_right, padded
+
+        marks = max(cell_len(mark) for mark, _, _ in self._lines)
+        names, *widths = (
+            max(map(cell_len, column))
+            for column in zip(*(cells for _, cells, _ in self._lines), strict=True)
+        )
+        if width is not None:
+            room = width - marks
+            names = max(min(names, LEAST_NAME), min(names, room - sum(widths) - 2 * len(widths)))
+            while len(widths) > 1 and names + sum(widths) + 2 * len(widths) > room:
+                widths.pop()
+        for number, (mark, (name, *cells), style) in enumerate(self._lines):
+            values = "".join(
+                f"  {fit_right(cell, room)}" for cell, room in zip(cells, widths, strict=False)
+            )
+            lead = f"{padded(mark, marks)}{padded(fit_path(name, names), names)}"
+            line = Text.assemble((lead, style), values, style="" if number else HEAD_STYLE)
+            line.rstrip()
+            yield line
+
+
+def print_lines(lines: Callable[[int | None], Iterable[Text]]) -> None:
+    """Print lines that fit a given width, None for any; with colours on a terminal.
+
+    A longer line is cut, unless its overflow is `ignore`.
+    """
+    if not sys.stdout.isatty():
+        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines(None))
+        return
+    from rich.console import Console
+
+    console = Console(file=sys.stdout)
+    for line in lines(console.width):
+        is_cut = line.overflow != "ignore"
+        console.print(line, no_wrap=True, overflow=line.overflow or "ellipsis", crop=is_cut)

@@ -1,47 +1,33 @@
-"""Click options and parameter types that several commands share.
-
-`--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
-
-    2026-01-31T12:00:05.25Z      a date and time, see `analysis.time_text`
-    12:00:05  20:00:05+08:00     a time of day on the date of the first row; for `--to` the first
-                                 after `--from`, possibly on the next day
-    +10s  +1m30s  +250ms         this long after the first row
-    -10s                         this long before the last row
-"""
+"""Click options and parameter types that several commands share."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from datetime import UTC, time, tzinfo
+from datetime import tzinfo
 from decimal import Decimal
-from functools import cache, reduce
+from functools import partial, reduce
+from importlib.metadata import requires
+from importlib.util import find_spec
 from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.analysis.time_text import SECOND_NS, ClockTime, clock_time, duration_ns, time_ns
+from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.errors import InputTextError, UsageError, printable, quoted, reason_of, shortened
+from fte_sniff.errors import UsageError
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import DEFAULT_BAUD, iso_time
+from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import Settings
-    from fte_sniff.recording.reading_pass import TimeRange
-
-
-_HELP = (
-    "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the first row) "
-    "or -10s (before the last)"
-)
-
-Times = tuple[int, int | None] | None
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -50,137 +36,6 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 def all_of(*options: Decorator) -> Decorator:
     """A decorator that gives a command these options, in this order."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
-
-
-span_options = all_of(
-    click.option(
-        "--from", "since", metavar="TIME", help=f"Only rows from this time on: {_HELP}. See --zone."
-    ),
-    click.option(
-        "--to",
-        "until",
-        metavar="TIME",
-        help="Only rows before this time; as --from. A time of day is the first one after --from.",
-    ),
-)
-
-
-def time_range(
-    since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
-) -> TimeRange | None:
-    """The time range of `--from` and `--to`; None without either.
-
-    Args:
-        since: the text of `--from`, if given.
-        until: the text of `--to`, if given.
-        times: first and last time of each input, nanoseconds since 1970 UTC; the last is None if it
-            is not known before reading. Read only for relative times, because a log must be read
-            completely for them.
-        zone: the zone of times that name none; None for UTC.
-
-    Raises:
-        InputTextError: a text is not a time.
-        UsageError: a time is relative and the inputs have no times, or the range is empty.
-    """
-    if since is None and until is None:
-        return None
-    from fte_sniff.recording.reading_pass import TimeRange
-
-    zone = zone or UTC
-    bounds = cache(lambda: _bounds(times))
-    span = TimeRange()
-    first = span.first_ns if since is None else _time(since, "--from", bounds, zone)
-    if first > span.end_ns:
-        raise InputTextError(
-            f"--from: {quoted(since or '')} is after {iso_time(span.end_ns)}, and so after any row"
-        )
-    end = span.end_ns
-    if until is not None:
-        end = _end(until, None if since is None else first, bounds, zone)
-    if since is not None and until is not None and first >= end:
-        raise UsageError(
-            f"--from {shortened(since)} is not before --to {shortened(until)};"
-            f" no row is between them{_hint(since, until)}"
-        )
-    return TimeRange(first, min(end, span.end_ns))
-
-
-def _hint(since: str, until: str) -> str:
-    if clock_time(since) is None and clock_time(until) is None:
-        return ""
-    return " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
-
-
-def _bounds(times: Iterable[Times]) -> Times:
-    known = [found for found in times if found is not None]
-    if not known:
-        return None
-    ends = [last for _, last in known if last is not None]
-    return min(first for first, _ in known), max(ends) if len(ends) == len(known) else None
-
-
-def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
-    wanted = text.strip()
-    if wanted[:1] in ("+", "-"):
-        first, last = _known(bounds(), option, text)
-        length = _length(wanted[1:], option)
-        if wanted[0] == "+":
-            return first + length
-        if last is None:
-            raise UsageError(
-                f"{option} {shortened(text)}: the last time of the input is not known before it is"
-                " read; write the time in full, or from the first row, as +10s"
-            )
-        return last - length
-    if (clock := clock_time(wanted)) is not None:
-        first, _ = _known(bounds(), option, text)
-        return clock.on_day_of(first, zone)
-    return _absolute(wanted, option, zone)
-
-
-def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzinfo) -> int:
-    """The time of `--to`; a time of day is the first after the start, if rows reach that date."""
-    clock = clock_time(text)
-    if clock is None:
-        return _time(text, "--to", bounds, zone)
-    first, last = _known(bounds(), "--to", text)
-    begin = first if since_ns is None else since_ns
-    end = clock.on_day_of(begin, zone)
-    midnight = ClockTime(time(tzinfo=clock.of_day.tzinfo)).on_day_after(begin, zone)
-    return (
-        clock.on_day_after(begin, zone)
-        if end <= begin and (last is None or midnight <= last)
-        else end
-    )
-
-
-def _known(bounds: Times, option: str, text: str) -> tuple[int, int | None]:
-    if bounds is None:
-        raise UsageError(
-            f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
-            " began, or give a recording or a dated log, with rows"
-        )
-    return bounds
-
-
-def _length(text: str, option: str) -> int:
-    length = duration_ns(text)
-    if length is None:
-        raise InputTextError(
-            f"{option}: {quoted(text)} is not a duration; write 10s, 1m30s or 250ms"
-        )
-    return length
-
-
-def _absolute(text: str, option: str, zone: tzinfo) -> int:
-    t_ns = time_ns(text, zone)
-    if t_ns is None:
-        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
-    if t_ns < 0:
-        raise InputTextError(
-            f"{option}: {quoted(text)} is before {iso_time(0)}, and so before any row"
-        )
-    return t_ns
 
 
 def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
@@ -211,73 +66,6 @@ alert_option = click.option(
     help="Ring the bell, at most once per second, when rows match: error != 0.",
 )
 """The `--alert` option; its value goes to `alert_of`."""
-
-
-DEFAULT_ADDRESS: Final = "127.0.0.1:8765"
-"""Where viewers look if the user names no other."""
-
-
-def _host_and_port(text: str, option: str) -> tuple[str, int]:
-    """Host and port of `HOST:PORT` or `PORT`; raises UsageError for other texts."""
-    name, colon, number = text.rpartition(":")
-    is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
-    if is_number and (colon or number == text):
-        return name, int(number)
-    example = "--udp 127.0.0.1:9870"
-    if option == "--serve":
-        example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
-    raise UsageError(f"{option} {printable(text)} is not HOST:PORT or PORT; write {example}")
-
-
-def _checked(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
-    """Refuse a port or file behind `--serve`, which click takes as its value."""
-    if text is not None and not context.resilient_parsing:
-        _host_and_port(text, "--serve")
-    return text
-
-
-serve_option = click.option(
-    "--serve",
-    is_flag=False,
-    callback=_checked,
-    flag_value=DEFAULT_ADDRESS,
-    metavar="[[HOST:]PORT]",
-    help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
-)
-"""The `--serve` option."""
-
-
-def network_option(allowed: str) -> Decorator:
-    """The `--network` option, which allows these options to use a network."""
-    return click.option(
-        "--network",
-        is_flag=True,
-        help=f"Allow {allowed} to use a network: anyone there can read.",
-    )
-
-
-def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
-    """The address of `HOST:PORT` or `PORT`; without a host this machine, IPv6 in brackets.
-
-    Raises UsageError if it is not valid, or is another machine and `network` is false.
-    """
-    import ipaddress
-    import socket
-
-    name, number = _host_and_port(text, option)
-    shown = f"{option} {printable(text)}"
-    try:
-        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", number)
-    except (OSError, UnicodeError) as error:
-        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
-        raise UsageError(f"{shown}: the host is not known ({reason})") from None
-    host = str(found[0][4][0])
-    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
-        raise UsageError(
-            f"{shown} is not this machine: anyone in that network could read; add --network if they"
-            " may"
-        )
-    return host, number
 
 
 def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None:
@@ -329,6 +117,28 @@ def output_options(help_text: str, *, required: bool = False) -> Decorator:
     )
 
 
+def format_option(help_text: str, forms: Iterable[str], default: str | None = None) -> Decorator:
+    """The `--format` option; its value is one of the forms, or None if not given and no default."""
+    return click.option(
+        "--format",
+        "form",
+        type=click.Choice(list(map(str, forms))),
+        default=default,
+        show_default=default is not None,
+        help=help_text,
+    )
+
+
+rows_format_option = partial(
+    format_option, "Format of the rows; a table has no colours if the output is not a terminal."
+)
+"""The `--format` option of a command whose rows may have some forms of `OutputFormat`."""
+
+list_format_option = format_option(
+    "A table for people, or one JSON object per line.", ["table", "jsonl"], "table"
+)
+
+
 def require_pseudo_terminals(command: str, instead: str) -> None:
     """Raise UsageError, with another way, on a system without pseudo-terminals."""
     if not POSIX:
@@ -336,6 +146,25 @@ def require_pseudo_terminals(command: str, instead: str) -> None:
             f"{command} needs pseudo-terminals, which Windows does not have: use it in WSL; "
             f"{instead}"
         )
+
+
+def install_command(extra: str) -> str:
+    """The command that adds the packages of an extra to this environment.
+
+    It names the packages themselves: fte-sniff is on no package index, and an installation from its
+    folder would compile the framer again.
+    """
+    needs = [
+        need.split(";")[0].strip() for need in requires("fte-sniff") or () if f'"{extra}"' in need
+    ]
+    packages = " ".join(map(shlex.quote, needs))
+    prefix = Path(sys.prefix)
+    if (prefix / "pipx_metadata.json").exists():
+        return f"pipx inject {shlex.quote(prefix.name)} {packages}"
+    python = shlex.quote(sys.executable)
+    if find_spec("pip") is None:
+        return f"uv pip install --python {python} {packages}"
+    return f"{python} -m pip install {packages}"
 
 
 _PORT_NAME = re.compile(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.output import list_format_option
+from fte_sniff.cli.options import list_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import json_text
 

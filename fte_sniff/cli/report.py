@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.extras import install_command
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.options import output_options
-from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
-from fte_sniff.cli.progress import progress_line
+from fte_sniff.cli.input_files import (
+    STDIN,
+    InputQuery,
+    check_inputs,
+    exit_if_unreadable,
+    explain_no_frames,
+    input_options,
+    print_notes,
+)
+from fte_sniff.cli.options import install_command, output_options
 from fte_sniff.cli.settings import lang_option, load_settings
-from fte_sniff.cli.streams import print_err
+from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.save import replace_file

@@ -14,24 +14,28 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
-from fte_sniff.cli.foxglove_server import PlaybackServer
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, follow_options, input_options
+from fte_sniff.cli.input_files import (
+    STDIN,
+    InputQuery,
+    check_inputs,
+    exit_if_unreadable,
+    follow_options,
+    input_options,
+    print_notes,
+    print_saved,
+)
+from fte_sniff.cli.live_data import PlaybackServer, address_of, network_option, serve_option
 from fte_sniff.cli.options import (
     REREAD_ROWS,
-    address_of,
     alert_of,
     alert_option,
     keep_rows_option,
     line_setup,
-    network_option,
     row_filter,
-    serve_option,
     units_options,
 )
-from fte_sniff.cli.output import exit_if_unreadable, print_notes, print_saved
-from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
-from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import FileError, FilterError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.recording.retention import size_text

@@ -23,7 +23,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 import fte_sniff
 from fte_sniff.analysis.plots import Timeline
 from fte_sniff.analysis.time_text import time_ns
-from fte_sniff.cli.extras import install_command
+from fte_sniff.cli.options import install_command
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Frame,
@@ -549,7 +549,7 @@ def test_the_numbers_are_those_of_stats(run, made, samples) -> None:
 
 @pytest.mark.parametrize("most_points", [9, 10])
 def test_a_page_without_every_row_is_marked(tmp_path, most_points: int) -> None:
-    from fte_sniff.cli.report_page import ReportFacts, page  # loads Bokeh, which takes a second
+    from fte_sniff.cli.report_page import ReportFacts, page
 
     frames = [feedback(number, 5, t_ms=number) for number in range(10)]
     timeline = Timeline(most_points)

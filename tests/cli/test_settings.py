@@ -16,12 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.settings import (
-    Settings,
-    read_settings,
-    save_screen,
-    settings_path,
-)
+from fte_sniff.cli.settings import Settings, read_settings, save_screen, settings_path
 from fte_sniff.errors import FileError
 from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.foxglove_server import ServedChannels
+from fte_sniff.cli.live_data import ServedChannels
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.messages.schema import TOPICS

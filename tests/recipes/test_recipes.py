@@ -280,7 +280,7 @@ class RowCountFile(Observer):
         self._path.write_text(f"{self._rows} rows")
 ''',
     )
-    command = "fte_sniff/cli/capture_command.py"
+    command = "fte_sniff/cli/capturing.py"
     recipe.before(
         command,
         """    click.option(
@@ -371,9 +371,7 @@ def command() -> None:
 ''',
     )
     recipe.replace("fte_sniff/cli/main.py", '("live", "view", ', '("live", "greet", "view", ')
-    recipe.before(
-        "fte_sniff/cli/__init__.py", "    hex   ", "    greet              Greet the user.\n"
-    )
+    recipe.before("fte_sniff/cli/__init__.py", "    hex   ", "    greet         Greet the user.\n")
     recipe.replace("pyproject.toml", '"live | bridge | view', '"live | greet | bridge | view')
     with recipe.program() as copy:
         assert copy.run("greet") == "hello\n"
@@ -599,7 +597,7 @@ class LongestRow:
         '        "longest_row_bytes": summary.longest.bytes,\n',
     )
     recipe.before(
-        "fte_sniff/cli/stats_report.py",
+        "fte_sniff/cli/stats.py",
         "    for selection in reading.source.selections:\n",
         '    yield _line("longest", f"{summary.longest.bytes} bytes")\n',
     )

@@ -1,4 +1,4 @@
-"""`--serve`: real WebSocket clients decode the rows by the advertised schema."""
+"""Rows for other programs: `--udp` as PlotJuggler reads it; real WebSocket clients of `--serve`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import base64
 import json
 import re
 import signal
+import socket
 import struct
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from socket import SO_RCVBUF, SOL_SOCKET, socket
 from typing import Any
 
 import foxglove
@@ -18,22 +19,31 @@ from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from fte_sniff.cli.foxglove_server import ServedChannels
-from fte_sniff.cli.foxglove_websocket import (
+from fte_sniff.analysis.feed import FeedUpdate
+from fte_sniff.cli.live_data import (
     ENDED,
     PAUSED,
     PLAYING,
     SUBPROTOCOLS,
+    Datagrams,
     FoxgloveWebSocket,
     PlayState,
+    ServedChannels,
+    address_of,
+    datagram,
 )
-from fte_sniff.protocol import Damage, Fault, Rows
+from fte_sniff.errors import UsageError
+from fte_sniff.protocol import Damage, Fault, Rows, iso_time
+from fte_sniff.recording.messages.encode import topic_of
 from fte_sniff.recording.messages.schema import EVENTS, TOPICS, message_class
+from fte_sniff.recording.reader import RecordingReader
 from tests.beside import server_socket
-from tests.cli.conftest import ROOT
+from tests.cli.conftest import ROOT, decoded
 from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
 from tests.cli.terminals import terminal
+from tests.recording.conftest import some_rows
 from tests.slow import first
+from tests.support.columns import without_facts
 from tests.waiting import BOUND_S
 
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
@@ -168,8 +178,8 @@ def test_viewer_that_reads_too_slowly_loses_messages_that_are_counted(capsys) ->
     channels.advertise()
     damage = [Damage("p", 1000 * n, bytes(1000), n, (Fault.NOISE,)) for n in range(1, 501)]
     rows, sent = Rows.from_rows(damage), 0
-    with socket() as narrow:
-        narrow.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
+    with socket.socket() as narrow:
+        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         narrow.connect(("127.0.0.1", channels.server.port))
         name = "{}:{}".format(*narrow.getsockname())
         with viewer_at(address_in(channels.text), sock=narrow, max_queue=1) as slow:
@@ -199,8 +209,8 @@ def test_viewer_that_never_reads_delays_no_end_and_loses_what_waits(capsys) -> N
     channels = ServedChannels(("127.0.0.1", 0), ["p"])
     channels.advertise()
     damage = [Damage("p", 1000 * n, bytes(10_000), n, (Fault.NOISE,)) for n in range(1, 501)]
-    with socket() as narrow:
-        narrow.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
+    with socket.socket() as narrow:
+        narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         narrow.connect(("127.0.0.1", channels.server.port))
         with viewer_at(address_in(channels.text), sock=narrow, max_queue=1) as slow:
             Viewer(slow)
@@ -444,3 +454,150 @@ def test_playback_that_cannot_be_served_is_one_line(
         assert screen.ended() == 2
     assert reason in screen.drawn.decode()
     assert b"Traceback" not in screen.drawn
+
+
+@pytest.fixture
+def receiver() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        found.bind(("127.0.0.1", 0))
+        found.settimeout(BOUND_S)
+        yield found
+
+
+def address(receiver: socket.socket) -> str:
+    return f"127.0.0.1:{receiver.getsockname()[1]}"
+
+
+def test_json_lines_of_a_capture_are_those_of_its_recording(run) -> None:
+    done = run("live", SIM, "--count", "100", "-o", "x.mcap", "--format", "jsonl")
+    assert done.returncode == 0
+    # A capture does not know yet what later rows decide.
+    printed = without_facts(map(json.loads, done.stdout.splitlines()))
+    assert printed == without_facts(decoded(run, "x.mcap"))
+    assert len(printed) == 100
+
+
+def test_csv_of_a_capture_has_a_header_also_without_rows(run) -> None:
+    words = ("live", "sim://?host=off&wire=control", "--no-record", "--duration", "0.1")
+    done = run(*words, "--format", "csv")
+    assert done.returncode == 0
+    assert done.stdout.startswith("time,port,offset")
+    assert done.stdout.count("\n") == 1
+
+
+def test_every_row_is_a_datagram_with_the_names_of_the_topics(run, receiver, tmp_path) -> None:
+    words = ("live", SIM, "--count", "200", "-o", "x.mcap", "--format", "csv")
+    done = run(*words, "--udp", address(receiver))
+    assert done.returncode == 0
+    assert f"200 rows sent to UDP 127.0.0.1 port {receiver.getsockname()[1]}\n" in done.stderr
+    rows = list(RecordingReader(tmp_path / "x.mcap"))
+    rows = [row for row in rows if hasattr(row, "raw")]
+    opened = None
+    for row in rows:
+        found = json.loads(receiver.recv(1 << 16))
+        if "port" in found["fte"]:
+            opened = found
+            found = json.loads(receiver.recv(1 << 16))
+        assert found.pop("timestamp") == row.t_ns / 1e9
+        for part in topic_of(row).name.strip("/").split("/"):
+            (inner,) = found.values()
+            assert [*found] == [part]
+            found = inner
+        assert found["raw"] == row.raw.hex().upper()
+        assert found["time"] == iso_time(row.t_ns)
+        assert None not in found.values()
+    for event, kind in ((opened, "opened"), (json.loads(receiver.recv(1 << 16)), "closed")):
+        assert event is not None
+        inner = event["fte"]["port"]
+        assert {*inner} == {"port", "kind", "detail", "count", "time"}
+        assert (inner["port"], inner["kind"], inner["count"]) == (SIM, kind, 0)
+        assert inner["time"][:19] == iso_time(round(event["timestamp"] * 1e9))[:19]
+
+
+def test_filter_selects_the_datagrams(run, receiver) -> None:
+    words = ("live", SIM, "--count", "100", "--no-record", "--filter", "motor = 2")
+    done = run(*words, "--format", "jsonl", "--udp", address(receiver))
+    for line in done.stdout.splitlines():
+        while "/port" in (found := receiver.recv(1 << 16).decode()) or '"port":{' in found:
+            pass
+        assert json.loads(line)["raw"] in found
+
+
+def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> None:
+    where = address(receiver)
+    receiver.close()
+    done = run("live", SIM, "--count", "50", "-o", "x.mcap", "--udp", where)
+    assert done.returncode == 0
+    assert "50 rows sent to UDP" in done.stderr
+
+
+def test_datagram_that_is_too_large_is_counted(receiver, capsys) -> None:
+    rows = [*some_rows(3), Damage("p", 0, bytes(60_000), 1, (Fault.NOISE,)), *some_rows(2)]
+    sender = Datagrams(receiver.getsockname(), None)
+    update = FeedUpdate(None, Rows.from_rows(rows), [], [])  # type: ignore[arg-type]
+    sender.update(update, None)  # type: ignore[arg-type]
+    sender.ended(None)  # type: ignore[arg-type]
+    said = capsys.readouterr().err
+    assert re.fullmatch(r"5 rows sent to UDP 127.0.0.1 port \d+, 1 could not be sent\n", said)
+    assert [receiver.recv(1 << 16) for _ in range(5)] == [
+        *map(datagram, some_rows(3)),
+        *map(datagram, some_rows(2)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("98700", "is not HOST:PORT or PORT; write --udp 127.0.0.1:9870"),
+        ("localhost", "is not HOST:PORT"),
+        ("localhost:", "is not HOST:PORT"),
+        ("localhost:port", "is not HOST:PORT"),
+        ("localhost:65536", "is not HOST:PORT"),
+        ("localhost:\N{SUPERSCRIPT TWO}", "is not HOST:PORT"),
+        ("a..b:1", "the host is not known"),
+        ("192.0.2.1:9870", "is not this machine: anyone in that network could read"),
+        ("0.0.0.0:9870", "is not this machine"),
+        ("[2001:db8::1]:9870", "is not this machine"),
+        ("\x1b[1m:9870", "the host is not known"),
+    ],
+)
+def test_addresses_that_are_wrong_or_not_here_are_refused(text: str, told: str) -> None:
+    with pytest.raises(UsageError, match=told) as error:
+        address_of(text, "--udp", network=False)
+    assert str(error.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("127.0.0.1:1", ("127.0.0.1", 1)),
+        (":9870", ("127.0.0.1", 9870)),
+        ("9870", ("127.0.0.1", 9870)),
+        ("[::1]:9870", ("::1", 9870)),
+    ],
+)
+def test_addresses_of_this_machine_are_accepted(text: str, expected: tuple[str, int]) -> None:
+    assert address_of(text, "--udp", network=False) == expected
+
+
+def test_network_is_allowed_by_an_option() -> None:
+    assert address_of("192.0.2.1:9870", "--udp", network=True) == ("192.0.2.1", 9870)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--headless", "--format", "jsonl", "-o", "x.mcap"),
+        ("-o", "-", "--format", "jsonl"),
+        ("--udp", "8.8.8.8:1", "--no-record"),
+        ("--format", "parquet"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    done = run("live", SIM, "--count", "5", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

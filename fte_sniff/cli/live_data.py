@@ -1,7 +1,9 @@
-"""A server of Foxglove's WebSocket protocol: each viewer has a queue, and its losses are counted.
+"""Rows of a capture, or of a file that is played, for other programs: `--udp` and `--serve`.
 
-The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md, with the playback
-control of foxglove-sdk. The WebSockets are those of the package websockets.
+`--udp` sends JSON objects as datagrams, for example to PlotJuggler. `--serve` is a server of
+Foxglove's WebSocket protocol, https://github.com/foxglove/ws-protocol, docs/spec.md, with the
+playback control of foxglove-sdk. Each viewer has a queue, and its losses are counted. The
+WebSockets are those of the package websockets.
 """
 
 from __future__ import annotations
@@ -13,19 +15,163 @@ import socket
 import struct
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
+from math import inf
+from queue import Empty, SimpleQueue
 from threading import Thread
-from time import time_ns
+from time import monotonic, time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from fte_sniff.cli.extras import install_command
-from fte_sniff.errors import UsageError, reason_of
+import click
+
+from fte_sniff.cli.capture_loop import Observer, in_order
+from fte_sniff.cli.options import Decorator, install_command
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.formats.writers import json_text
+from fte_sniff.protocol import PortEvent, Row, iso_time, record
 from fte_sniff.session.replay import PlayRequest
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
+
+    from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.recording.messages.schema import Topic
+    from fte_sniff.session.capture_process import CapturePlan
+    from fte_sniff.session.live_session import LiveSession
+    from fte_sniff.session.replay import Playback, PlayRequest
+
+
+DEFAULT_ADDRESS: Final = "127.0.0.1:8765"
+"""Where viewers look if the user names no other."""
+
+
+def _host_and_port(text: str, option: str) -> tuple[str, int]:
+    """Host and port of `HOST:PORT` or `PORT`; raises UsageError for other texts."""
+    name, colon, number = text.rpartition(":")
+    is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
+    if is_number and (colon or number == text):
+        return name, int(number)
+    example = "--udp 127.0.0.1:9870"
+    if option == "--serve":
+        example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
+    raise UsageError(f"{option} {printable(text)} is not HOST:PORT or PORT; write {example}")
+
+
+def _checked(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
+    """Refuse a port or file behind `--serve`, which click takes as its value."""
+    if text is not None and not context.resilient_parsing:
+        _host_and_port(text, "--serve")
+    return text
+
+
+serve_option = click.option(
+    "--serve",
+    is_flag=False,
+    callback=_checked,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[[HOST:]PORT]",
+    help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
+)
+"""The `--serve` option."""
+
+
+def network_option(allowed: str) -> Decorator:
+    """The `--network` option, which allows these options to use a network."""
+    return click.option(
+        "--network",
+        is_flag=True,
+        help=f"Allow {allowed} to use a network: anyone there can read.",
+    )
+
+
+def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
+    """The address of `HOST:PORT` or `PORT`; without a host this machine, IPv6 in brackets.
+
+    Raises UsageError if it is not valid, or is another machine and `network` is false.
+    """
+    import ipaddress
+    import socket
+
+    name, number = _host_and_port(text, option)
+    shown = f"{option} {printable(text)}"
+    try:
+        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", number)
+    except (OSError, UnicodeError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
+        raise UsageError(f"{shown}: the host is not known ({reason})") from None
+    host = str(found[0][4][0])
+    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
+        raise UsageError(
+            f"{shown} is not this machine: anyone in that network could read; add --network if they"
+            " may"
+        )
+    return host, number
+
+
+def datagram(entry: Row | PortEvent) -> bytes:
+    """A JSON object, nested by its topic, so that a plotter names it as a recording's.
+
+    `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that a row does
+    not have are left out.
+    """
+    from fte_sniff.recording.messages.encode import topic_of
+    from fte_sniff.recording.messages.schema import EVENTS
+
+    values: dict[str, object]
+    if isinstance(entry, PortEvent):
+        topic, values = EVENTS, asdict(entry)
+        del values["t_ns"]
+    else:
+        topic = topic_of(entry)
+        values = {name: value for name, value in record(entry).items() if value is not None}
+    whole: dict[str, object] = {}
+    if entry.t_ns is not None:
+        values["time"] = iso_time(entry.t_ns)
+        whole["timestamp"] = entry.t_ns / 1e9
+    nested: object = values
+    for part in reversed(topic.name.strip("/").split("/")):
+        nested = {part: nested}
+    assert isinstance(nested, dict)
+    return json_text(whole | nested).encode("utf-8", "backslashreplace")
+
+
+class Datagrams(Observer):
+    """Sends each row and port event as a datagram; what cannot be sent at once is counted."""
+
+    def __init__(self, address: tuple[str, int], wanted: RowFilter | None) -> None:
+        self._wanted = None if wanted is None else wanted.stream()
+        self._address = address
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._sent = self._lost = 0
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Send the rows that pass the filter, and the port events, in order of time."""
+        rows = update.rows
+        if self._wanted is not None:
+            rows = self._wanted.select(rows, update.changes)
+        for entry in in_order(rows, update.events):
+            try:
+                self._socket.sendto(datagram(entry), self._address)
+            except OSError:  # full, too large, no network, or nobody listens
+                self._lost += 1
+            else:
+                self._sent += not isinstance(entry, PortEvent)
+
+    def ended(self, session: LiveSession) -> None:
+        """Print how many rows were sent."""
+        self._socket.close()
+        host, port = self._address
+        lost = f", {self._lost:,} could not be sent" if self._lost else ""
+        print_err(f"{self._sent:,} rows sent to UDP {host} port {port}{lost}")
+
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """Of Foxglove, and of programs before 2025, such as Lichtblick; they are equal in what is used."""
@@ -333,3 +479,161 @@ def _packed(state: PlayState, request: bytes = b"") -> bytes:
     """The state of a playback in bytes, with the id of the request that it answers."""
     status, t_ns, speed, jumped = state
     return _STATE.pack(5, status, t_ns, speed, jumped, len(request)) + request
+
+
+_MOST_NAMED: Final = 3
+
+
+class ServedChannels:
+    """The channels of a recording for viewers: the same topics, schemas and messages."""
+
+    def __init__(self, address: tuple[str, int], ports: Sequence[str], **playback: Any) -> None:
+        """Listen at the address; `playback` is that of `FoxgloveWebSocket`.
+
+        Raises UsageError as `FoxgloveWebSocket`.
+        """
+        self.server = FoxgloveWebSocket(address, **playback)
+        self.text = (
+            f"viewers can connect to ws://{address[0]}:{self.server.port} (Foxglove WebSocket)"
+        )
+        """The address, for the user."""
+        self._channels: dict[tuple[str, str], int] = {}
+        self._ports = ports
+
+    def advertise(self) -> None:
+        """Advertise every topic of every port."""
+        from fte_sniff.recording.messages.schema import TOPICS
+
+        for port in self._ports:
+            for topic in TOPICS:
+                self._channel(port, topic)
+
+    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send the rows and port events that viewers subscribed to, in order of time."""
+        from fte_sniff.recording.messages.encode import encode_event, encode_row, topic_of
+        from fte_sniff.recording.messages.schema import EVENTS
+
+        messages = list[tuple[int, int, bytes]]()
+        for entry in in_order(rows, events):
+            topic = EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
+            channel, t_ns = self._channel(entry.port, topic), entry.t_ns or 0
+            if channel not in self.server.wanted:
+                continue
+            if isinstance(entry, PortEvent):
+                message = encode_event(entry, t_ns)
+            else:
+                message = encode_row(topic, entry, t_ns)
+            messages.append((channel, t_ns, message))
+        if messages:
+            self.server.send(messages)
+
+    def close(self) -> None:
+        """Hang up, and report what viewers lost."""
+        if losses := self.server.close():
+            count, total = len(losses), sum(losses.values())
+            names = ", ".join([*losses][:_MOST_NAMED]) + ", ..." * (count > _MOST_NAMED)
+            print_err(
+                f"{count:,} viewer{'s' * (count > 1)} read too slowly and lost"
+                f" {total:,} message{'s' * (total > 1)} ({names})"
+            )
+
+    def _channel(self, port: str, topic: Topic) -> int:
+        found = self._channels.get((port, topic.name))
+        if found is None:
+            from fte_sniff.recording.messages.encode import encodable
+            from fte_sniff.recording.messages.schema import schema_data, schema_name
+
+            found = self._channels[port, topic.name] = self.server.add_channel(
+                topic.name,
+                schema_name(topic),
+                schema_data(topic.schema),
+                {"port": encodable(port)},
+            )
+        return found
+
+
+class FoxgloveServer(Observer):
+    """Serves the rows of a capture as they come."""
+
+    def __init__(self, address: tuple[str, int], plan: CapturePlan) -> None:
+        """Listen at the address; raises UsageError as `FoxgloveWebSocket`."""
+        self._channels = ServedChannels(address, plan.wiring.names)
+
+    def begun(self, session: LiveSession) -> None:
+        """Advertise the channels, and print the address."""
+        self._channels.advertise()
+        print_err(self._channels.text)
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Send the rows and port events."""
+        self._channels.send(update.rows, update.events)
+
+    def ended(self, session: LiveSession) -> None:
+        """Hang up."""
+        self._channels.close()
+
+
+STATE_INTERVAL_S: Final = 1.0
+"""A viewer that connects later knows the state of playback after this time."""
+
+
+class PlaybackServer:
+    """Serves a file as it is played; viewers can play, pause, seek and set the speed."""
+
+    def __init__(
+        self, address: tuple[str, int], ports: Sequence[str], span_ns: tuple[int, int]
+    ) -> None:
+        """Listen at the address; `span_ns` are the first and the last time of the rows.
+
+        Raises UsageError as `FoxgloveWebSocket`.
+        """
+        self._requests: SimpleQueue[PlayRequest] = SimpleQueue()
+        self._span_ns, self._t_ns = span_ns, span_ns[0]
+        self._channels = ServedChannels(address, ports, span_ns=span_ns, on_control=self._answer)
+        self._channels.advertise()
+        self._shown: tuple[object, ...] = ()
+        self._due_s = -inf
+
+    @property
+    def text(self) -> str:
+        """The address, for the user."""
+        return self._channels.text
+
+    def requests(self) -> Iterator[PlayRequest]:
+        """The requests of viewers since the last call."""
+        while True:
+            try:
+                yield self._requests.get_nowait()
+            except Empty:
+                return
+
+    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send what was played."""
+        self._channels.send(rows, events)
+
+    def report(self, play: Playback | None, *, jumped: bool) -> None:
+        """Report the state of playback where it changed, and from time to time; None: at the end.
+
+        `jumped` is whether the time did not follow from the last one.
+        """
+        status, speed, t_ns = ENDED, 1.0, self._span_ns[1]
+        if play is not None:
+            speed, t_ns = play.speed, min(play.t_ns, t_ns)
+            status = PAUSED if play.paused else ENDED if play.is_over else PLAYING
+        shown, now_s = (status, speed), monotonic()
+        self._t_ns = max(t_ns, 0)
+        if shown == self._shown and not jumped and now_s < self._due_s:
+            return
+        self._shown, self._due_s = shown, now_s + STATE_INTERVAL_S
+        self._channels.server.report(PlayState(status, self._t_ns, speed, jumped))
+
+    def _answer(self, asked: PlayRequest) -> PlayState:
+        """Answer a viewer at once, as the protocol wants; what is played then is reported later."""
+        self._requests.put(asked)
+        jumped = asked.seek_ns is not None
+        t_ns = self._t_ns if asked.seek_ns is None else asked.seek_ns
+        return PlayState(PLAYING if asked.plays else PAUSED, t_ns, asked.shown_speed, jumped)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._channels.close()

@@ -1,0 +1,324 @@
+"""Which files and rows: `--from` and `--to`, folders and patterns, what gives rows times."""
+
+from __future__ import annotations
+
+import json
+from datetime import timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.cli.input_files import time_range
+from fte_sniff.errors import FteSniffError, UsageError
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader, row_times
+from fte_sniff.recording.writer import RecordingWriter
+from tests.support.columns import in_columns
+
+SECOND = 10**9
+FIRST = 1_769_860_800 * SECOND + 500_000_000
+"""2026-01-31T12:00:00.5Z"""
+LAST = FIRST + 60 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("text", "t_ns"),
+    [
+        ("2026-01-31T12:00:05Z", FIRST + 4_500_000_000),
+        ("2026-01-31 12:00:05", FIRST + 4_500_000_000),
+        ("2026-01-31T20:00:05+08:00", FIRST + 4_500_000_000),
+        ("2026-01-31T12:00:05.000000001Z", FIRST + 4_500_000_001),
+        ("2026-01-31", FIRST - FIRST % (86400 * SECOND)),
+        ("12:00:05", FIRST + 4_500_000_000),
+        ("12:01", FIRST + 59_500_000_000),
+        ("20:00:05+08:00", FIRST + 4_500_000_000),
+        ("12:00:05.25", FIRST + 4_750_000_000),
+        ("+10s", FIRST + 10 * SECOND),
+        ("+1.5s", FIRST + 1_500_000_000),
+        ("+1m30s", FIRST + 90 * SECOND),
+        ("+250ms", FIRST + 250_000_000),
+        ("+7ns", FIRST + 7),
+        ("-10s", LAST - 10 * SECOND),
+    ],
+)
+def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
+    later, earlier = (LAST + 1, LAST + 3600 * SECOND), (FIRST, LAST)
+    span = time_range(text, None, [later[:0] or None, earlier])
+    assert span is not None
+    assert iso_time(span.first_ns) == iso_time(t_ns)
+    assert time_range(None, text, [earlier]).end_ns == t_ns
+
+
+@pytest.mark.parametrize("since", ["20:00:05", "2026-01-31 20:00:05", "12:00:05Z"])
+def test_a_time_without_zone_is_of_the_given_zone(since: str) -> None:
+    zone = timezone(timedelta(hours=8))
+    span = time_range(since, "20:00:10", [(FIRST, LAST)], zone)
+    assert (span.first_ns, span.end_ns) == (FIRST + 4_500_000_000, FIRST + 9_500_000_000)
+
+
+def test_midnight_is_that_of_the_zone() -> None:
+    zone = timezone(timedelta(hours=12))  # where the second day begins at 12:00 UTC
+    span = time_range("23:59:59", "00:00:30", [(FIRST - SECOND, LAST)], zone)
+    assert iso_time(span.first_ns) == "2026-01-31T11:59:59.000000000Z"
+    assert iso_time(span.end_ns) == "2026-01-31T12:00:30.000000000Z"
+
+
+def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
+    span = time_range("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
+    assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
+
+
+def test_only_a_time_before_the_last_row_needs_the_last_time() -> None:
+    begin = FIRST + SECOND
+    assert time_range("+1s", None, [(FIRST, LAST), (FIRST + 1, None)]).first_ns == begin
+    clock = iso_time(begin)[11:]
+    assert time_range(clock, None, [(FIRST, None)]).first_ns == begin
+    with pytest.raises(UsageError, match="the last time of the input is not known"):
+        time_range(None, "-1s", [(FIRST, LAST), (FIRST + 1, None)])
+
+
+def test_no_text_is_no_span() -> None:
+    assert time_range(None, None, [(FIRST, LAST)]) is None
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "reported"),
+    [
+        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is not a time"),
+        ("25:00", None, (FIRST, LAST), "'25:00' is not a time; write it as"),
+        ("+10", None, (FIRST, LAST), "'10' is not a duration"),
+        ("+s", None, (FIRST, LAST), "is not a duration"),
+        ("1969-12-31", None, (FIRST, LAST), "before any row"),
+        (None, "+10s", None, "--to +10s: the input has no times"),
+        ("12:00", None, None, "the input has no times"),
+        ("+20s", "+10s", (FIRST, LAST), "no row is between"),
+        ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
+        ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
+        ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),
+        (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
+        ("9" * 5000, "x", (FIRST, LAST), "is not a time"),
+        (f"+{'9' * 5000}", None, (FIRST, LAST), "is not a duration"),
+        (None, "+" + "9" * 5000, None, "the input has no times"),
+        ("-1s", None, (FIRST, None), "--from -1s: the last time of the input is not known before"),
+        (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
+    ],
+)
+def test_what_is_no_span_is_refused(
+    since: str | None, until: str | None, times: tuple[int, int | None] | None, reported: str
+) -> None:
+    with pytest.raises(FteSniffError) as caught:
+        time_range(since, until, [times])
+    assert reported in str(caught.value)
+    assert len(str(caught.value)) < 300
+    assert caught.value.exit_code == 2
+
+
+DAY = 86400 * SECOND
+OVERNIGHT = (FIRST - FIRST % DAY + DAY - 10 * SECOND, FIRST - FIRST % DAY + DAY + 20 * SECOND)
+"""2026-01-31T23:59:50 to 2026-02-01T00:00:20."""
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "end"),
+    [
+        ("23:59:58", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        (None, "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("+1s", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("2026-02-01", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("23:59:52", "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        (None, "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        ("12:00:20", "12:00:30", (FIRST, LAST), "2026-01-31T12:00:30"),
+        (None, "11:00", (FIRST, LAST), "2026-01-31T11:00:00"),
+        (None, "9999-12-31", (FIRST, LAST), "2262-04-11T23:47:16"),
+        (None, "+99999999999999999999s", (FIRST, LAST), "2262-04-11T23:47:16"),
+    ],
+)
+def test_the_end_is_the_first_such_time_behind_the_beginning(
+    since: str | None, until: str, times: tuple[int, int], end: str
+) -> None:
+    span = time_range(since, until, [times])
+    assert span is not None
+    assert iso_time(span.end_ns)[:19] == end
+
+
+def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
+    assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).contains(
+        Frame("p", 0, bytes(10), FIRST, (), 0)
+    )
+
+
+def _with_events(path: Path, samples: Path) -> list[Row]:
+    """A recording whose port was opened long before its first row, and closed long after."""
+    rows = list(RecordingReader(samples / "clean.mcap"))
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(in_columns([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")]))
+        writer.flush()
+        for at in range(0, len(rows), 100):
+            writer.write(in_columns(rows[at : at + 100]))
+            writer.flush()
+        writer.write(in_columns([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")]))
+    return rows
+
+
+@pytest.mark.parametrize("cut", [0, 100])
+def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
+    run, samples: Path, tmp_path: Path, cut: int
+) -> None:
+    path = tmp_path / "events.mcap"
+    rows = _with_events(path, samples)
+    if cut:
+        path.write_bytes(path.read_bytes()[:-cut])
+    first, last = rows[0].t_ns, rows[-1].t_ns
+    assert row_times(RecordingReader(path)) == (first, last)
+    known = [row.t_ns - first for row in rows]
+    for options, count in (
+        (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
+        (["--from", "-1s"], sum(at >= known[-1] - SECOND for at in known)),
+        (["--to", "+1s"], sum(at < SECOND for at in known)),
+        (["--to", "-1s"], sum(at < known[-1] - SECOND for at in known)),
+    ):
+        assert 0 < count < len(rows)
+        done = run("decode", path, "--format", "csv", *options)
+        assert len(done.stdout.splitlines()) == 1 + count, options
+        assert f"rows       {count:,}, " in run("stats", path, *options).stdout
+
+
+def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
+    path = tmp_path / "events.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(in_columns([PortEvent(FIRST, "p", PortEventKind.OPENED, "")]))
+    done = run("decode", path, "--from", "+1s")
+    assert done.returncode == 2
+    assert "the input has no times; set with --start when its bytes began, or give" in done.stderr
+
+
+def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
+    def rows(*arguments: str) -> list[dict]:
+        done = run("decode", samples / "clean.mcap", "--format", "jsonl", *arguments)
+        assert done.returncode == 0, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    every = rows()
+    start, end = "2026-01-31T12:00:10", "2026-01-31T12:00:20"
+    expected = [row for row in every if start <= row["time"] < end]
+    assert 0 < len(expected) < len(every)
+    assert rows("--from", f"{start}Z", "--to", f"{end}Z") == expected
+    assert rows("--from", "12:00:10", "--to", "12:00:20") == expected
+    last = rows("--from", "-1s")
+    assert 0 < len(last) < 100
+    assert every[-len(last) :] == last
+
+
+LOG = "".join(
+    f"[2026-01-31 14:03:{second:02}.123Z] AA 01 01 03 E8 00 00 00 00 EE\n" for second in range(60)
+)
+UNDATED = LOG.replace("2026-01-31 ", "").replace("Z]", "]")
+
+
+@pytest.mark.parametrize(
+    ("option", "count"),
+    [("14:03:58", 2), ("+57.5s", 2), ("-5s", 6), ("2026-01-31T14:03:50Z", 10)],
+)
+@pytest.mark.parametrize("dated", [["ok.log"], ["undated.log", "--date", "2026-01-31"]])
+def test_times_relative_to_a_log(
+    run, tmp_path: Path, option: str, count: int, dated: list[str]
+) -> None:
+    (tmp_path / "ok.log").write_text(LOG)
+    (tmp_path / "undated.log").write_text(UNDATED)
+    name, *said = dated
+    done = run("decode", tmp_path / name, *said, "--format", "csv", "--from", option)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1 + count
+    done = run("stats", tmp_path / name, *said, "--from", option)
+    assert f"rows       {count}, " in done.stdout
+
+
+def test_a_log_whose_times_are_not_known_before_gives_the_reason(run, tmp_path: Path) -> None:
+    (tmp_path / "undated.log").write_text(UNDATED)
+    done = run("decode", tmp_path / "undated.log", "--from", "+5s")
+    assert done.returncode == 0
+    assert "undated.log: its times have no date: the date" in done.stderr
+    done = run("decode", "-", "--from", "+5s", stdin=LOG)
+    assert done.returncode == 2
+    assert "stdin can be read only once" in done.stderr
+    assert "write the times in full" in done.stderr
+
+
+@pytest.mark.parametrize("since", ["2026-01-31", "12:00:00.5", "+500ms"])
+def test_the_option_that_gives_bytes_times_is_named(run, samples: Path, since: str) -> None:
+    command = ["decode", samples / "clean.raw", "--from", since]
+    done = run(*command)
+    assert done.returncode == 2
+    assert "has no times; set with --start when its bytes began" in done.stderr.splitlines()[-1]
+    done = run(*command, "--format", "jsonl", "--start", "2026-01-31T12:00:00Z")
+    assert done.returncode == 0
+    first = json.loads(done.stdout.splitlines()[0])
+    assert first["offset"] == (0 if since == "2026-01-31" else 5760)
+    done = run("decode", samples / "clean.raw", "--from", "-1ms", "--start", "2026-01-31T12:00:00Z")
+    assert len(done.stdout.splitlines()) == 1 + 2
+
+
+def test_raw_bytes_of_a_pipe_have_the_times_of_start(run, samples: Path) -> None:
+    file = samples / "clean.raw"
+    start = ("--input", "raw", "--start", "2026-01-31T12:00:00Z", "--format", "csv")
+    # Standard input does not wait for the rows that decide facts.
+    start += ("--columns", "time,port,offset,kind,status,raw", "--from")
+    for since in ("+500ms", "12:00:00.5"):
+        piped = run("decode", "-", *start, since, stdin=file.read_bytes())
+        rows = [
+            line.replace(str(file), "stdin")
+            for line in run("decode", file, *start, since).stdout.splitlines()
+        ]
+        assert piped.returncode == 0, piped.stderr
+        assert (piped.stdout.splitlines(), len(rows) > 2) == (rows, True)
+    piped = run("decode", "-", *start, "-1ms", stdin=file.read_bytes())
+    assert piped.returncode == 2
+    assert "the last time of the input is not known before it is read" in piped.stderr
+
+
+def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:
+    named = sorted(samples.glob("*.mcap"))
+    texts = [
+        run("decode", *given, "--format", "csv").stdout
+        for given in ([samples], [samples / "*.mcap"], named, reversed(named))
+    ]
+    assert texts[0]
+    assert len(set(texts)) == 1
+
+
+@pytest.mark.parametrize("command", ["decode", "stats"])
+@pytest.mark.parametrize("bad", [b"", b"no recording", bytes(range(256)) * 20])
+def test_an_unreadable_recording_of_a_folder_hides_no_other(
+    run, samples: Path, tmp_path: Path, command: str, bad: bytes
+) -> None:
+    """It is reported, the others are read, and the exit code is that of a file error."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    (folder / "bad.mcap").write_bytes(bad)
+    whole = run(command, folder / "clean.mcap")
+    both = run(command, folder)
+    assert both.stdout == whole.stdout
+    assert both.returncode == 4
+    (line,) = (line for line in both.stderr.splitlines() if line not in whole.stderr.splitlines())
+    assert line.startswith(f"fte-sniff: {folder / 'bad.mcap'} is ")
+
+
+def test_an_empty_folder_is_reported(run, tmp_path: Path) -> None:
+    done = run("decode", tmp_path)
+    assert done.returncode == 4
+    assert "is a directory without a recording (*.mcap) in it" in done.stderr
+
+
+def test_relative_times_name_their_start_in_a_damaged_file(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    content = bytearray((samples / "damaged.mcap").read_bytes())
+    content[content.index(b"zstd") + 40] ^= 0xFF
+    (tmp_path / "x.mcap").write_bytes(content)
+    done = run("decode", "x.mcap", "--format", "csv", "--from", "+1s")
+    first, *_ = RecordingReader(tmp_path / "x.mcap")
+    assert f"relative times count from {iso_time(first.t_ns)} and" in done.stderr
+    assert "a chunk that does not unpack" in done.stderr
