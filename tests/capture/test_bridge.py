@@ -573,14 +573,6 @@ def test_a_program_commands_it_through_the_device_and_hears_the_motors(device, u
     assert listener.speeds[1] == 0
 
 
-def test_a_program_may_come_and_go_and_find_what_is_then_true(device, until):
-    for rpm in (300, -400):
-        with open_port(device) as port:
-            port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}))
-            listener = Listener(port)
-            until(lambda at=rpm, to=listener: to.hears(1, at))
-
-
 def test_a_link_leads_to_the_device_while_it_is_there(tmp_path):
     link = tmp_path / "controller"
     with open_simulated(ALONE, DEFAULT_BAUD, link) as bridge:
@@ -648,11 +640,6 @@ def test_a_simulation_with_an_end_ends_it():
     with open_simulated(SimulationParameters(frames=5, rate=1000), DEFAULT_BAUD) as bridge:
         found = b"".join(one.data for one in bridge if isinstance(one, Chunk) and one.port != HOST)
     assert len(found) == 5 * FRAME_LENGTH
-
-
-def test_a_rate_that_the_line_cannot_carry_is_refused():
-    with pytest.raises(PortError, match="at most 96"):
-        open_simulated(ALONE, 9600)
 
 
 @pytest.mark.parametrize("baud", [50, 9600, 115200, 250_000, 921_600, 1_234_567, 3_000_000])

@@ -1,6 +1,5 @@
 """Ports behind a network: a real RFC 2217 server on a real terminal, and a plain socket."""
 
-import os
 import random
 import socket
 import struct
@@ -73,11 +72,6 @@ def test_dtr_and_rts_are_as_asked_for_and_never_anything_else(server, dtr, rts):
     asked = {DTR_ON if dtr is ControlLine.ON else DTR_OFF, RTS_ON if rts == "on" else RTS_OFF}
     assert {c for c in server.controls if c in (DTR_ON, DTR_OFF, RTS_ON, RTS_OFF)} == asked
     assert server.data == b""
-
-
-def test_leaving_the_lines_is_refused_as_it_cannot_be_done(server):
-    with pytest.raises(PortError, match="cannot leave"):
-        open_port(server.url, PortSettings(dtr=ControlLine.LEAVE))
 
 
 def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty, until):
@@ -159,19 +153,6 @@ def test_a_server_that_hangs_up_at_once_is_distinguished_from_an_absent_one():
         with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
         server.ended()
-
-
-def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
-    sent = os.urandom(200_000)
-    with server_socket() as listening:
-        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
-        source = open_source(url, PortSettings(), CLOCK)
-        client, _ = listening.accept()
-        with client:
-            client.sendall(sent)
-    items = list(source)
-    assert b"".join(item.data for item in items if isinstance(item, Chunk)) == sent
-    assert source.end is SourceEnd.LOST
 
 
 def test_a_socket_is_bridged_both_ways():

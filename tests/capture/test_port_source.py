@@ -6,8 +6,6 @@ import signal
 import threading
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup, PortSource, open_source
@@ -17,7 +15,6 @@ from fte_sniff.capture.source import ChunkQueue, SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from tests.beside import Work, held, server_socket
-from tests.examples import examples
 
 CLOCK = Clock.tied()
 
@@ -110,16 +107,6 @@ def test_an_unplugged_port_ends_with_lost_after_all_that_was_read(pty, source_of
     assert list(source) == []
 
 
-def test_what_was_read_before_an_unplug_is_kept_for_a_late_consumer(pty, source_of, until):
-    source = source_of(pty.device)
-    pty.send(b"0123456789" * 50)
-    until(lambda: source.bytes_read == 500)
-    pty.unplug()
-    items = list(source)
-    assert data_of(items) == b"0123456789" * 50
-    assert events_of(items) == ["opened", "lost"]
-
-
 def test_a_server_that_sends_and_hangs_up_loses_nothing(source_of):
     sent = os.urandom(300_000)
 
@@ -200,22 +187,6 @@ def test_a_consumer_that_breaks_off_leaves_the_port_free(pty):
     open_port(pty.device).close()
 
 
-def test_bytes_that_a_slow_consumer_cannot_take_are_reported(pty, until):
-    source = PortSource(
-        open_port(pty.device), "slow", CLOCK, queue=ChunkQueue("slow", capacity=4000)
-    )
-    for number in range(60):
-        pty.send(bytes([number]) * 100)
-        until(lambda sent=100 * (number + 1): source.bytes_read == sent)
-    source.stop()
-    items = list(source)
-    lost = [int(item.detail.split()[0]) for item in items if events_of([item]) == ["overrun"]]
-    kept = data_of(items)
-    assert kept == b"".join(bytes([number]) * 100 for number in range(60))[: len(kept)]
-    assert lost == [6000 - len(kept)]
-    assert events_of(items) == ["opened", "overrun", "closed"]
-
-
 def test_an_overrun_is_reported_where_it_happened_and_reading_goes_on(pty, until):
     source = PortSource(
         open_port(pty.device), "slow", CLOCK, queue=ChunkQueue("slow", capacity=2000)
@@ -265,21 +236,6 @@ def test_another_program_at_the_port_is_pointed_out(pty, source_of):
         detail = next(iter(source_of(pty.device))).detail
     assert detail.startswith("115200 baud 8N1, DTR off, RTS off; ")
     assert f"sleep (pid {other.pid}) has it open too" in detail
-
-
-@examples(8)
-@given(st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=20))
-def test_however_the_bytes_come_they_are_the_same_bytes(pieces):
-    sent = b"".join(pieces)
-    with server_socket() as server:
-        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        port = open_port(name)
-        connection, _ = server.accept()
-        with connection:
-            source = PortSource(port, name, CLOCK)
-            for piece in pieces:
-                connection.sendall(piece)
-        assert data_of(source) == sent
 
 
 def opened(*names, reconnect=True):
@@ -366,12 +322,9 @@ def test_each_port_is_as_uncertain_as_it_is(pty):
         assert set(source.uncertainty_ns) == {pty.device, "loop://"}
 
 
-def test_a_port_can_be_named_once_only():
+def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
     with pytest.raises(UsageError, match="named twice"):
         PortGroup(("sim://", "sim://"))
-
-
-def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
     (tmp_path / "one").touch()
     (tmp_path / "link").symlink_to("one")
     for other in (tmp_path / "link", f"{tmp_path}/./one"):

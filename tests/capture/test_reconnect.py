@@ -173,13 +173,13 @@ def test_a_server_that_hangs_up_at_once_is_asked_slowly(opened):
     with server_socket() as server:
 
         def serve():
-            for _ in range(4):
+            for _ in range(3):
                 server.accept()[0].close()
 
         serving = Work(serve)
         received = Received(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
         kinds = [PortEventKind.LOST, PortEventKind.FOUND_AGAIN]
-        received.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 3)
+        received.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 2)
         serving.ended()
     lost = [event.t_ns for event in received.events if event.kind is PortEventKind.LOST]
     found = [event.t_ns for event in received.events if event.kind is PortEventKind.FOUND_AGAIN]

@@ -16,6 +16,7 @@ from fte_sniff.capture.simulation import (
     Controller,
     Motor,
     SimulatedHost,
+    Simulation,
     SimulationParameters,
     max_frames_per_s,
     parse_parameters,
@@ -40,14 +41,18 @@ from tests.protocol.oracle import frame_faults
 from tests.slow import first
 
 SHARE = st.floats(0, 1)
-ANY_PARAMETERS = st.builds(
+DRAWN = {
+    "seed": st.integers(0, 2**64),
+    "rate": st.floats(20, 1152),
+    **dict.fromkeys(("drop", "flip", "noise"), SHARE),
+    "wire": st.sampled_from(["both", "control", "feedback"]),
+}
+ANY_PARAMETERS = st.builds(SimulationParameters, **DRAWN)
+LEGAL_PARAMETERS = st.builds(
     SimulationParameters,
-    seed=st.integers(0, 2**64),
-    rate=st.floats(20, 1152),
-    drop=SHARE,
-    flip=SHARE,
-    noise=SHARE,
-    wire=st.sampled_from(["both", "control", "feedback"]),
+    **DRAWN,
+    host=st.sampled_from(["on", "off"]),
+    frames=st.integers(0, 10**9),
 )
 
 
@@ -94,14 +99,14 @@ def test_without_faults_all_is_legal_and_in_step():
 
 @pytest.mark.parametrize("rate", [50, 200, 1152])
 def test_the_rate_is_kept(rate):
-    seconds = 30
+    seconds = 8
     items = itertools.takewhile(
         lambda item: item.begins_ns < seconds * 10**9, simulate(SimulationParameters(rate=rate))
     )
     assert 0.8 * rate * seconds < sum(1 for _ in items) <= rate * seconds
 
 
-FRAMES = 20_000
+FRAMES = 5_000
 FIVE_SIGMA = 5 * (FRAMES * 0.1 * 0.9) ** 0.5
 
 
@@ -160,24 +165,17 @@ def test_without_a_host_there_are_no_commands_and_nothing_moves():
     assert {frame.values["rpm"] for frame in frames} == {0}
 
 
-def test_frames_asked_for_are_all_there_are():
-    assert len(list(simulate(SimulationParameters(frames=17)))) == 17
-
-
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", first(2, range(5)))
 def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses(seed):
-    frames = [Frame("", 0, i.sent, None) for i in received(1200, seed=seed, wire="control")]
-    kinds = [frame.kind.name for frame in frames]
+    items = received(1200, seed=seed, wire="control")
+    kinds = [Frame("", 0, item.sent, None).kind.name for item in items]
     assert kinds[0] == "reset"
     assert set(kinds) == {"reset", "speed", "position", "mecanum"}
-    times = [item.begins_ns for item in received(1200, seed=seed, wire="control")]
-    assert max(b - a for a, b in itertools.pairwise(times)) > 10**9
+    assert max(b.begins_ns - a.begins_ns for a, b in itertools.pairwise(items)) > 10**9
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", first(3, range(20)))
 def test_the_frames_of_a_host_can_be_encoded(seed):
-    from random import Random
-
     host = SimulatedHost(Random(seed))
     said = [host.command_at(tick / 40) for tick in range(8000)]
     assert any(command is None for command in said)
@@ -186,9 +184,6 @@ def test_the_frames_of_a_host_can_be_encoded(seed):
 
 
 def test_the_controller_takes_a_command_between_two_frames():
-    from fte_sniff.capture.simulation import Simulation
-    from fte_sniff.protocol import KIND_BY_NAME
-
     simulation = Simulation(SimulationParameters(host="off"))
     list(itertools.islice(simulation, 10))
     simulation.controller.obey(KIND_BY_NAME["speed"], {"motor": 2, "rpm": 900})
@@ -198,26 +193,9 @@ def test_the_controller_takes_a_command_between_two_frames():
     assert set(last.values()) == {0}
 
 
-LEGAL_PARAMETERS = st.builds(
-    SimulationParameters,
-    seed=st.integers(0, 2**64),
-    rate=st.floats(0.01, 1152),
-    drop=SHARE,
-    flip=SHARE,
-    noise=SHARE,
-    wire=st.sampled_from(["both", "control", "feedback"]),
-    host=st.sampled_from(["on", "off"]),
-    frames=st.integers(0, 10**9),
-)
-
-
 @given(LEGAL_PARAMETERS)
 def test_what_is_written_into_a_url_is_read_out_of_it(parameters):
     assert parse_parameters(urlencode(dataclasses.asdict(parameters))) == parameters
-
-
-def test_nothing_asked_gives_the_defaults():
-    assert parse_parameters("") == SimulationParameters()
 
 
 @pytest.mark.parametrize(
@@ -455,7 +433,7 @@ def test_frames_that_are_no_commands_change_nothing(controller):
 def test_now_and_then_one_motor_is_offline_and_silent_and_the_flags_show_which(seed):
     controller = Controller(Random(seed))
     spells = []
-    for tenths in range(1, 4000):
+    for tenths in range(1, 1200):
         controller.advance_to(tenths / 10)
         feedback = [reported(controller, motor) for motor in MOTORS]
         silent = [motor for motor, one in zip(MOTORS, feedback, strict=True) if one is None]

@@ -6,20 +6,18 @@ import threading
 from collections.abc import Iterator, Sequence
 from multiprocessing import Pipe
 from pathlib import Path
-from typing import Self
 
 import pytest
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup
-from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
+from fte_sniff.session import capture_process
 from fte_sniff.session.capture_process import (
-    MOST_WAITING,
     SETTLED,
     UNEXPECTED,
     CaptureLoop,
@@ -131,50 +129,16 @@ def test_the_end_names_the_port_that_was_lost() -> None:
     assert isinstance(ended.error, PortError)
 
 
-FRAME_RUN_LINE_ERRORS = bytes.fromhex("AA010103E800000000EE")
-NOW_NS = 1_795_000_000_000_000_000
-MILLISECOND = 1_000_000
-
-
-class Told:
-    """A source that has these items to yield."""
-
-    end = SourceEnd.STOPPED
-    waiting = 0
-
-    def __init__(self, items: list[Item]) -> None:
-        self._items = items
-        self.uncertainty_ns = {"tap": 0}
-        self.capabilities = {"tap": "line errors counted and marked"}
-
-    def __iter__(self) -> Iterator[Item]:
-        return iter(self._items)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None: ...
-
-    def stop(self) -> None: ...
-
-    def close(self) -> None: ...
-
-
 def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "x.mcap"
-    event = PortEvent(NOW_NS + MILLISECOND, "tap", PortEventKind.LINE_ERROR, "1 framing", 1)
-    source = Told(
-        [
-            Chunk("tap", NOW_NS, FRAME_RUN_LINE_ERRORS * 3),
-            event,
-            Chunk("tap", NOW_NS + MILLISECOND, FRAME_RUN_LINE_ERRORS * 3, ((12, 13),)),
-            Chunk("tap", NOW_NS + 2 * MILLISECOND, FRAME_RUN_LINE_ERRORS * 3),
-        ]
-    )
+    event = PortEvent(START_NS + MS, "tap", PortEventKind.LINE_ERROR, "1 framing", 1)
+    marked_chunk = Chunk("tap", START_NS + MS, FRAME * 3, ((12, 13),))
+    items = [chunk("tap", 0, FRAME * 3), event, marked_chunk, chunk("tap", 2, FRAME * 3)]
+    source = Known(items)
     ours, theirs = Pipe()
-    plan = CapturePlan(PortGroup(("tap",), DEFAULT_SETTINGS), path)
+    plan = CapturePlan(PortGroup(("tap",)), path)
     outbox = Outbox(theirs, source.stop)
     clock = Clock.tied()
     recorder = Recorder(path, (PortFacts("tap", 115_200),))
@@ -198,11 +162,8 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     assert shown == [40]
 
 
-FRAME_OUTBOX = bytes.fromhex("AA0000000000000000EE")
-
-
 def rows(start: int, count: int) -> list[Frame]:
-    return [Frame("p", offset, FRAME_OUTBOX, offset) for offset in range(start, start + count)]
+    return [Frame("p", offset, FRAME, offset) for offset in range(start, start + count)]
 
 
 def received(theirs) -> list:
@@ -236,11 +197,15 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     assert end == Ended("over")
 
 
-def test_a_view_that_does_not_poll_loses_the_oldest_rows_and_gets_their_number() -> None:
+def test_a_view_that_does_not_poll_loses_the_oldest_rows_and_gets_their_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    most = 8192
+    monkeypatch.setattr(capture_process, "MOST_WAITING", most)
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
     # The first batch takes what waits then, at most all; it stays in the pipe.
-    total = MOST_WAITING * 3
+    total = most * 3
     for start in range(0, total, 1024):
         outbox.put(in_columns(rows(start, 1024)))
     closing = Work(outbox.close, Ended())
@@ -263,8 +228,8 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     outbox.close(Ended())
 
 
-CONTROL = bytes.fromhex("AA0000000000000000EE")
-FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
+COMMAND = bytes.fromhex("AA0000000000000000EE")
+FEEDBACK = bytes.fromhex("550101000000000000EE")
 
 
 def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) -> list[PortEvent]:
@@ -279,26 +244,26 @@ def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) 
 
 def test_a_wire_each_is_as_it_should_be() -> None:
     watch = WiringWatch(["a", "b"])
-    assert look(watch, "a", CONTROL, 1000) == []
+    assert look(watch, "a", COMMAND, 1000) == []
     assert look(watch, "b", FEEDBACK, 1000) == []
 
 
 def test_one_port_may_carry_both() -> None:
     watch = WiringWatch(["a"])
-    assert look(watch, "a", CONTROL, 100) + look(watch, "a", FEEDBACK, 100) == []
+    assert look(watch, "a", COMMAND, 100) + look(watch, "a", FEEDBACK, 100) == []
 
 
 def test_the_others_header_is_pointed_out_once() -> None:
     watch = WiringWatch(["a", "b"])
-    look(watch, "a", CONTROL, SETTLED)
+    look(watch, "a", COMMAND, SETTLED)
     look(watch, "b", FEEDBACK, SETTLED)
     assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
     (reported,) = look(watch, "a", FEEDBACK, 50)
     assert (reported.port, reported.kind) == ("a", PortEventKind.WIRING)
     assert reported.detail.startswith("feedback frames on the wire that carries control frames")
-    (reported,) = look(watch, "b", CONTROL, 50)
+    (reported,) = look(watch, "b", COMMAND, 50)
     assert reported.port == "b"
-    assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", CONTROL, 50) == []
+    assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", COMMAND, 50) == []
 
 
 def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
@@ -313,14 +278,14 @@ def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixe
     watch = WiringWatch(["a", "b"])
     look(watch, "a", FEEDBACK, SETTLED)
     assert len(look(watch, "b", FEEDBACK, SETTLED)) == 1
-    (reported,) = look(watch, "b", CONTROL, 50)
+    (reported,) = look(watch, "b", COMMAND, 50)
     assert "swapped or mixed wiring" in reported.detail
-    assert look(watch, "b", CONTROL, 50) + look(watch, "b", FEEDBACK, 50) == []
+    assert look(watch, "b", COMMAND, 50) + look(watch, "b", FEEDBACK, 50) == []
 
 
 @pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
 def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
     watch = WiringWatch(["a", "b"])
-    look(watch, "a", CONTROL, SETTLED)
+    look(watch, "a", COMMAND, SETTLED)
     assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
     assert watch.observe("a", in_columns(Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,)))) == []

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import socket
-import struct
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import reduce
-from multiprocessing.connection import Connection
 from pathlib import Path
 from time import monotonic
 
@@ -43,6 +40,7 @@ from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import holding
 from tests.examples import examples
 from tests.recording.conftest import file_size_limit
+from tests.support.in_workers import falls_silent, is_behind
 from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S, wait_until, while_waiting
 
@@ -102,21 +100,18 @@ def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
     raise AssertionError("it ended too early")
 
 
-def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:
+def test_rows_and_events_seen_are_those_recorded(tmp_path: Path) -> None:
+    rows, events = list[Row](), list[PortEvent]()
     with running(plan(tmp_path / "x.mcap", count=200)) as session:
-        rows = to_the_end(session)
-    assert len(rows) == 200
-    assert list(RecordingReader(tmp_path / "x.mcap")) == rows
-    assert session.state.error is None
-
-
-def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
-    events = []
-    with running(plan(tmp_path / "x.mcap", duration_s=0.2)) as session:
         for update in updates(session):
+            rows += update.rows
             events += update.events
+    reader = RecordingReader(tmp_path / "x.mcap")
+    assert len(rows) == 200
+    assert list(reader) == rows
     assert [event.kind for event in events] == [PortEventKind.OPENED, PortEventKind.CLOSED]
-    assert events_in(RecordingReader(tmp_path / "x.mcap")) == events
+    assert events_in(reader) == events
+    assert session.state.error is None
 
 
 def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
@@ -143,14 +138,6 @@ def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
     assert (reader.ending, reader.losses) == ("", ())
 
 
-def test_leaving_the_session_closes_the_file(tmp_path: Path) -> None:
-    with running(plan(tmp_path / "x.mcap")) as session:
-        until(session, lambda rows: rows > 20)
-    reader = RecordingReader(tmp_path / "x.mcap")
-    assert len(list(reader)) > 20
-    assert (reader.ending, reader.losses) == ("", ())
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: int) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
@@ -161,11 +148,16 @@ def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: in
     assert list(RecordingReader(tmp_path / "x.mcap"))[-len(rows) :] == rows
 
 
-def test_ctrl_c_means_nothing_to_the_capture_process(tmp_path: Path) -> None:
+def test_ctrl_c_means_nothing_to_the_capture_process_and_leaving_the_session_ends_it(
+    tmp_path: Path,
+) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
         os.kill(session.capture_pid, signal.SIGINT)
         until(session, lambda rows: rows > 50)
         assert session.poll().state.running
+    reader = RecordingReader(tmp_path / "x.mcap")
+    assert len(list(reader)) > 50
+    assert (reader.ending, reader.losses) == ("", ())
 
 
 def test_a_killed_capture_is_reported(tmp_path: Path) -> None:
@@ -243,13 +235,6 @@ def test_a_stuck_capture_is_killed_and_reported(tmp_path: Path, quickly_overdue:
     assert list(RecordingReader(tmp_path / "x.mcap"))
 
 
-def falls_silent(_plan: CapturePlan, view: Connection) -> None:
-    """Stands in for a capture: is stopped for good in the middle of a message."""
-    view.send(Started(None))
-    os.write(view.fileno(), struct.pack("!i", 1000))
-    signal.pause()
-
-
 def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
     monkeypatch: pytest.MonkeyPatch, quickly_overdue: float
 ) -> None:
@@ -257,16 +242,6 @@ def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
     with running(plan()) as session, alarms(session.stop, quickly_overdue):
         to_the_end(session)
         assert isinstance(session.state.error, PortError)
-
-
-def is_behind(_plan: CapturePlan, view: Connection) -> None:
-    """Stands in for a capture: has much to hand on yet when it is asked to end."""
-    view.send(Started(None))
-    view.recv()
-    for total in range(15):
-        view.poll(0.2)
-        view.send(RowsMessage(NO_ROWS, total, 0))
-    view.send(Ended())
 
 
 def test_a_capture_that_is_behind_may_take_its_time_to_end(
@@ -335,7 +310,7 @@ def test_a_capture_whose_view_went_before_it_began_writes_and_leaves_nothing(
 
 def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
     wanted = replace(plan(tmp_path / "x.mcap", count=30), existing=Existing.NUMBER)
-    sessions = [LiveSession(wanted) for _ in range(3)]
+    sessions = [LiveSession(wanted) for _ in range(2)]
     for session in sessions:
         with running(session):
             assert session.state.recording is not None
@@ -343,12 +318,11 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
             assert session.poll().state.recording == str(session.state.recording)
         assert list(RecordingReader(session.state.recording)) == rows
     assert {session.state.recording for session in sessions} == set(tmp_path.iterdir())
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("seconds", [1e308, math.inf])
-def test_a_duration_beyond_all_bounds_is_none(seconds: float) -> None:
-    with running(plan(duration_s=seconds, count=20)) as session:
+def test_a_duration_beyond_all_bounds_is_none() -> None:
+    with running(plan(duration_s=1e308, count=20)) as session:
         assert len(to_the_end(session)) == 20
 
 
@@ -367,7 +341,7 @@ JUDGED = [
 ]
 
 
-@examples(4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.integers(0, 9), min_size=1, max_size=2, unique=True),
     st.sampled_from(["", "&drop=0.1", "&noise=0.2&flip=0.1"]),

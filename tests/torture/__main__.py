@@ -38,10 +38,8 @@ _STEP_S = 10.0
 """How often it is checked that the workers live."""
 
 ATTACKS: Mapping[str, tuple[Attack, int]] = {
-    "mutate": (file_attacks.mutate, 4),
-    "mutate-many": (file_attacks.mutate_many, 2),
-    "truncate": (file_attacks.truncate, 2),
-    "time-window": (file_attacks.time_window, 2),
+    "mutate": (file_attacks.mutate, 6),
+    "mutate-many": (file_attacks.mutate_many, 8),
     "bomb": (file_attacks.bomb, 3),
     "fuzz-logs": (file_attacks.fuzz_logs, 4),
     "fuzz-bytes": (file_attacks.fuzz_bytes, 4),
@@ -66,14 +64,11 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "few-files": (process_attacks.few_files, 2),
     "power-cut": (process_attacks.power_cut, 1),
     "rotate-oldest": (feature_attacks.rotate_oldest, 2),
-    "notes": (feature_attacks.notes, 1),
-    "scan": (feature_attacks.scan, 2),
     "rules": (feature_attacks.rules, 3),
     "follow": (feature_attacks.follow, 1),
     "jobs": (feature_attacks.jobs, 2),
     "on-file": (feature_attacks.on_file, 1),
     "report-texts": (feature_attacks.report_texts, 1),
-    "two-damages": (feature_attacks.two_damages, 6),
 }
 """The attacks, and how many cases of each are in a round."""
 

@@ -32,9 +32,10 @@ from tests.waiting import BOUND_S
 
 ROOT = Path(__file__).parents[2]
 EXIT_CODES = frozenset({0, 2, 3, 4, 130})
+"""Done, wrong usage, port, file, interrupted; verdicts also end with 1."""
+
 OUT_OF_MEMORY = 70
 """The exit code where the system has too little memory, which only a limit of it may cause."""
-"""Done, wrong usage, port, file, interrupted; verdicts also end with 1."""
 
 MOST_RSS_MB = 300
 MOST_UNITS = 15
@@ -205,10 +206,16 @@ def unit_s() -> float:
 @cache
 def minute() -> bytes:
     """A recording of a minute of a full wire."""
+    count, copies = 3_456, 20
+    part = Rows.from_rows([recorded_row(PORTS[0], number) for number in range(count)])
+    span_ns = int(part.t_ns[1] - part.t_ns[0]) * count
+    batches = [
+        part.with_columns(t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * part.size)
+        for copy in range(copies)
+    ]
     with TemporaryDirectory() as name:
         path = Path(name) / "x.mcap"
-        batch = Rows.from_rows([recorded_row(PORTS[0], number) for number in range(69_120)])
-        write_recording(path, [PortFacts(PORTS[0], DEFAULT_BAUD)], [batch])
+        write_recording(path, [PortFacts(PORTS[0], DEFAULT_BAUD)], batches)
         return path.read_bytes()
 
 

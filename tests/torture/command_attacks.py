@@ -20,8 +20,8 @@ import click
 import polars as pl
 
 from fte_sniff.cli.main import COMMANDS, fte_sniff
-from tests.torture.case import BOUND_S, ROOT, UNSAFE, Case, Run, Started, promise
-from tests.torture.damage import VARIANTS, damaged, large_recording, recording
+from tests.torture.case import BOUND_S, ROOT, UNSAFE, Case, Run, Started, minute, promise
+from tests.torture.damage import VARIANTS, damaged, recording
 from tests.torture.file_attacks import (
     check_killed,
     check_read_by_both,
@@ -242,7 +242,7 @@ runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
 def interrupt(case: Case) -> None:
     """Press Ctrl-C at any moment of any command: the exit code and what it reports are true."""
     words = case.random.choice(_INTERRUPTED)
-    data = large_recording()
+    data = minute()
     for name in ("source.mcap", "copy.mcap"):
         case.path(name).write_bytes(data)
     case.path("cut.mcap").write_bytes(data[: len(data) * 2 // 3])
@@ -344,7 +344,7 @@ def terminal(case: Case) -> None:
     """Take the terminal away at any moment: everything ends, and the files are valid."""
     random = case.random
     words = random.choice(_SCREENS)
-    data = large_recording()
+    data = minute()
     case.path("source.mcap").write_bytes(data)
     case.path("cut.mcap").write_bytes(data[: len(data) * 2 // 3])
     screen = Screen()

@@ -1,4 +1,4 @@
-"""Attacks on what works together with others: files of other programs, notes, growing files, jobs.
+"""Attacks on what works together with others: files of other programs, growing files, jobs.
 
 What each must give is known from elsewhere: from the writer's rows, from one process in the place
 of several, from the same page with harmless texts.
@@ -6,23 +6,13 @@ of several, from the same page with harmless texts.
 
 from __future__ import annotations
 
-import io
 import json
 import sys
-import warnings
 from collections import Counter
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from time import sleep
 
-import polars as pl
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap_protobuf.decoder import DecoderFactory
-
-import fte_sniff
 from fte_sniff.protocol import DEFAULT_BAUD, Frame, PortEvent, PortEventKind
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
@@ -36,13 +26,10 @@ from tests.torture.file_attacks import (
     ReadRow,
     check_read_by_both,
     csv_rows,
-    decoded,
-    official_rows,
 )
 from tests.torture.process_attacks import check_times, wait_until
 
 _PORTS = [PortFacts("p", DEFAULT_BAUD)]
-_SECTOR = 512
 FAST = "sim://?rate=10000"
 
 
@@ -63,7 +50,7 @@ def rotate_oldest(case: Case) -> None:
 
     None of them is deleted, and the rows that are left are the last ones.
     """
-    random, limit = case.random, 500_000
+    random, limit = case.random, 300_000
     sizes = ("--rotate", "100kB", "--max-size", f"{limit // 1000}kB", "--on-full", "rotate-oldest")
     program = case.start(
         *("live", FAST, "--baud=3000000", "--plain", "-o", "x.mcap", "--flush-every=0.05", *sizes)
@@ -78,7 +65,7 @@ def rotate_oldest(case: Case) -> None:
         case.path("foreign").write_bytes(content)
         case.path("foreign").replace(target)
         foreign[target] = content
-    _known_files(case, program, 8)
+    _known_files(case, program, 6)
     program.interrupt()
     run = program.wait()
     for path, content in foreign.items():
@@ -119,68 +106,6 @@ def _number_of(path: Path) -> int:
 
 def _next_name(path: Path) -> Path:
     return path.with_stem(f"x_{_number_of(path) + 1:05}")
-
-
-_TAKE_NOTES = """
-import sys
-from pathlib import Path
-from fte_sniff.session.notes import Note, Notes
-first, port = int(sys.argv[1]), sys.argv[2]
-for number in range(first, first + 20):
-    notes = Notes([Path("x.mcap")])
-    notes.set(Note(None, port, number, f"note {number}"))
-    while notes.save():
-        pass
-"""
-_LINES = ("\u2028", "\u0085", "\x1c", "\n", "\r", "\\", '"', "\x00", "𝄞", "端口")
-
-
-def notes(case: Case) -> None:
-    """Take notes with several writers at once, on ports with any name: none is lost."""
-    random = case.random
-    case.path("x.mcap").write_bytes(recording(random.randrange(VARIANTS)))
-    port = "tty" + "".join(random.choices(_LINES, k=3)).replace("\x00", "")
-    writers = range(random.choice((1, 2, 3)))
-    started = [case.start_python("-c", _TAKE_NOTES, str(100 * one), port) for one in writers]
-    for one in started:
-        run = one.wait()
-        promise(run.code == 0, run.errors)
-    kept = Notes([case.path("x.mcap")])
-    promise(not kept.damage, f"the notes cannot be read: {kept.damage}")
-    taken = {100 * one + number for one in writers for number in range(20)}
-    found = {note.offset: note for note in kept.notes.values() if note.port == port}
-    promise(found.keys() == taken, f"{len(found)} of {len(taken)} notes are left")
-    wrong = [note for number, note in found.items() if note.text != f"note {number}"]
-    promise(not wrong, f"other texts: {wrong[:3]}")
-    kept.set(Note(None, port, 1, "last"))
-    promise(kept.save() is None, "a note is not saved")
-
-
-def scan(case: Case) -> None:
-    """Query a recording that grows after `scan` was called: all rows that are there now."""
-    random = case.random
-    path = case.path("x.mcap")
-    counts = [random.randrange(1, 400) for _ in range(random.randrange(2, 6))]
-    asked, made = random.randrange(len(counts)), 0
-    with RecordingWriter(path, _PORTS) as writer, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        writer.write(in_columns(_frames(0, made)))
-        query = fte_sniff.scan(path) if asked == 0 else None
-        for number, count in enumerate(counts):
-            writer.write(in_columns(_frames(made, count)))
-            writer.flush()
-            made += count
-            query = fte_sniff.scan(path) if number == asked else query
-        assert query is not None
-        found = query.collect()
-        promise(found.height == made, f"{found.height} of {made} rows of a recording that grew")
-        motor = found.filter(found["motor"] == 1)
-        chosen = query.filter(pl.col("motor") == 1).collect()
-        promise(chosen.equals(motor), f"a filter gives {chosen.height} of {motor.height} rows")
-        late = found["time"][made // 2]
-        chosen = query.filter(pl.col("time") >= late).collect()
-        wanted = found.filter(found["time"] >= late)
-        promise(chosen.equals(wanted), f"a time gives {chosen.height} of {wanted.height} rows")
 
 
 _RULES = """\
@@ -367,68 +292,3 @@ def report_texts(case: Case) -> None:
         tags.feed(page)
     other = (first.found - second.found) + (second.found - first.found)
     promise(not other, f"elements that texts made: {dict(other)}")
-
-
-def two_damages(case: Case) -> None:
-    """Damage two sectors of a recording: only rows of the chunks that they hit are lost."""
-    random, data = case.random, recording(case.random.randrange(VARIANTS))
-    altered, hit = bytearray(data), []
-    for _ in range(2):
-        at = random.choice((random.randrange(len(data)), 8 + random.randrange(3_000)))
-        at = min(at, len(data) - 1)
-        match random.choice(("byte", "zeros", "junk", "end")):
-            case "byte":
-                span = slice(at, at + 1)
-                altered[at] ^= 1 << random.randrange(8)
-            case "zeros":
-                span = slice(at // _SECTOR * _SECTOR, at // _SECTOR * _SECTOR + _SECTOR)
-                altered[span] = bytes(len(altered[span]))
-            case "junk":
-                span = slice(at // _SECTOR * _SECTOR, at // _SECTOR * _SECTOR + _SECTOR)
-                altered[span] = random.randbytes(len(altered[span]))
-            case _:
-                span = slice(max(len(altered) - random.randrange(1, _SECTOR), 8), len(data))
-                del altered[span]
-        hit.append(span)
-    case.path("whole.mcap").write_bytes(data)
-    rows = official_rows(case.path("whole.mcap"))
-    path = case.path("damaged.mcap")
-    path.write_bytes(altered)
-    run, found = decoded(case, path)
-    invented = Counter(found) - Counter(rows)
-    promise(not invented, f"rows that were never recorded: {list(invented)[:3]}")
-    kept = Counter[ReadRow]()
-    for start, end, chunk_rows in _chunks(data):
-        if not any(span.start < end and span.stop > start for span in hit):
-            kept.update(chunk_rows)
-    lost = kept - Counter(found)
-    about = f"damage at {[(span.start, span.stop) for span in hit]} of {len(data)}"
-    promise(not lost, f"{lost.total()} rows of chunks that are whole are lost; {about}")
-    silent = run.code == 0 and "fte-sniff: " not in run.errors
-    promise(len(found) == len(rows) or not silent, f"a silent loss; {about}")
-    promise(found or run.code, f"no row of {len(rows)}, and exit code 0; {about}")
-
-
-def _chunks(data: bytes) -> Iterator[tuple[int, int, list[ReadRow]]]:
-    """Start, end and rows of each chunk of a whole recording."""
-    summary = make_reader(io.BytesIO(data)).get_summary()
-    assert summary is not None
-    spans = iter(summary.chunk_indexes)
-    for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
-        if not isinstance(record, Chunk):
-            continue
-        rows = []
-        for inner in breakup_chunk(record):
-            if not isinstance(inner, Message):
-                continue
-            channel: Channel = summary.channels[inner.channel_id]
-            if channel.topic != "/fte/port":
-                schema = summary.schemas[channel.schema_id]
-                decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-                assert decode is not None
-                row = decode(inner.data)
-                raw = row.raw.hex().upper()
-                t_ns = row.time_ns if row.HasField("time_ns") else inner.log_time
-                rows.append(ReadRow(channel.metadata["port"], row.offset, raw, t_ns))
-        span = next(spans)
-        yield span.chunk_start_offset, span.chunk_start_offset + span.chunk_length, rows

@@ -139,7 +139,7 @@ def wait_until(holds: Callable[[], bool], text: str) -> None:
     until = monotonic() + BOUND_S
     while not holds():
         promise(monotonic() < until, text)
-        sleep(0.01)
+        sleep(0.05)
 
 
 def rows_now(folder: Path, pattern: str = "x*.mcap") -> list[ReadRow]:
