@@ -4,7 +4,8 @@
 
 Each mutant is one changed expression or statement in a copy of the project. The tests that run are
 those of the module, then those that import it, then those of its package. A mutant that no test
-notices has survived. Exit code 1 if one survived.
+notices has survived. One is undecided if its tests do not end, or fail without it too. Exit code 1
+if one survived.
 """
 
 from __future__ import annotations
@@ -18,9 +19,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+import pytest
 
 from tests.waiting import BOUND_S
 
@@ -46,6 +50,8 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
     ast.Mult: ast.FloorDiv,
     ast.FloorDiv: ast.Mult,
 }
+FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
+"""A line of pytest's summary, with the test."""
 MOST_FILES = 6
 """Of the test files that import a module."""
 
@@ -161,27 +167,44 @@ def tests_of(module: Path) -> list[list[str]]:
     return [[str(path.relative_to(ROOT)) for path in group] for group in groups if group]
 
 
-def notices(folder: Path, one: Mutant, tests: Sequence[str]) -> bool:
-    """Whether a test of a copy fails, or does not end."""
-    options = ["--interpreted"] if str(one.module).startswith(FRAMER) else []
+def notices(folder: Path, tests: Sequence[str], *options: str) -> str:
+    """The first test of a copy that fails; empty if none does. `options` are those of pytest.
+
+    Raises:
+        subprocess.TimeoutExpired: they do not end.
+        SystemExit: they cannot run, as with a compiled framer of other sources.
+    """
     command = [
         sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
+        *("-m", "pytest", "-q", "-x", "-rfE", "--tb=no", "-p", "no:cacheprovider"),
         *options,
         *tests,
     ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=BOUND_S, check=False)
+    if done.returncode == pytest.ExitCode.USAGE_ERROR:
+        raise SystemExit(done.stderr.decode())
+    failed = FAILED.search(done.stdout.decode())
+    return failed[1] if failed else ""
+
+
+def verdict(folder: Path, one: Mutant) -> str:
+    """Whether the tests notice a mutant. A test that also fails without it decides nothing."""
+    options = ["--interpreted"] if str(one.module).startswith(FRAMER) else []
+    file = folder / PACKAGE / one.module
+    before = file.read_text("utf-8")
     try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, timeout=BOUND_S, check=False
+        file.write_text(one.source, "utf-8")
+        failed = next(
+            filter(None, (notices(folder, s, *options) for s in tests_of(one.module))), ""
         )
+        file.write_text(before, "utf-8")
+        if not failed:
+            return "survived"
+        return "undecided" if notices(folder, [failed], *options) else "killed"
     except subprocess.TimeoutExpired:
-        return True
-    return done.returncode not in (0, 5)
+        return "undecided"
+    finally:
+        file.write_text(before, "utf-8")
 
 
 def copied(folder: Path) -> Path:
@@ -201,19 +224,15 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--of", nargs="*", default=[], metavar="PATH", help="in the package")
     options = parser.parse_args()
-    killed = survived = 0
+    verdicts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
         for one in chosen(options.count, options.seed, options.of):
-            file = folder / PACKAGE / one.module
-            before = file.read_text("utf-8")
-            file.write_text(one.source, "utf-8")
-            found = any(notices(folder, one, tests) for tests in tests_of(one.module))
-            file.write_text(before, "utf-8")
-            killed, survived = killed + found, survived + (not found)
-            print(f"{'killed' if found else 'survived'}: {one}", flush=True)
-    print(f"{killed} killed, {survived} survived")
-    return int(survived > 0)
+            found = verdict(folder, one)
+            verdicts[found] += 1
+            print(f"{found}: {one}", flush=True)
+    print(*(f"{count} {found}" for found, count in verdicts.items()), sep=", ")
+    return int(verdicts["survived"] > 0)
 
 
 if __name__ == "__main__":
