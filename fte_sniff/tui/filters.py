@@ -170,7 +170,7 @@ class FilterField(PromptField):
 
     def fill(self) -> None:
         """Add the dropdown over the line, and the count behind it."""
-        if self.line.parent is None:
+        if self.line.parent is None and self.is_attached:
             super().fill()
             self.mount(self._dropdown, before=0)
             self._asked.mount(self._count)

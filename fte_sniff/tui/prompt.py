@@ -277,7 +277,7 @@ class PromptField(Vertical):
 
     def fill(self) -> None:
         """Mount the label, the input and, below, the verdict, at the first use."""
-        if self.line.parent is None:
+        if self.line.parent is None and self.is_attached:
             self.mount(self._asked, self._verdict)
             # Not as its children: they would be mounted too late for the focus.
             self._asked.mount(self._label, self.line)

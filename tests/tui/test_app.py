@@ -75,6 +75,16 @@ def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_
     play(feed, scenario, options=StartOptions(keep_rows=1000), rows=1000)
 
 
+def test_keys_typed_behind_the_end_do_nothing(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        app.exit()
+        for command in ("filters.ask", "goto.ask", "panes.switch('findings')", "panes.motor(1)"):
+            await app.action_command(command)
+        app.filters.accept("motor = 1")
+
+    assert play(feed, scenario, rows=10).return_code == 0
+
+
 def test_the_help_moves_to_its_ends_and_is_put_away_once(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "question_mark")

@@ -127,8 +127,9 @@ class PaneSwitcher(Container):
         """The pane of that name."""
         if name not in self._panes:
             pane = self._panes[name] = next(kind for kind in PANES if name == kind.NAME)()
-            self.mount(pane)
-            self._place()
+            if self.is_attached:  # not at the end, after a search or by a key typed ahead
+                self.mount(pane)
+                self._place()
         return self._panes[name]
 
     def on_resize(self) -> None:
