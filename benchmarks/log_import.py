@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.decode_speed import cost
 from benchmarks.recording_speed import frame_pool
 from fte_sniff.errors import FteSniffError
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.session.log_rows import rows_of_log
 

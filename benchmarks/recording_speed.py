@@ -31,8 +31,7 @@ from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.reader import RecordStream
-from fte_sniff.recording.mcap.records import unpack
+from fte_sniff.recording.mcap.reader import RecordStream, unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from tests.support.recorded_rows import write_recording

@@ -14,8 +14,8 @@ import click
 from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Rows
 from fte_sniff.protocol.dissect import with_readings

@@ -84,8 +84,8 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.tally import Tally
-    from fte_sniff.formats.log_form import LogOptions
-    from fte_sniff.recording.reading_pass import TimeRange
+    from fte_sniff.formats.logs.text import LogOptions
+    from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.file_jobs import FileJob, Model
     from fte_sniff.session.notes import Notes
 
@@ -133,7 +133,7 @@ def time_range(
     """
     if since is None and until is None:
         return None
-    from fte_sniff.recording.reading_pass import TimeRange
+    from fte_sniff.recording.reader import TimeRange
 
     zone = zone or UTC
     bounds = cache(lambda: _bounds(times))
@@ -399,7 +399,7 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.log_form import LogOptions
+        from fte_sniff.formats.logs.text import LogOptions
 
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
@@ -658,7 +658,7 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
         chunks = raw_chunks(path) if stream is None else raw_stream_chunks(stream, name)
         timed = clocked(chunks, query.start_ns(), query.baud)
         return LogInput(timed, name, lambda: stream is not None, query.start_ns, query.baud)
-    from fte_sniff.formats.log_reader import LogReader
+    from fte_sniff.formats.logs.reader import LogReader
 
     return LogInput(LogReader(name, query.log_options(), stream), name)
 

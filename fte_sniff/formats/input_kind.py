@@ -75,7 +75,7 @@ def kind_of_content(first: bytes) -> InputKind:
         return InputKind.MCAP
     if first.startswith(PARQUET_MAGIC):
         return InputKind.PARQUET
-    from fte_sniff.formats.text_blocks import is_text
+    from fte_sniff.formats.logs.text import is_text
 
     return InputKind.HEX if is_text(first) else InputKind.RAW
 

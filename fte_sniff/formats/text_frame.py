@@ -1,4 +1,4 @@
-"""Texts of the columns of a DataFrame, and the lines of a table; needs polars."""
+"""Texts of the columns of a DataFrame, and the lines of a table; apart, because it needs polars."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.errors import printable
-from fte_sniff.formats.text_layout import (
+from fte_sniff.formats.text_table import (
     GAP,
     KIND_WIDTH,
     OFFSET_WIDTH,

@@ -26,8 +26,14 @@ from mcap.records import Channel, Schema
 
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import Chunk
-from fte_sniff.recording.mcap.reader import RawRecord, RecordStream
-from fte_sniff.recording.mcap.records import RecordError, parse, records_in, unpack
+from fte_sniff.recording.mcap.reader import (
+    RawRecord,
+    RecordError,
+    RecordStream,
+    parse,
+    records_in,
+    unpack,
+)
 from fte_sniff.recording.messages.schema import message_class
 
 Payload = Callable[[bytes], bytes]

@@ -1,37 +1,293 @@
-"""Path choice, existing files, pipes, refusals.
+"""The file of a recording: its path, lock and identity; pipes; why a recording stopped.
 
-A lock (flock) keeps a second program from replacing a file that is being written. A file gets its
-name once its head is written (O_TMPFILE), so none is ever empty; what it replaces stays until then.
-On file systems without O_TMPFILE (FAT, some network file systems) it has its name at once. So it
-has on Windows, where an open file cannot get another name: what it replaces is moved aside.
+A lock keeps a second program from replacing a file that is being written. POSIX has `flock`.
+Windows locks ranges of bytes, and a locked byte cannot be read: there it is one far behind the end
+of any file.
+
+A file gets its name once its head is written (O_TMPFILE), so none is ever empty; what it replaces
+stays until then. On file systems without O_TMPFILE (FAT, some network file systems) it has its name
+at once. So it has on Windows, where an open file cannot get another name: what it replaces is moved
+aside.
+
+Another program may put its own file on the name at any time, or overwrite ours. So a file that is
+to be deleted is known by its descriptor: device and inode, its size, and its last bytes, which hold
+the checksum of the summary, for inodes are used again. Times do not count: `touch` does not make a
+file another one.
+
+    compare | rename to a private name | compare | delete
+                                                 | or give the name back
+
+Between the first comparison and the rename another file may get the name; the second comparison
+finds it, because nobody else uses the private name.
+
+The mcap package is not imported: text exports lock what they replace too.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
+import sys
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from enum import Enum
 from itertools import count
 from pathlib import Path
-from typing import Final
+from secrets import token_hex
+from time import monotonic, sleep
+from typing import Final, Protocol
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
-from fte_sniff.platform import POSIX, open_flags
-from fte_sniff.recording.file_identity import FileIdentity, delete_own, sync_folder
-from fte_sniff.recording.file_lock import in_use, lock, locked
-from fte_sniff.recording.mcap.append_file import (
-    AppendFile,
-    AppendTarget,
-    CutOffError,
-    LostDataError,
-    NamedPipe,
-    NoReaderError,
-    NotRestoredError,
-    Stream,
-)
+from fte_sniff.platform import POSIX, open_flags, read_at
+
+_RETRY_S: Final = 0.01
+
+if POSIX:
+    import fcntl
+elif sys.platform == "win32":
+    import ctypes
+    import msvcrt
+    from ctypes import wintypes
+
+    class _Overlapped(ctypes.Structure):
+        """`OVERLAPPED` of the Windows API: where a range begins."""
+
+        _fields_ = (
+            ("internal", ctypes.c_void_p),
+            ("internal_high", ctypes.c_void_p),
+            ("offset", wintypes.DWORD),
+            ("offset_high", wintypes.DWORD),
+            ("event", wintypes.HANDLE),
+        )
+
+    _FAIL_AT_ONCE, _EXCLUSIVE = 1, 2
+    _ERROR_LOCK_VIOLATION = 33
+
+    def _locked_byte(descriptor: int) -> tuple[wintypes.HANDLE, _Overlapped]:
+        return wintypes.HANDLE(msvcrt.get_osfhandle(descriptor)), _Overlapped(offset_high=1 << 30)
+
+
+def in_use(path: object) -> FileError:
+    """The error for a recording that another program writes."""
+    return FileError("{path} is being recorded to by another program; name another file", path=path)
+
+
+def lock_replaced(path: Path) -> int | None:
+    """A descriptor that keeps the lock of a file that is to be replaced.
+
+    None without a file, and on Windows, which does not replace an open file. Raises FileError
+    if another program records to it.
+    """
+    if not POSIX:
+        return None
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return None
+    lock(descriptor, path, exclusive=False)  # an exclusive lock needs write permission on NFS
+    return descriptor
+
+
+def locked(path: Path) -> int:
+    """A locked descriptor of the recording that is to be replaced."""
+    descriptor = os.open(path, open_flags("O_WRONLY", "O_CLOEXEC", "O_NOFOLLOW"))
+    lock(descriptor, path)
+    # Another program may have replaced it between the opening and the lock.
+    if not os.path.samestat(os.fstat(descriptor), path.stat()):
+        os.close(descriptor)
+        raise in_use(path)
+    return descriptor
+
+
+def lock(descriptor: int, path: Path, *, exclusive: bool = True) -> None:
+    """Lock the file; if another program has it locked, close it and raise FileError."""
+    try:
+        _try_to_lock(descriptor, exclusive=exclusive)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise in_use(path) from error
+    except OSError:
+        pass  # a file system without locks
+
+
+def is_locked(descriptor: int) -> bool:
+    """Whether another program has a file locked; False where locks do not work."""
+    try:
+        _try_to_lock(descriptor, exclusive=False)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a file system without locks
+    _unlock(descriptor)
+    return False
+
+
+@contextmanager
+def locked_folder(folder: Path, patience_s: float) -> Iterator[None]:
+    """Context in which no other program has the folder locked, if the system can do that.
+
+    Raises BlockingIOError if another program has it locked for longer than the patience.
+    """
+    try:
+        descriptor = os.open(folder, open_flags("O_RDONLY", "O_CLOEXEC", "O_DIRECTORY"))
+    except OSError:  # Windows opens no folders
+        yield
+        return
+    try:
+        deadline = monotonic() + patience_s
+        while True:
+            try:
+                _try_to_lock(descriptor, exclusive=True)
+            except BlockingIOError:
+                if monotonic() >= deadline:
+                    raise
+                sleep(_RETRY_S)
+            except OSError:
+                break  # a file system without locks
+            else:
+                break
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _try_to_lock(descriptor: int, *, exclusive: bool) -> None:
+    """Raises BlockingIOError if another program has it locked; returns at once."""
+    if POSIX:
+        fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    elif sys.platform == "win32":
+        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+        handle, where = _locked_byte(descriptor)
+        flags = _FAIL_AT_ONCE | (_EXCLUSIVE if exclusive else 0)
+        if not kernel.LockFileEx(handle, flags, 0, 1, 0, ctypes.byref(where)):
+            code = ctypes.get_last_error()
+            kind = BlockingIOError if code == _ERROR_LOCK_VIOLATION else OSError
+            raise kind(errno.EAGAIN, ctypes.FormatError(code))
+    else:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+
+def _unlock(descriptor: int) -> None:
+    if POSIX:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    elif sys.platform == "win32":
+        handle, where = _locked_byte(descriptor)
+        ctypes.WinDLL("kernel32").UnlockFileEx(handle, 0, 1, 0, ctypes.byref(where))
+
+
+_END = 64
+"""Bytes at the end of a recording that are compared: footer, checksum and magic."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileIdentity:
+    """A file that is closed."""
+
+    device: int
+    inode: int
+    size: int
+    end: bytes
+    """Its last bytes."""
+
+    @classmethod
+    def of(cls, descriptor: int) -> FileIdentity:
+        """The file of an open descriptor; raises OSError if it cannot be read."""
+        found = os.fstat(descriptor)
+        end = read_at(descriptor, _END, max(0, found.st_size - _END))
+        return cls(found.st_dev, found.st_ino, found.st_size, end)
+
+    def is_at(self, path: Path) -> bool:
+        """Whether a path leads to this file; a symbolic link does not.
+
+        Raises OSError if the file there cannot be read.
+        """
+        try:
+            found = path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        if not stat.S_ISREG(found.st_mode) or found.st_size != self.size:
+            return False
+        if (found.st_dev, found.st_ino) != (self.device, self.inode):
+            return False
+        try:
+            descriptor = os.open(path, open_flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
+        except FileNotFoundError:
+            return False
+        try:
+            return FileIdentity.of(descriptor) == self
+        finally:
+            os.close(descriptor)
+
+    def delete(self, path: Path) -> bool:
+        """Delete the file; False if another one, or none, is there, which is left alone.
+
+        Raises OSError if it cannot be deleted.
+        """
+        if not self.is_at(path):
+            return False
+        private = path.with_name(f".fte-sniff-{token_hex(8)}{path.suffix}")
+        try:
+            path.rename(private)
+        except FileNotFoundError:
+            return False
+        if not self.is_at(private):
+            _give_back(private, path)
+            return False
+        try:
+            private.unlink()
+        except OSError:
+            _give_back(private, path)
+            raise
+        sync_folder(path.parent)
+        return True
+
+
+def _give_back(private: Path, path: Path) -> None:
+    """Rename a file back; if its name is taken already, it keeps the private one."""
+    with suppress(OSError):
+        os.link(private, path, follow_symlinks=False)
+        private.unlink()
+        return
+    if not os.path.lexists(path):  # a file system without hard links
+        with suppress(OSError):
+            private.rename(path)
+
+
+def delete_own(path: Path, own: os.stat_result) -> None:
+    """Delete the file of a descriptor if the path still leads to it; errors are ignored."""
+    with suppress(OSError):
+        if os.path.samestat(path.lstat(), own):
+            path.unlink()
+            sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Push a new, changed or deleted name to the disk, where the file system can do that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, open_flags("O_CLOEXEC"))
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+class LostDataError(OSError):
+    """Data that was appended earlier is lost."""
+
+
+class CutOffError(LostDataError):
+    """Another program has cut off the file: data after the cut is lost."""
+
+
+class NoReaderError(LostDataError):
+    """No program has opened the pipe for reading."""
+
+
+class NotRestoredError(OSError):
+    """A write failed, and so did restoring the file; it is valid, but holds unused bytes."""
 
 
 class DeletedError(LostDataError):
@@ -272,6 +528,95 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
             yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
+class FileEnd(Protocol):
+    """What a file ends with."""
+
+    def at(self, start: int) -> bytes:
+        """Its bytes for data that ends at `start`."""
+
+
+class Stream:
+    """A pipe, or another file that is written in sequence: the tail is written at the end."""
+
+    def __init__(self, descriptor: int) -> None:
+        """Take a descriptor, open for writing; the caller closes it."""
+        self._descriptor = descriptor
+        self._size = 0
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._size
+
+    def append(self, data: bytes, tail: Callable[[], FileEnd]) -> None:
+        """Write data."""
+        self._write(data)
+
+    def close(self, tail: FileEnd) -> None:
+        """Write the tail."""
+        self._write(tail.at(self._size))
+
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            written = os.write(self._descriptor, view)
+            self._size += written
+            view = view[written:]
+
+
+MAX_UNREAD = 64 * 1024 * 1024
+"""Bytes that wait for the reader of a named pipe, at most: hours of a fully used wire."""
+
+
+class NamedPipe(Stream):
+    """A named pipe; appended data stays in memory until a program opens the pipe for reading."""
+
+    def __init__(self, path: Path) -> None:
+        """Take an existing named pipe."""
+        super().__init__(-1)
+        self._path = path
+        self._unread = bytearray()
+
+    @property
+    def size(self) -> int:
+        """Bytes appended so far."""
+        return self._size + len(self._unread)
+
+    @property
+    def is_open(self) -> bool:
+        """True if the pipe has had a reader; otherwise this checks for one."""
+        if self._descriptor < 0:
+            try:
+                flags = open_flags("O_WRONLY", "O_NONBLOCK", "O_CLOEXEC")
+                self._descriptor = os.open(self._path, flags)
+            except OSError as error:
+                if error.errno != errno.ENXIO:
+                    raise
+                return False
+            if POSIX:
+                os.set_blocking(self._descriptor, True)
+        return True
+
+    def close(self, tail: FileEnd) -> None:
+        """Write the tail; raises NoReaderError if nobody has opened the pipe."""
+        self._write(tail.at(self.size))
+        if self._unread:
+            raise NoReaderError
+
+    def release(self) -> None:
+        """Close the pipe."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+
+    def _write(self, data: bytes) -> None:
+        self._unread += data
+        if self.is_open:
+            unread, self._unread = bytes(self._unread), bytearray()
+            super()._write(unread)
+        elif len(self._unread) > MAX_UNREAD:
+            raise NoReaderError
+
+
 STDOUT = Path("-")
 
 
@@ -332,15 +677,3 @@ def is_stream(path: Path) -> bool:
     except OSError:
         return False
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
-
-
-def open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
-    """Open the output of a recording, and the target of its bytes.
-
-    Raises FileError as `OutputPath` and `StreamOutput`.
-    """
-    if is_stream(path):
-        stream = StreamOutput(path)
-        return stream, stream.target
-    output = OutputPath(path, existing)
-    return output, AppendFile(output.descriptor)

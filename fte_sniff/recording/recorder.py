@@ -30,8 +30,7 @@ from fte_sniff.recording.metadata import (
     gap_to_metadata,
 )
 from fte_sniff.recording.output_file import Existing, stopped_by_limit
-from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions
-from fte_sniff.recording.trigger import Select, Trigger
+from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions, Select, Trigger
 from fte_sniff.recording.writer import RecordingWriter
 
 RETRY_S, MAX_RETRY_S = 3.0, 60.0

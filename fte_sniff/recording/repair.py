@@ -10,11 +10,10 @@ from pathlib import Path
 from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import Gap, GapKind, iso_time
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.mcap.records import MAGIC
+from fte_sniff.recording.mcap.reader import MAGIC
 from fte_sniff.recording.metadata import PORTS_NAME, PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputPath
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import RowRange
+from fte_sniff.recording.reader import RecordingReader, RowRange
 from fte_sniff.recording.writer import BulkWriter
 
 REPAIR_NAME = "fte-sniff.repair"

@@ -22,10 +22,15 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
-from fte_sniff.recording.file_identity import FileIdentity
-from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError, Stream
-from fte_sniff.recording.mcap.records import cores, keep_freed_memory
-from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
+from fte_sniff.recording.mcap.reader import cores, keep_freed_memory
+from fte_sniff.recording.mcap.writer import (
+    AppendFile,
+    AppendTarget,
+    McapBatch,
+    McapFile,
+    PackedChunk,
+    packed,
+)
 from fte_sniff.recording.messages.encode import Channels, ColumnPacker, encodable_items
 from fte_sniff.recording.messages.schema import Topic, table_crc
 from fte_sniff.recording.metadata import (
@@ -38,7 +43,16 @@ from fte_sniff.recording.metadata import (
     ports_to_metadata,
     recording_facts,
 )
-from fte_sniff.recording.output_file import Existing, open_output, stopped_by_error
+from fte_sniff.recording.output_file import (
+    Existing,
+    FileIdentity,
+    LostDataError,
+    OutputPath,
+    Stream,
+    StreamOutput,
+    is_stream,
+    stopped_by_error,
+)
 
 MAX_PENDING = 16_384
 """Rows that may wait for the end of their chunk; then the chunk ends by itself."""
@@ -138,7 +152,7 @@ class RecordingWriter:
         """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
         self._last_of_port: dict[str, int] = {}
         self._metadata: list[Metadata] = []
-        self._output, target = open_output(path, existing)
+        self._output, target = _open_output(path, existing)
         self._closed = False
         try:
             self._file = RecordingFile(target, ports, facts or {})
@@ -277,6 +291,18 @@ class RecordingWriter:
         events = tuple(rows.events[at] for at in number[is_event].tolist())
         rows = rows.select(number[~is_event], events)
         return self._file.messages(rows, times[order], np.flatnonzero(is_event))
+
+
+def _open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
+    """Open the output of a recording, and the target of its bytes.
+
+    Raises FileError as `OutputPath` and `StreamOutput`.
+    """
+    if is_stream(path):
+        stream = StreamOutput(path)
+        return stream, stream.target
+    output = OutputPath(path, existing)
+    return output, AppendFile(output.descriptor)
 
 
 @dataclass(frozen=True, slots=True)

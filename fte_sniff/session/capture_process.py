@@ -27,8 +27,7 @@ from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Change, Outcome, Recorder
-from fte_sniff.recording.retention import RecordingOptions
-from fte_sniff.recording.trigger import Select
+from fte_sniff.recording.retention import RecordingOptions, Select
 from fte_sniff.session.merge import Merge, MergeLane
 
 

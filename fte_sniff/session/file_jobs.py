@@ -39,8 +39,7 @@ from fte_sniff.session.worker_process import start_worker
 if TYPE_CHECKING:
     from fte_sniff.analysis.rules import Verdict
     from fte_sniff.recording.metadata import Part
-    from fte_sniff.recording.reader import Paths
-    from fte_sniff.recording.reading_pass import TimeRange
+    from fte_sniff.recording.reader import Paths, TimeRange
 Model = TypeVar("Model", bound=RowModel)
 
 

@@ -19,8 +19,7 @@ from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.protocol.rows import Rows
-    from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.recording.reading_pass import RowRange, TimeRange
+    from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
 
 POLL_S: Final = 0.1
 
@@ -129,7 +128,7 @@ class FollowedInput(RecordingInput):
     def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
         """The rows up to the end of following this file."""
         from fte_sniff.protocol.rows import Codebook
-        from fte_sniff.recording.reading_pass import EVERYTHING
+        from fte_sniff.recording.reader import EVERYTHING
 
         codebook, following, reader = Codebook(), self._following, self._growing
         wanted = span or EVERYTHING

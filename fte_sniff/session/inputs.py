@@ -46,13 +46,12 @@ from fte_sniff.session.save import ExportSource
 if TYPE_CHECKING:
     from fte_sniff.analysis.facts import Facts
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.log_reader import LogReader
+    from fte_sniff.formats.logs.reader import LogReader
     from fte_sniff.formats.parquet import ParquetRows
     from fte_sniff.protocol.dissect import Readings
     from fte_sniff.protocol.rows import Ints
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
-    from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.recording.reading_pass import RowRange, TimeRange
+    from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
     from fte_sniff.session.merge import Slice, Taken
 
 
@@ -322,7 +321,7 @@ class RecordingInput(Input):
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        from fte_sniff.recording.reading_pass import EVERYTHING
+        from fte_sniff.recording.reader import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
@@ -383,7 +382,7 @@ class LogInput(Input):
         the first one, which it may read separately, `baud` bits per second; None for the default.
         """
         super().__init__(name)
-        from fte_sniff.formats.log_reader import LogReader
+        from fte_sniff.formats.logs.reader import LogReader
 
         self._drained, self._first_ns, self._baud = drained, first_ns, baud or DEFAULT_BAUD
         self._log = source if isinstance(source, LogReader) else None

@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
-from fte_sniff.formats.log_form import LATEST_NS, NO_TIME, StreamBytes
+from fte_sniff.formats.logs.text import LATEST_NS, NO_TIME, StreamBytes
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -30,7 +30,7 @@ from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.log_reader import LogReader
+    from fte_sniff.formats.logs.reader import LogReader
     from fte_sniff.session.merge import Merge, MergeLane
 
 SPAN_BYTES: Final = 1 << 19

@@ -31,7 +31,7 @@ from platformdirs import user_state_path
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import FileError, TranslatableText, reason_of
 from fte_sniff.protocol import Row, iso_time
-from fte_sniff.recording.file_lock import locked_folder
+from fte_sniff.recording.output_file import locked_folder
 from fte_sniff.session.save import replace_text
 
 if TYPE_CHECKING:

@@ -326,7 +326,7 @@ def _locked(path: Path) -> int | None:
     """The lock of an existing file; raises FileError if another program records to it."""
     if not path.exists():
         return None
-    from fte_sniff.recording.file_lock import lock_replaced
+    from fte_sniff.recording.output_file import lock_replaced
 
     return lock_replaced(path)
 

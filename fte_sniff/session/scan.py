@@ -23,11 +23,11 @@ from fte_sniff.recording.reader import (
     FileVersion,
     Paths,
     RecordingReader,
+    TimeRange,
     file_version,
     recordings_in,
     start_of,
 )
-from fte_sniff.recording.reading_pass import TimeRange
 from fte_sniff.session.inputs import InputReading, RecordingInput
 
 _TIME = "time"

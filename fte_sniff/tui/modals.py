@@ -25,7 +25,7 @@ from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.relations import UNCHANGED
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.formats.text_layout import ORDER_MARK
+from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,

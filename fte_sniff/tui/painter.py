@@ -32,7 +32,7 @@ from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.formats.cell_text import fit
-from fte_sniff.formats.text_layout import mark_of
+from fte_sniff.formats.text_table import mark_of
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,

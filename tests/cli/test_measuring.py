@@ -77,7 +77,7 @@ def test_stats_in_python_are_those_of_the_command_with_any_executor(run, recordi
 def test_each_core_has_a_process_but_never_more_than_files(
     monkeypatch: pytest.MonkeyPatch, jobs: int | None, files: int, processes: int
 ) -> None:
-    monkeypatch.setattr("fte_sniff.recording.mcap.records.cores", lambda: 4)
+    monkeypatch.setattr("fte_sniff.recording.mcap.reader.cores", lambda: 4)
     job = FileJob(Path("x"), RecordingInput, StatisticsSummary)
     assert processes_for(jobs, [job] * files) == processes
 

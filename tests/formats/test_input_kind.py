@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats import text_blocks
 from fte_sniff.formats.input_kind import MCAP_MAGIC, InputKind, kind_of_file, raw_stream_chunks
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs import text as log_text
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.session.log_rows import rows_of_log
 
 
@@ -38,8 +38,8 @@ def test_very_long_lines_are_cut_between_bytes(
     lead = "0x" if "0x" in between else ""
     text = "\n".join(lead + between.join(f"{byte:02X}" for byte in line) for line in lines)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_blocks, "LONGEST_LINE", longest)
-        patch.setattr(text_blocks, "BLOCK_BYTES", 64)
+        patch.setattr(log_text, "LONGEST_LINE", longest)
+        patch.setattr(log_text, "BLOCK_BYTES", 64)
         assert hex_bytes(text.encode(), whole=False) == b"".join(lines)
 
 

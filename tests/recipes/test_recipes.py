@@ -73,7 +73,7 @@ def test_kind_of_frame(recipe: Recipe) -> None:
 def test_form_of_writing_bytes_in_logs(recipe: Recipe) -> None:
     logs = "fte_sniff/formats/logs"
     recipe.before(
-        f"{logs}/forms.py",
+        f"{logs}/evidence.py",
         '    ("base64", ',
         '    ("tilde before each byte", "~@@", " ?", "a tool of this test"),\n',
     )

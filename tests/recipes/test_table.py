@@ -15,8 +15,8 @@ def test_each_row_has_a_recipe_and_each_recipe_a_row() -> None:
 
 
 def test_row_names_only_its_files() -> None:
-    row = TableRow("a form", ["a row in `formats/logs/forms.py`; a time in `times.py`", "`cli/`"])
+    row = TableRow("a form", ["a row in `formats/logs/evidence.py`; in `times.py`", "`cli/`"])
     assert row.test == "test_form"
-    named = ("fte_sniff/formats/logs/forms.py", "fte_sniff/formats/logs/times.py", "cli/a.py")
+    named = ("fte_sniff/formats/logs/evidence.py", "fte_sniff/formats/logs/times.py", "cli/a.py")
     assert all(map(row.names, named))
     assert not any(map(row.names, ("fte_sniff/formats/logs/layout.py", "tests/cli.py")))

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.records import cores
+from fte_sniff.recording.mcap.reader import cores
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import CHUNK_ROWS, RecordingWriter

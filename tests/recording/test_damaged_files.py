@@ -19,13 +19,12 @@ from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
-from fte_sniff.recording.mcap.records import LARGEST, keep_freed_memory
+from fte_sniff.recording.mcap.reader import LARGEST, keep_freed_memory
 from fte_sniff.recording.messages.encode import encode_event, encode_row
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import EVERYTHING, TimeRange
+from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import Work

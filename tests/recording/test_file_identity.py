@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.recording.file_identity import FileIdentity
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.output_file import Existing, OutputPath
+from fte_sniff.recording.output_file import Existing, FileIdentity, OutputPath
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import some_rows
 from tests.support.columns import in_columns

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.recording.mcap import append_file
+from fte_sniff.recording import output_file
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
@@ -240,7 +240,7 @@ def test_a_pipe_that_nobody_opens_is_reported(
     os.mkfifo(pipe)
     recorder = Recorder(pipe, [PortFacts("p")])
     if is_long:
-        monkeypatch.setattr(append_file, "MAX_UNREAD", 1000)
+        monkeypatch.setattr(output_file, "MAX_UNREAD", 1000)
     recorder.write(in_columns(make_rows(5)))
     recorder.flush()
     assert (recorder.failure is not None) == is_long

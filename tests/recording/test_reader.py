@@ -29,13 +29,12 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.protocol.rows import NO_TIME, Rows
-from fte_sniff.recording.mcap.records import cores
+from fte_sniff.recording.mcap.reader import cores
 from fte_sniff.recording.messages.encode import encode_row, topic_of
 from fte_sniff.recording.messages.schema import schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import JOB, TimeRange
+from fte_sniff.recording.reader import JOB, RecordingReader, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
 from tests.recording.conftest import entries_in

@@ -543,7 +543,7 @@ def test_a_trigger_keeps_exactly_its_window(
 def test_rows_that_wait_for_a_trigger_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fte_sniff.recording.trigger.MAX_WAITING_ROWS", 50)
+    monkeypatch.setattr("fte_sniff.recording.retention.MAX_WAITING_ROWS", 50)
     rows = some_rows(400)
     options = replace(ALL, trigger_window=TriggerWindow(1e6, 0))
     recorder = Recorder(

@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap import writer as mcap_file
-from fte_sniff.recording.mcap.append_file import bytes_of
+from fte_sniff.recording.mcap.writer import bytes_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader

@@ -38,10 +38,9 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.dissect import Readings, is_doubtful
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.records import HEAD, MAGIC
+from fte_sniff.recording.mcap.reader import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import TimeRange
+from fte_sniff.recording.reader import RecordingReader, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
 from fte_sniff.session.inputs import (

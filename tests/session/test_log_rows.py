@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError
-from fte_sniff.formats import text_blocks
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs import text as log_text
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, byte_time_ns, encode
 from fte_sniff.session import log_rows
 from fte_sniff.session.log_rows import rows_of_log
@@ -49,7 +49,7 @@ SECTIONS = "".join(
 def test_a_file_with_one_direction_after_the_other_is_merged_by_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
-    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", size)
+    monkeypatch.setattr(log_text, "BLOCK_BYTES", size)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
     rows = rows_of(LogReader(str(path)))
@@ -61,7 +61,7 @@ def test_rows_that_wait_for_a_direction_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(log_rows, "_MOST_HELD", 100)
-    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 3000)
+    monkeypatch.setattr(log_text, "BLOCK_BYTES", 3000)
     path = tmp_path / "x.log"
     path.write_text(SECTIONS)
     batches = rows_of_log(LogReader(str(path)), lambda _: None)
@@ -111,7 +111,7 @@ def test_the_reads_of_a_file_change_neither_rows_nor_their_order(
     whole = rows_of(LogReader(str(path)))
     assert times_of(whole) == sorted(times_of(whole))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_blocks, "BLOCK_BYTES", size)
+        patch.setattr(log_text, "BLOCK_BYTES", size)
         assert rows_of(LogReader(str(path))) == whole
         split = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
     piped = rows_of(LogReader("x", None, BytesIO(path.read_bytes())))
@@ -183,8 +183,8 @@ def test_a_file_of_zeros_is_named_so(tmp_path: Path) -> None:
 def test_a_line_that_is_too_long_for_a_log_is_refused_by_its_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(text_blocks, "LONGEST_LINE", 3000)
-    monkeypatch.setattr(text_blocks, "BLOCK_BYTES", 1000)
+    monkeypatch.setattr(log_text, "LONGEST_LINE", 3000)
+    monkeypatch.setattr(log_text, "BLOCK_BYTES", 1000)
     path = tmp_path / "x.log"
     path.write_text("opened\n" + f"Recv: {TX.hex(' ')} " * 100)
     with pytest.raises(FileError, match=r"line 2 is longer than .* only if it is plain hex; write"):

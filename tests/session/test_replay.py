@@ -21,8 +21,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import EVERYTHING, TimeRange
+from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples

@@ -17,7 +17,7 @@ import pytest
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import raw_chunks
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,

@@ -18,8 +18,7 @@ from polars.exceptions import ComputeError
 import fte_sniff
 from fte_sniff.errors import FileError
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.reading_pass import EVERYTHING, TimeRange
+from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange
 from fte_sniff.recording.repair import Repair
 from tests.torture.case import ROOT, Case, PromiseError, Run, promise
 from tests.torture.damage import (

@@ -20,7 +20,7 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
-from fte_sniff.formats.text_layout import ORDER_MARK
+from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,

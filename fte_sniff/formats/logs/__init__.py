@@ -2,11 +2,10 @@
 
 Modules:
 
-    forms         The forms × separators table: how programs write bytes, as extractors.
-    evidence      Frames, directions and lanes in a sample, and the scores of extractors.
-    layout        What a sample decides: extractor, lanes, times and labels.
-    times         The table of time forms, where lines have their times, and their clock.
-    evidence_log  A log with a layout: from its lines to the bytes of its streams.
-    shapes        Lines that look the same, read at once.
-    weave         The bytes of two wires in one lane, separated by their frames.
+    reader    LogReader: the bytes of a text, whose kind a sample decides; plain hex, own rows.
+    layout    A log with a layout: what a sample decides, and from its lines to bytes.
+    shapes    Lines that look the same, read at once (numpy).
+    evidence  How programs write bytes; frames, directions and lanes in a sample.
+    times     The table of time forms, where lines have their times, and their clock.
+    text      Text of any encoding as lines; what every kind of log has.
 """

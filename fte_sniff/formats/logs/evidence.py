@@ -1,23 +1,405 @@
 """Evidence for where the bytes are in a text: frames of the protocol distinguish them from chance.
 
+The forms × separators table lists how programs write bytes. Each row is an extractor: a regular
+expression for the runs of bytes in a text of lines, which are units with a separator between two.
+Texts are bytes, so that offsets hold whatever the encoding around the runs.
+
 The lines of a sample are read with every extractor. Its runs whose lines look the same before the
-run form a lane. Whole frames in the bytes of lanes give the score of an extractor.
+run form a lane. Whole frames in the bytes of lanes give the score of an extractor. Where one lane
+has the bytes of two wires in turn, `Weave` separates them by their frames.
 """
 
 from __future__ import annotations
 
 import re
+from base64 import urlsafe_b64decode
+from binascii import unhexlify
 from bisect import bisect
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, cached_property, lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
-from fte_sniff.formats.logs.forms import Extractor, Run
 from fte_sniff.formats.logs.times import masked
-from fte_sniff.formats.logs.weave import unwoven
-from fte_sniff.protocol.spec import FRAME_LENGTH, FTE_FORMAT, HEADERS, KINDS, TAIL
+from fte_sniff.protocol.spec import (
+    FRAME_LENGTH,
+    FTE_FORMAT,
+    HEADERS,
+    KINDS,
+    TAIL,
+    Direction,
+)
+
+_LONGEST_KNOWN: Final = 16
+_MOST_KNOWN: Final = 1 << 16
+"""Characters of a unit of a run whose bytes are kept, and how many are."""
+_BETWEEN: Final = b" ,:-;|\t._/"
+"""Characters between pairs of digits, in most logs."""
+
+
+class Run(NamedTuple):
+    """The bytes that an extractor reads in a text."""
+
+    start: int
+    stop: int
+    data: bytes
+
+
+class Extractor(NamedTuple):
+    """One form with one separator."""
+
+    name: str
+    tools: str
+    """Programs that write it."""
+    pattern: bytes = b""
+    """Of a run; compiled at the first use, because that of all patterns delays the start."""
+    unit: bytes = b""
+    """Of a unit of a run and the separator before it; groups are named by their kinds."""
+    needs: bytes = b""
+    """What a text with such runs has."""
+    swaps: bool = False
+    """Whether units are words whose last byte comes first."""
+    masks_times: bool = True
+    """Whether the first date or time of a line cannot be bytes."""
+
+    def runs(self, text: bytes) -> Iterator[Run]:
+        """The runs of a line, or of several lines."""
+        bytes_of = self.bytes_of
+        for found in re.finditer(self.pattern, text):
+            if data := bytes_of(found[0]):
+                yield Run(*found.span(), data)
+
+    @property
+    def bytes_of(self) -> BytesOf:
+        """What returns the bytes of the text of a run; none if it is not a run after all."""
+        return _bytes_of_runs(self.unit, self.swaps)
+
+
+BytesOf = Callable[[bytes], bytes]
+
+
+class _Known(dict[bytes, bytes]):
+    """The bytes of the units of runs, by their text."""
+
+    def __init__(self, bytes_of: BytesOf) -> None:
+        super().__init__()
+        self._bytes_of = bytes_of
+
+    def __missing__(self, text: bytes) -> bytes:
+        data = self._bytes_of(text)
+        if len(text) <= _LONGEST_KNOWN and len(self) < _MOST_KNOWN:
+            self[text] = data
+        return data
+
+
+@cache
+def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
+    """What returns the bytes of the text of a run of units."""
+    compiled, step = re.compile(unit), -1 if swaps else 1
+    whole, are_digits = compiled.fullmatch, [*compiled.groupindex] == ["x"] and not swaps
+    units = re.compile(re.sub(rb"[?]P<[^>]+>", b"?:", unit)).findall
+
+    def bytes_of_unit(text: bytes) -> bytes:
+        found = whole(text)
+        if found is None:
+            raise ValueError(text)
+        return _bytes_of(found)[::step]
+
+    known = _Known(bytes_of_unit).__getitem__
+
+    def bytes_of(run: bytes) -> bytes:
+        if are_digits:  # ten times as fast
+            with suppress(ValueError):
+                return unhexlify(run.translate(None, _BETWEEN))
+        try:
+            return b"".join(map(known, units(run)))
+        except (ValueError, OverflowError):
+            return b""
+
+    return bytes_of
+
+
+def _bytes_of(unit: re.Match[bytes]) -> bytes:
+    name = unit.lastgroup or ""
+    return _bytes_of_group(name)(unit[name])
+
+
+@cache
+def _bytes_of_group(name: str) -> BytesOf:
+    """What returns the bytes of the text of a group."""
+    kind = name[0]
+    base, size = _BASES.get(kind.lower()), 1 + kind.isupper()
+    if base is not None:
+
+        def bytes_of_number(text: bytes) -> bytes:
+            value = int(text, base)
+            return value.to_bytes(size, "big", signed=value < 0)
+
+        return bytes_of_number
+    if kind not in _CODES:
+        return _KINDS[kind]
+    codes = re.compile(_expanded(_CODES[kind]).encode())
+    known = _Known(lambda code: codes.sub(_bytes_of, code))
+
+    def bytes_of_text(text: bytes) -> bytes:
+        if not text.isascii():
+            with suppress(UnicodeError):
+                text = text.decode().encode("latin-1")
+        return codes.sub(lambda code: known[code[0]], text)
+
+    return bytes_of_text
+
+
+def _expanded(pattern: str) -> str:
+    """A pattern of the table: `@@` is a byte in two hexadecimal digits, `@` in one or two."""
+    pattern = pattern.replace("@@", "(?P<x>[0-9A-Fa-f]{2})")
+    return pattern.replace("@", "(?P<h>[0-9A-Fa-f]{1,2})(?![0-9A-Fa-f])")
+
+
+def _unnamed(pattern: str) -> str:
+    return f"(?:{re.sub(r'[?]P<[^>]+>', '?:', _expanded(pattern))})"
+
+
+_CONTROLS: Final = (
+    "NUL|SOH|STX|ETX|EOT|ENQ|ACK|BEL|BS|HT|LF|VT|FF|CR|SO|SI|DLE|DC1|DC2|DC3|DC4|NAK|SYN|ETB|CAN"
+    "|EM|SUB|ESC|FS|GS|RS|US|SP|DEL|TAB|NL|NULL"
+)
+_VALUES: Final = dict(zip(_CONTROLS.split("|"), (*range(33), 127, 9, 10, 0), strict=True))
+_LETTERS: Final = bytes.maketrans(b"abtnvfre0s", b"\a\b\t\n\v\f\r\x1b\0 ")
+_BASES: Final = {"h": 16, "d": 10, "o": 8, "b": 2}
+"""By the first letter of a group of a number, its base; a capital letter is a word of two bytes."""
+_CODES: Final = {
+    "t": r"\\(?:x\{?|u00)@@(?:(?<=\{..)\})?|\\(?P<o>[0-3]?[0-7]{1,2})|\\(?P<e>.)",
+    "u": r"\\(?P<d>\d{1,3})|\\(?P<e>.)",
+    "v": r"\\@@|\\(?P<e>[a-z\\])",
+    "w": rf"[\[<{{(](?:(?:0x)?@@|(?P<n>{_CONTROLS}))[\]>}})]",
+}
+"""By kind of form, the patterns of bytes that are not characters, in a text of characters."""
+_KINDS: Final[dict[str, BytesOf]] = {
+    "x": unhexlify,
+    "q": urlsafe_b64decode,
+    "n": lambda name: bytes([_VALUES[name.decode()]]),
+    "e": lambda letter: letter.translate(_LETTERS),
+    "c": bytes,
+}
+"""By the first letter of a group that is not a number: how its text becomes bytes."""
+
+
+_NO_CODE: Final = r"!-')-;=-Z\]-z|}~"
+"""Characters that begin no code."""
+
+
+def _text_with(kind: str) -> str:
+    """A text with codes, from the word with the first to that with the last of them."""
+    code = _unnamed(_CODES[kind])
+    word = rf"(?:[{_NO_CODE}]++|(?!{code})[!-~])*+"
+    words = rf"(?:[ {_NO_CODE}]++|(?!{code})[ -~])*+"
+    return rf"(?<![!-~])(?P<{kind}>{word}{code}(?:{words}{code})*+{word})"
+
+
+_EDGE: Final = "(?!(?<=[0-9A-Za-z])[0-9A-Za-z])"
+"""Not within a word."""
+_GROUP: Final = "(?P<x>(?:[0-9A-Fa-f]{2})++)"
+_BYTE: Final = (
+    r"(?<![\w.])(?<!\d:)(?P<d>25[0-5]|2[0-4]\d|[01]?\d{1,2}|-(?:12[0-8]|1[01]\d|\d{1,2}))"
+    r"(?!\w|[.:]\d|\"\s*:)"
+)
+"""Of -128 to 255: a counter beside the bytes is one of them only up to there."""
+_UNPADDED: Final = "(?!0[0-9A-Fa-f])@"
+_ANY: Final = r"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
+_STRING: Final = r"[bu]?(?:\"(?P<t>(?:[^\"\\\n]|\\.)*+)\"|'(?P<t1>(?:[^'\\\n]|\\.)*+)')"
+_OD_CELL: Final = r" (?P<o>[0-3][0-7]{2})|  \\(?P<e>[0abtnvfr])|   (?P<c>[ -~])"
+_TOGETHER: Final = "(?<=[0-9A-F]{2})(?=[0-9A-F]{2})|(?<=[0-9a-f]{2})(?=[0-9a-f]{2})"
+"""Between digits in one case; mixed case is a word."""
+_FORMS: Final = (
+    ("hex pairs, spaces", "@@", " ", "SSCOM, CoolTerm, Docklight, socat -x, most terminals"),
+    ("hex pairs, halves", "@@", " {1,2}(?:(?:-|┊) )?|-",
+     "hexdump -C, WinHex, hexyl, GtkTerm, DEBUG.EXE, .NET"),
+    ("hex pairs, commas", "@@", " ?, ?", "Modbus tools, Serial Studio, CSV exports"),
+    ("hex pairs, colons", "@@", ":", "ESPHome, HHD Serial Monitor, tshark"),
+    ("hex pairs, dashes", "@@", " ?- ?", "C# BitConverter, modbus_tk"),
+    ("hex pairs, cells", "@@", r"\t| ?[;|] ?|(?:</?[a-z]\w*>)++",
+     "spreadsheets, LabVIEW, HTerm, PulseView, tables in Markdown, HTML and XML"),
+    ("hex pairs, points", "@@", "[._/]", "Cisco consoles, Verilog test benches, PLC consoles"),
+    ("hex digits", r"(?:0[xX]|\\x)?@@", _TOGETHER, "Tasmota, logcat, candump, MQTT, SQL"),
+    ("unpadded hex, spaces", _UNPADDED, " {1,2}", "HTerm, AccessPort, Arduino"),
+    ("unpadded hex, commas", _UNPADDED, " ?, ?", "JavaScript toString(16)"),
+    ("unpadded hex, dashes", _UNPADDED, " ?- ?", "Java toHexString"),
+    ("0x before each byte", r"0[xX]@[}'\"#]?+", _ANY,
+     "C, Rust, Saleae Logic, Wireshark C arrays, CoolTerm"),
+    (r"\x before each byte", r"(?:\\+(?:x\{?|u00)|U\+00)@@\}?+(?![0-9A-Fa-f])", _ANY,
+     "shells, jq, printf, JavaScript, JSON"),
+    ("a sign before each byte", r"(?:#?\$|%|&[hH]|8'h|(?:(?:B#)?16)?#)@#?+", _ANY,
+     "Pascal, HTerm, URLs, Visual Basic, Verilog, Docklight scripts, IEC 61131, Erlang"),
+    (r"\ before each byte", r"\\@@(?![0-9A-Fa-f])", _ANY, "LabVIEW"),
+    ("x before each byte", r"[xXhH]['\"]?@['\"]?+", _ANY, "VHDL, SQL, WaveForms"),
+    ("h after each byte", "0?@@[hH]", "[ ,;]{0,3}", "assemblers, YAT, HTerm"),
+    ("hex in brackets", r"[\[<({\"'](?:0[xX])?@[\]>)}\"']", "[ ,;]{0,2}",
+     "RealTerm, libmodbus, Termite, Hercules, slsnif, Tcl, lists of strings in JSON and Python"),
+    ("decimal in brackets", r"[!-~]?[\[<({](?P<d>\d{3})[\]>)}]", " ?", "Bray's Terminal, slsnif"),
+    ("decimal, spaces", _BYTE, r"[ \t]+", "MATLAB, Go, NumPy, RealTerm"),
+    ("decimal, commas", _BYTE, r"[ \t]*,[ \t]*(?:\"\d+\" ?: ?)?",
+     "Java, Python, ROS, Node-RED, JSON of a Uint8Array"),
+    ("decimal, semicolons or dashes", _BYTE, " ?; ?|-", "spreadsheets, Docklight"),
+    ("octal", "(?P<o>[0-3][0-7]{2})", "[ ,]{1,2}", "od -b, hexdump -b"),
+    ("binary", "(?:0b)?(?P<b>[01]{4}_?[01]{4})", r"(?: \(0x..\))?[ ,;]{0,2}", "xxd -b, ESPHome"),
+    ("octal words", "(?P<O>[0-7]{6})", " {1,5}", "od"),
+    ("decimal words", r"(?P<D>-?\d{1,5})", " {1,5}", "od -d, hexdump -d"),
+    ("hex words", _GROUP, " ", "xxd, usbmon, LabVIEW, od -x, hexdump, xxd -e"),
+    ("hex words, columns", _GROUP, " {2,5}", "hexdump -x, od -x of macOS"),
+    ("0x words", "0[xX](?P<x>[0-9A-Fa-f]{4})", "[ ,;]{1,2}", "debuggers, arrays of uint16_t"),
+    ("base64", r"(?<![\w+/-])(?P<q>(?:[\w+/-]{4})*[\w+/-]{2}(?:==|[\w+/-][\w+/=-]))(?![\w+/=-])",
+     "", "JSON of MQTT and of clouds"),
+    ("quoted escapes", _STRING, " ?", "Python, C, Qt, strace, JSON"),
+    ("quoted decimal escapes", _STRING.replace("<t", "<u"), " ?", "Lua, Haskell"),
+    ("text with escapes", _text_with("t"), "", "journalctl, logs of C strings without quotes"),
+    ("text with hex escapes", _text_with("v"), "", "LabVIEW"),
+    ("text with codes in brackets", _text_with("w"), "",
+     "minicom, interceptty, DSView, Docklight, Bray's Terminal, Termite, Hercules, YAT"),
+    ("a character in each line",
+     r"(?<![^,;\t\n])'?(?:(?:\\x|[\[<]|0x)@@[\]>]?|\\(?P<e>[a-z0])|(?P<c>[ -~]))'?(?![^,;\t\n])",
+     "", "DSView, Saleae Logic in ASCII"),
+    ("characters of od -c", _OD_CELL, "", "od -c, hexdump -c"),
+)  # fmt: skip
+"""Name, unit, separator, programs."""
+
+
+def _extractors() -> Iterator[Extractor]:
+    units = set[str]()
+    for name, unit, separator, tools in _FORMS:
+        one, between = _unnamed(unit), f"(?:{separator})"
+        several = unit in units or separator == _TOGETHER
+        run = f"{_EDGE}{one}(?:{between}{one})*+{_EDGE}".encode()
+        part = f"{between}?(?:{_expanded(unit)})".encode()
+        needs = f"{one}(?:{between}{one}){{3}}".encode() if several else b""
+        units.add(unit)
+        for order in (", big endian", ", little endian") if "words" in name else ("",):
+            swaps, masks = order == ", little endian", name != "hex pairs, colons"
+            yield Extractor(name + order, tools, run, part, needs, swaps, masks)
+
+
+EXTRACTORS: Final = tuple(_extractors())
+"""All of them; earlier ones are preferred where the evidence is equal."""
+
+
+WIRES: Final = ("tx", "rx")
+"""Their labels: that of control frames first."""
+_HEADERS: Final = (HEADERS[Direction.CONTROL], HEADERS[Direction.FEEDBACK])
+_WHOLE: Final = 20.0
+_NOISE: Final = -4.0
+_TWICE: Final = -2.0
+"""Scores of a whole frame, a byte outside frames, and two bytes of one wire while both send."""
+_BEHIND: Final = 24.0
+"""How much less than the best score a reading is dropped at."""
+_CLEAR: Final = 16.0
+"""How much less the others' scores are if one reading is clearly the best."""
+_MOST_READINGS: Final = 48
+_LONGEST_UNDECIDED: Final = 1000
+"""Bytes that wait at most until one reading is clearly the best."""
+
+
+class _Path(NamedTuple):
+    """The wires of the last bytes of a reading."""
+
+    before: _Path | None
+    wire: int
+
+
+class _Reading(NamedTuple):
+    """A reading of the bytes so far."""
+
+    score: float
+    path: _Path | None
+
+
+_State = tuple[int, int, int]
+"""Bytes of the frame that each wire sends, 0 for none, and the wire of the last byte."""
+
+
+@cache
+def _legal(wire: int) -> tuple[frozenset[int], ...]:
+    """The legal values of each byte of the frames of a wire."""
+    own = [FTE_FORMAT.legal_bytes(kind) for kind in KINDS]
+    own = [legal for legal in own if legal[0] and legal[0][0] == _HEADERS[wire]]
+    every = frozenset(range(256))
+    first = [frozenset(value for legal in own for value in (legal[at] or every)) for at in range(3)]
+    return (*first, *[every] * (FRAME_LENGTH - 4), frozenset([TAIL]))
+
+
+class Weave:
+    """Decides to which of two wires each byte belongs, by the frames that then are whole."""
+
+    def __init__(self) -> None:
+        self._readings: dict[_State, _Reading] = {(0, 0, 0): _Reading(0.0, None)}
+        self._size = 0
+        """Bytes that are not decided."""
+
+    def push(self, data: bytes, *, final: bool = False) -> bytes:
+        """Append bytes; the wires, 0 or 1, of the bytes that are decided now, in their order."""
+        decided = bytearray()
+        for byte in data:
+            self._readings = self._after(byte)
+            self._size += 1
+            state, best = max(self._readings.items(), key=lambda own: own[1].score)
+            near = sum(own.score > best.score - _CLEAR for own in self._readings.values())
+            is_clear = near == 1 and state[:2] == (0, 0)
+            if is_clear or self._size >= _LONGEST_UNDECIDED:
+                decided += self._decide(state, best)
+        if final and self._size:
+            decided += self._decide(*max(self._readings.items(), key=lambda own: own[1].score))
+        return bytes(decided)
+
+    def _decide(self, state: _State, best: _Reading) -> bytes:
+        wires, path = bytearray(), best.path
+        while path is not None:
+            wires.append(path.wire)
+            path = path.before
+        self._readings, self._size = {state: _Reading(0.0, None)}, 0
+        return bytes(wires[::-1])
+
+    def _after(self, byte: int) -> dict[_State, _Reading]:
+        """The readings with one more byte, the best of each state."""
+        readings = dict[_State, _Reading]()
+        for state, reading in self._readings.items():
+            for after, gain in _steps(state, byte):
+                score = reading.score + gain
+                if after not in readings or readings[after].score < score:
+                    readings[after] = _Reading(score, _Path(reading.path, after[2]))
+        least = max(own.score for own in readings.values()) - _BEHIND
+        kept = {state: own for state, own in readings.items() if own.score >= least}
+        if len(kept) > _MOST_READINGS:
+            best = sorted(kept.items(), key=lambda own: -own[1].score)[:_MOST_READINGS]
+            kept = dict(best)
+        return kept
+
+
+def _steps(state: _State, byte: int) -> Iterator[tuple[_State, float]]:
+    """What a state may be after a byte, and the gain of score."""
+    *seen, last = state
+    for wire in (0, 1):
+        if byte in _legal(wire)[seen[wire]]:
+            is_twice = wire == last and seen[0] > 0 and seen[1] > 0
+            sizes = [*seen]
+            sizes[wire] = (seen[wire] + 1) % FRAME_LENGTH
+            gain = (_WHOLE if sizes[wire] == 0 else 0.0) + (_TWICE if is_twice else 0.0)
+            yield (sizes[0], sizes[1], wire), gain
+    yield state, _NOISE
+    for wire in (0, 1):  # the frame that it was is none
+        if seen[wire]:
+            sizes = [*seen]
+            sizes[wire] = 0
+            yield (sizes[0], sizes[1], wire), _NOISE * (1 + seen[wire])
+
+
+def unwoven(data: bytes) -> tuple[bytes, bytes]:
+    """The bytes of each wire."""
+    wires = Weave().push(data, final=True)
+    pairs = [*zip(data, wires, strict=True)]
+    control, feedback = (bytes(byte for byte, own in pairs if own == wire) for wire in (0, 1))
+    return control, feedback
+
 
 NUMBER_TOKEN: Final = re.compile(
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"

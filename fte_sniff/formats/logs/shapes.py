@@ -1,8 +1,7 @@
 """Lines that look the same: one of them is parsed, and shows where the others have their bytes.
 
-A shape is a line with the places of its bytes, its time and other numbers. Where lines have the
-same length and bytes in two digits, numpy reads them; else a regular expression made of the shape.
-Words such as names may differ too, if they tell nothing of the bytes.
+A shape is a line with the places of its bytes, its time and other numbers; a regular expression
+made of it reads the others. Words such as names may differ too, if they tell nothing of the bytes.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from fte_sniff.formats.log_form import NO_TIME
 from fte_sniff.formats.logs.evidence import (
     GOES_ON,
     LIKE_BYTES,
@@ -27,21 +25,15 @@ from fte_sniff.formats.logs.evidence import (
     runs_in_lanes,
 )
 from fte_sniff.formats.logs.layout import GAP, Found, Layout, without_bytes
+from fte_sniff.formats.logs.text import NO_TIME
 from fte_sniff.formats.logs.times import OF_CLOCK, Fields, beside_times, masked
 
 _MOST_SHAPES: Final = 24
-"""Of one length; also those that regular expressions read."""
-_LEAST_SHARE: Final = 1 / 8
-"""Of the lines of one length, how many have a shape that is worth another try of that length."""
 _LONGEST_SHAPE: Final = 4096
 _MOST_KNOWN: Final = 1 << 16
 """Texts beside bytes whose check is kept."""
 _LONGEST_NAMED: Final = 100
 """Characters before bytes in which names may differ."""
-_ZERO: Final = np.uint8(ord("0"))
-_HEX_DIGITS: Final = np.full(256, 0xFF, np.uint8)
-"""By character, the value of a hexadecimal digit; 255 of others."""
-_HEX_DIGITS[list(b"0123456789ABCDEFabcdef")] = [*range(16), *range(10, 16)]
 _NEXT_DIGIT: Final = bytes.maketrans(b"0123456789", b"1234567890")
 
 
@@ -61,12 +53,6 @@ class _Shape(NamedTuple):
     def fields(self) -> Fields:
         """Of its time."""
         return self.found[0].fields or {}
-
-    @property
-    def timed(self) -> set[int]:
-        """Offsets of the digits of its time."""
-        fields = self.fields
-        return {at for name in fields.keys() & OF_CLOCK for at in range(*fields[name])}
 
 
 class Alike(NamedTuple):
@@ -101,88 +87,6 @@ class Alike(NamedTuple):
         return True
 
 
-class Shapes:
-    """The shapes of the lines of a log with a layout."""
-
-    def __init__(self, layout: Layout) -> None:
-        self._layout, self._names = layout, _Names(layout)
-        self._varying = _Varying(layout, self._names)
-
-    def alike_lines(self, text: bytes) -> Iterator[Alike]:
-        """The lines of a text that have the shape of another line, shape by shape.
-
-        Lines that hold no bytes come with a size of 0, unless they are headings.
-        """
-        ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
-        starts = np.append(0, ends[:-1] + 1)
-        lengths = ends - starts
-        left = np.ones(len(lengths), np.bool_)
-        counts = np.bincount(lengths[(lengths > 0) & (lengths <= _LONGEST_SHAPE)])
-        for length in np.flatnonzero(counts).tolist():
-            rows = np.flatnonzero(lengths == length)
-            lines = np.ndarray((len(text) - length + 1,), f"V{length}", text, 0, (1,))
-            for alike in self._of_one_length(lines, starts, rows):
-                left[alike.rows] = False
-                yield alike
-        left &= (lengths > 0) & (lengths <= _LONGEST_SHAPE)
-        if left.any():
-            places = zip(starts[left].tolist(), ends[left].tolist(), strict=True)
-            others = [text[start:end] for start, end in places]
-            yield from self._varying.read(others, np.flatnonzero(left))
-
-    def _of_one_length(self, lines: Any, starts: Any, rows: Any) -> Iterator[Alike]:
-        """The lines of a text at some starts, all of one length, whose shapes numpy reads."""
-        for _ in range(_MOST_SHAPES):
-            if len(rows) < 2:
-                return
-            line = lines[starts[rows[0]]].tobytes()
-            shape = _shape_of(line, self._layout)
-            pairs = shape and _pairs_of(shape, self._layout)
-            if not shape or not pairs:
-                return
-            table = lines[starts[rows]].view(np.uint8).reshape(len(rows), -1)
-            same, data, stamp = self._read(shape, *pairs, np.ascontiguousarray(table.T))
-            if same.sum() > 1 and same.sum() >= _LEAST_SHARE * len(rows):
-                if stamp is not None:
-                    alike = Alike(rows[same], data, pairs[1], shape.label, stamp)
-                    if not alike.is_sound(self._layout, lambda at: lines[starts[at]].tobytes()):
-                        return
-                    yield alike
-                rows = rows[~same]
-            else:
-                return
-
-    def _read(
-        self, shape: _Shape, pairs: Sequence[int], size: int, table: Any
-    ) -> tuple[Any, bytes, Any]:
-        """Which lines have a shape, their bytes and times; no times if one of them is impossible.
-
-        `table` has a column for each line, uint8.
-        """
-        names = self._names.places(shape)
-        named = {at for start, stop in names for at in range(start, stop)}
-        fixed = np.ones(len(table), np.bool_)
-        digits = sorted(shape.timed | shape.numbers - named)
-        fixed[[*digits, *pairs, *(at + 1 for at in pairs), *named]] = False
-        same = (table[fixed] == table[fixed, :1]).all(0)
-        same &= (table[digits] - _ZERO < 10).all(0)
-        high, low = (_HEX_DIGITS.take(table[[at + n for at in pairs]]) for n in (0, 1))
-        same &= ((high | low) < 16).all(0)
-        for start, stop in names:
-            words = np.ascontiguousarray(table[start:stop].T).view(f"V{stop - start}")
-            texts = words.ravel().tolist()
-            others = self._names.unlike(texts, self._names[shape.line[start:stop]])
-            same &= [text not in others for text in texts] if others else True
-        if not same.all():
-            table, high, low = (own[:, same] for own in (table, high, low))
-        data = (high << np.uint8(4) | low)[:size].T.tobytes()
-        read = partial(_number, table)
-        stamp = (
-            self._layout.times.stamp(shape.line, shape.fields, read) if shape.fields else NO_TIME
-        )
-        return same, data, stamp
-
-
 def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     """The shape of a line; None if lines like it must be parsed one by one."""
     found, another = layout.read(line)
@@ -204,33 +108,6 @@ def _shape_of(line: bytes, layout: Layout) -> _Shape | None:
     if layout.read(bytes(other)) != (found, b""):
         numbers = set()  # they are labels
     return _Shape(line, found, numbers)
-
-
-def _pairs_of(shape: _Shape, layout: Layout) -> tuple[list[int], int] | None:
-    """Offsets of pairs of hexadecimal digits, those of the data first, and how many are data.
-
-    None if the bytes are written in another way.
-    """
-    pairs, skipped = list[int](), list[int]()
-    for one in shape.found:
-        run = re.finditer(b"[0-9A-Fa-f]{2}", shape.line[one.start : one.stop])
-        starts = [one.start + pair.start() for pair in run]
-        pairs += starts[one.cut]
-        skipped += sorted({*starts} - {*starts[one.cut]})
-    data = b"".join(one.data for one in shape.found)
-    digits = b"".join(shape.line[at : at + 2] for at in pairs)
-    if layout.hypothesis.extractor.swaps or not data or data.hex().encode() != digits.lower():
-        return None
-    return pairs + skipped, len(data)
-
-
-def _number(table: Any, start: int, stop: int) -> Any:
-    """The number in some columns of a table of lines; one for all while their digits are equal."""
-    number: Any = 0
-    for digits in table[start:stop]:
-        equal = (digits == digits[0]).all()
-        number = number * 10 + (int(digits[0]) if equal else digits.astype("int64")) - ord("0")
-    return number
 
 
 class _Bytes(NamedTuple):
@@ -280,11 +157,7 @@ class _Checked(dict[bytes, Any]):
 
 def _column(columns: Sequence[Sequence[bytes]], pattern: _Pattern, start: int, stop: int) -> Any:
     """The numbers of the time that are between two offsets in the line of a pattern."""
-    column = columns[pattern.clock[start, stop]]
-    width, text = len(max(column, key=len)), b"".join(column)
-    if width * len(column) > len(text):
-        return np.array([*map(int, column)], np.int64)
-    return _number(np.frombuffer(text, np.uint8).reshape(-1, width).T, 0, width)
+    return np.array([*map(int, columns[pattern.clock[start, stop]])], np.int64)
 
 
 class _Names(_Checked):
@@ -319,12 +192,12 @@ class _Names(_Checked):
         return None if matters or word.split() != [word] else key.count(b"0")
 
 
-class _Varying:
-    """Reads lines of a layout whose numbers, names or bytes have different lengths."""
+class Shapes:
+    """The shapes of the lines of a log with a layout."""
 
-    def __init__(self, layout: Layout, names: _Names) -> None:
+    def __init__(self, layout: Layout) -> None:
         self._layout, self._extractor = layout, layout.hypothesis.extractor
-        self._common, self._names = layout.hypothesis.common, names
+        self._common, self._names = layout.hypothesis.common, _Names(layout)
         self._run = re.compile(self._extractor.pattern)
         self._beside_times = beside_times(self._extractor.pattern)
         above = {"above", "below"} & {layout.labelled, layout.times.where}
@@ -332,9 +205,13 @@ class _Varying:
         self._is_tail_free = "after" not in (layout.labelled, layout.times.where)
         self._tails = _Checked(self._tail_of)
 
-    def read(self, lines: Sequence[bytes], rows: Any) -> Iterator[Alike]:
-        """The lines that are alike, of those with these indices in a text."""
-        left, foreign = [*range(len(lines))], list[int]()
+    def alike_lines(self, lines: Sequence[bytes]) -> Iterator[Alike]:
+        """The lines of a text that have the shape of another line, shape by shape.
+
+        Lines that hold no bytes come with a size of 0, unless they are headings.
+        """
+        left = [at for at, line in enumerate(lines) if 0 < len(line) <= _LONGEST_SHAPE]
+        foreign = list[int]()
         for _ in range(_MOST_SHAPES):
             first = self._first_with_bytes(lines, left)
             foreign += left[:first]
@@ -345,13 +222,13 @@ class _Varying:
             own = shape and self._alike(shape, lines, left)
             if own:
                 which, alike = own
-                yield alike._replace(rows=rows[alike.rows])
+                yield alike
                 left = [one for one, is_own in zip(left, which, strict=True) if not is_own]
             else:
                 del left[0]
         foreign += compress(left, self._are_foreign([lines[at] for at in left]))
         if foreign:
-            yield Alike(rows[sorted(foreign)], b"", 0, None, NO_TIME)
+            yield Alike(np.array(sorted(foreign), np.int64), b"", 0, None, NO_TIME)
 
     def _first_with_bytes(self, lines: Sequence[bytes], left: Sequence[int]) -> int:
         """How many of the lines that are left come before the first that is not foreign."""

@@ -18,11 +18,11 @@ from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from fte_sniff.formats.log_form import LATEST_NS, NO_TIME
+from fte_sniff.formats.logs.text import LATEST_NS, NO_TIME
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.log_form import Array, LogOptions
+    from fte_sniff.formats.logs.text import Array, LogOptions
 
 SECOND: Final = 10**9
 _DAY_NS: Final = 86_400 * SECOND

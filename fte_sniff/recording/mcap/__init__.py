@@ -2,9 +2,6 @@
 
 Modules:
 
-    append_file  A file that is valid MCAP after every flush.
-    chunk_index  Where the messages of a chunk begin.
-    reader       Reader of a file's records, whole or damaged, and of its summary.
-    records      MCAP records: parse, decompress, CRC, end of file.
-    writer       Writer of chunks, indexes, summary.
+    reader  Records of a file, whole or damaged; its summary; the messages of a chunk.
+    writer  A file that is valid after every flush: chunks, indexes, summary.
 """

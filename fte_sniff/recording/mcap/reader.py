@@ -1,4 +1,7 @@
-"""Reader of an MCAP file's records, whole or damaged, and of its summary.
+"""Reader of an MCAP file: records, whole or damaged, the summary, and the messages of a chunk.
+
+    magic | opcode, length, body | opcode, length, body | ... | footer | magic
+      8        1      8
 
 Every command reads a file through `RecordStream`, so all of them trust the same records:
 
@@ -12,6 +15,13 @@ Every command reads a file through `RecordStream`, so all of them trust the same
 
 - After a damaged record, reading resumes at the next such start.
 - A chunk is skipped only if the summary has a checksum and the chunk's head agrees with it.
+
+The messages of a chunk are found with its message indexes, or by walking over its records:
+
+    opcode u8 | length u64 | channel u16 | sequence u32 | log time u64 | publish time u64 | message
+
+An index is a hint: it is used only if the records between the messages that it names are whole, and
+none of them is a message.
 """
 
 from __future__ import annotations
@@ -20,34 +30,408 @@ import os
 import re
 import struct
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import BinaryIO, NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cache
+from io import BytesIO
+from itertools import pairwise
+from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
 
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+from mcap.writer import MCAP0_MAGIC
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.platform import read_at
-from fte_sniff.recording.mcap.records import (
-    CHUNK_HEAD,
-    DATA_END_LENGTH,
-    END_LENGTH,
-    HEAD,
-    LARGEST,
-    LENGTH,
-    MAGIC,
-    NO_RECORD,
-    RecordError,
-    RunningChecksum,
-    claimed,
-    compressed_records,
-    parse,
-    records_in,
-    unpack,
-)
+from fte_sniff.protocol.rows import Array
+
+MAGIC = MCAP0_MAGIC
+"""The eight bytes that begin and end every MCAP file."""
+
+LARGEST = 256 * 1024 * 1024
+"""Bytes of the largest record that is read, and of the largest unpacked chunk."""
+
+_ALWAYS_UNPACKED = 40 * 1024 * 1024
+"""Bytes to which every chunk may unpack: 32 thousand rows of 1024 bytes of noise."""
+_MOST_RATIO = 16
+"""A chunk that unpacks to more may have this compression ratio; rows have about 10."""
+
+HEAD = struct.Struct("<BQ")
+
+
+class RecordError(ValueError):
+    """A damaged record or message; its text is a noun phrase that can be part of another text."""
+
+    def __init__(self, form: str, **values: object) -> None:
+        """Make the text, which can be translated, of a form with the names of these values."""
+        self.message = TranslatableText(form, **values)
+        super().__init__(self.message)
+
+
+BEYOND_CHUNK = TranslatableText("records that go beyond their chunk")
+NO_RECORD = TranslatableText("there is no MCAP record")
+
+_Record = TypeVar("_Record", covariant=True)
+
+
+class _Readable(Protocol[_Record]):
+    @staticmethod
+    def read(stream: ReadDataStream) -> _Record: ...
+
+
+def parse(record: _Readable[_Record], body: bytes) -> _Record:
+    """Parse a record of a class of the mcap package; raises RecordError if that fails."""
+    try:
+        return record.read(ReadDataStream(BytesIO(body)))
+    except (McapError, struct.error, ValueError) as error:
+        raise RecordError("a record that contradicts itself") from error
+
+
+def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcode and body of each record in a chunk or summary; raises RecordError if one is cut."""
+    at, end = 0, len(records)
+    while at < end:
+        if end - at < HEAD.size:
+            raise RecordError(BEYOND_CHUNK)
+        opcode, length = HEAD.unpack_from(records, at)
+        at += HEAD.size
+        if length > end - at:
+            raise RecordError(BEYOND_CHUNK)
+        yield opcode, records[at : at + length]
+        at += length
+
+
+_LARGE = 64 * 1024
+_MOST_PENDING = 512 * 1024
+
+
+class RunningChecksum:
+    """The CRC-32 of data that arrives in pieces.
+
+    Small pieces are collected: `crc32` releases the interpreter lock, and while other threads run,
+    to get it back takes longer than the checksum of a small piece.
+    """
+
+    def __init__(self) -> None:
+        self._value = 0
+        self._pending: list[bytes] = []
+        self._size = 0
+
+    def update(self, piece: bytes) -> None:
+        """Add the next bytes."""
+        if len(piece) >= _LARGE:
+            self._value = crc32(piece, self.value())
+            return
+        self._pending.append(piece)
+        self._size += len(piece)
+        if self._size >= _MOST_PENDING:
+            self.value()
+
+    def value(self) -> int:
+        """The checksum of all bytes so far."""
+        if self._pending:
+            self._value = crc32(b"".join(self._pending), self._value)
+            self._pending.clear()
+            self._size = 0
+        return self._value
+
+
+CHUNK_HEAD = struct.Struct("<QQQII")
+"""Start of a chunk's body: first and last time, unpacked size, CRC, length of the name of the
+compression; the name, `LENGTH` and the compressed records follow."""
+
+LENGTH = struct.Struct("<Q")
+"""Length of the compressed records."""
+
+_UNKNOWN_SIZE = 2**64 - 1
+
+
+def claimed(body: bytes) -> tuple[int, int]:
+    """Unpacked bytes and CRC of a chunk according to its head."""
+    _, _, size, crc, _ = CHUNK_HEAD.unpack_from(body)
+    return size, crc
+
+
+def unpack(body: bytes) -> bytes:
+    """The records of a chunk; checks the checksum if it has one.
+
+    Raises RecordError if the chunk is damaged, or its compression is unknown.
+    """
+    packed, compression = compressed_records(body)
+    size, crc = claimed(body)
+    if size > min(LARGEST, max(_ALWAYS_UNPACKED, _MOST_RATIO * len(body))):
+        raise RecordError("a chunk that claims to unpack to {size} bytes", size=size)
+    records = _unpacked(compression, packed, size)
+    if len(records) != size:
+        raise RecordError("a chunk that does not unpack to what it claims")
+    if crc and crc32(records) != crc:
+        raise RecordError("a chunk whose checksum does not match")
+    return records
+
+
+def compressed_records(body: bytes) -> tuple[memoryview, bytes]:
+    """The compressed records of a chunk, and the name of the compression.
+
+    Raises RecordError if the lengths contradict each other.
+    """
+    try:
+        *_, name_length = CHUNK_HEAD.unpack_from(body)
+        name_end = CHUNK_HEAD.size + name_length
+        (length,) = LENGTH.unpack_from(body, name_end)
+    except struct.error as error:
+        raise RecordError("a chunk without its header") from error
+    packed = memoryview(body)[name_end + LENGTH.size :]
+    if len(packed) != length:
+        raise RecordError("a chunk whose lengths contradict each other")
+    return packed, body[CHUNK_HEAD.size : name_end]
+
+
+def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
+    match compression:
+        case b"":
+            return bytes(packed)
+        case b"zstd":
+            return _unpacked_zstd(packed, size)
+        case b"lz4":
+            return _unpacked_lz4(packed, size)
+    raise RecordError("a chunk that is packed neither with zstd nor with lz4")
+
+
+def _unpacked_zstd(packed: memoryview, size: int) -> bytes:
+    try:
+        if zstandard.get_frame_parameters(packed).content_size not in (size, _UNKNOWN_SIZE):
+            raise RecordError("a chunk that does not unpack to what it claims")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise RecordError("a chunk that does not unpack") from error
+
+
+def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
+    try:
+        with lz4.frame.LZ4FrameDecompressor() as unpacker:
+            return bytes(unpacker.decompress(packed, max_length=size + 1))
+    except RuntimeError as error:
+        raise RecordError("a chunk that does not unpack") from error
+
+
+_FREED = 31 * 1024 * 1024
+"""Bytes; glibc adapts to freed blocks of up to 32 MiB."""
+
+
+@cache
+def keep_freed_memory() -> None:
+    """Make glibc keep freed memory for the next chunk.
+
+    Otherwise it returns the memory to the system, and the page faults of the next chunk cost half
+    as much as unpacking. glibc keeps up to twice the largest block that was ever freed, so freeing
+    one large block is enough; it is never touched and takes no memory. Other C libraries ignore it.
+    """
+    np.empty(_FREED, np.uint8)
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+END_LENGTH = HEAD.size + 8 + 8 + 4 + len(MAGIC)
+"""Bytes of the footer and the final magic."""
+
+DATA_END_LENGTH = HEAD.size + 4
+"""Bytes of the record that ends the data."""
+
+
+MESSAGE_HEAD = HEAD.size + 2 + 4 + 8 + 8
+"""Bytes of a message record before the message."""
+
+PREFIX = 64
+"""Bytes copied of each message record: the head, and every field of the common layout. Numpy copies
+64 bytes hardly slower than one number."""
+
+LENGTH_OFFSET, CHANNEL_OFFSET, SEQUENCE_OFFSET, LOG_TIME_OFFSET = 1, 9, 11, 15
+"""Offsets in a message record."""
+
+_ENTRY = np.dtype("<u8")
+_INDEX_HEAD = 2 + 4
+
+Definition = tuple[int, bytes]
+"""Opcode and body of a schema or channel record."""
+
+DEFINITIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
+
+
+@dataclass(frozen=True, slots=True)
+class MessageIndex:
+    """The messages of an unpacked chunk, or of several concatenated ones."""
+
+    records: bytes
+    starts: Array
+    """Where each message record begins, rising."""
+    lengths: Array
+    """Of the messages, without their heads."""
+    prefixes: Array
+    """The first bytes of each record as opaque values; those of a short record run into the next.
+    """
+    definitions: list[Definition] = field(default_factory=list)
+    without_head: int = 0
+    """Number of messages that are too short to be one; they are not in the index."""
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def slices(self, most: int, size: int) -> Iterator[MessageIndex]:
+        """The messages; if they have more than `most` bytes, in slices of about `size` bytes."""
+        cuts = [0, len(self)]
+        if len(self.records) > most:
+            bounds = np.arange(size, len(self.records), size)
+            cuts[1:1] = np.searchsorted(self.starts, bounds).tolist()
+        for first, end in pairwise(cuts):
+            lengths, prefixes = self.lengths[first:end], self.prefixes[first:end]
+            if first < end:
+                starts = self.starts[first:end]
+                yield MessageIndex(self.records, starts, lengths, prefixes)
+
+    def field(self, offset: int, kind: str | np.dtype[Any]) -> Array:
+        """The numbers at an offset of the records."""
+        return field_view(self.prefixes, offset, kind)
+
+
+def at_every_byte(records: bytes, size: int, first: int = 0) -> Array:
+    """Overlapping opaque values of `size` bytes, one for every byte from `first` on."""
+    count = max(0, len(records) - first - size + 1)
+    found: Array = np.ndarray((count,), f"V{size}", records, first, (1,))
+    return found
+
+
+def field_view(packed: Array, offset: int, kind: str | np.dtype[Any]) -> Array:
+    """A view of the numbers at an offset of opaque values."""
+    if not len(packed):
+        return np.empty(0, kind)
+    found: Array = np.ndarray((len(packed),), kind, packed, offset, (packed.dtype.itemsize,))
+    return found
+
+
+def indexed_starts(indexes: Sequence[bytes], size: int) -> Array | None:
+    """The starts in the message index records of a chunk, rising; None if they are impossible.
+
+    index record:  channel u16 | bytes u32 | (log time u64, start u64) for each message
+
+    `indexes` are the bodies of the records, `size` the bytes of the unpacked chunk.
+    """
+    entry = 2 * _ENTRY.itemsize
+    if any(len(body) < _INDEX_HEAD or (len(body) - _INDEX_HEAD) % entry for body in indexes):
+        return None
+    named = [np.frombuffer(body, _ENTRY, offset=_INDEX_HEAD)[1::2] for body in indexes]
+    # Chunks are smaller than 4 GiB, and numpy sorts short numbers much faster.
+    starts = np.concatenate(named, dtype=np.uint32, casting="unsafe") if named else np.empty(0)
+    if not len(starts) or starts.max() >= size:
+        return None
+    starts.sort()
+    return starts.astype(np.int64)
+
+
+def index_messages(records: bytes, starts: Array | None, most: int) -> MessageIndex:
+    """The messages of an unpacked chunk, or of several concatenated ones.
+
+    `starts` are those of a message index, rising; they are ignored if they are wrong. `most` is the
+    largest number of records.
+
+    Raises RecordError if the records exceed the chunk, are none, or are too many.
+    """
+    found = None if starts is None else _confirmed(records, starts, most)
+    if found is None:
+        walked, definitions, _ = _walked(records, 0, len(records), most)
+        found = _messages(records, np.array(walked, np.int64))
+        found.definitions.extend(definitions)
+    if len(found) and found.lengths.min() < 0:
+        whole = found.lengths >= 0
+        starts = found.starts[whole]
+        short = len(found) - len(starts)
+        definitions = found.definitions
+        found = replace(_messages(records, starts), definitions=definitions)
+        found = replace(found, without_head=short)
+    return found
+
+
+def _messages(records: bytes, starts: Array) -> MessageIndex:
+    prefixes = _prefixes(records, starts)
+    lengths = field_view(prefixes, LENGTH_OFFSET, "<i8") - (MESSAGE_HEAD - HEAD.size)
+    return MessageIndex(records, starts, lengths, prefixes)
+
+
+def _prefixes(records: bytes, starts: Array) -> Array:
+    """The bytes from each start on, padded with zeros at the end of the records."""
+    last = len(records) - PREFIX
+    if last < 0:
+        return _prefixes(records.ljust(PREFIX, b"\0"), starts)
+    whole = int(np.searchsorted(starts, last, "right"))
+    if whole == len(starts):
+        return at_every_byte(records, PREFIX)[starts]
+    found = at_every_byte(records, PREFIX)[np.minimum(starts, last)]
+    for row in range(whole, len(starts)):
+        found[row] = np.void(records[int(starts[row]) :].ljust(PREFIX, b"\0"))
+    return found
+
+
+def _confirmed(records: bytes, starts: Array, most: int) -> MessageIndex | None:
+    """The index if the records are contiguous and messages begin at these starts only."""
+    if not len(starts) or starts[0] < 0 or starts[-1] > len(records) - MESSAGE_HEAD:
+        return None
+    found = _messages(records, starts)
+    if (found.field(0, "u1") != Opcode.MESSAGE).any():
+        return None
+    ends = starts + found.lengths
+    ends += MESSAGE_HEAD
+    gaps = [(0, int(starts[0])), (int(ends[-1]), len(records))]
+    between = np.flatnonzero(ends[:-1] != starts[1:])
+    gaps[1:1] = zip(ends[between].tolist(), starts[between + 1].tolist(), strict=True)
+    for start, end in gaps:
+        try:
+            messages, definitions, count = _walked(records, start, end, most)
+        except RecordError:
+            return None
+        if messages:
+            return None
+        most -= count
+        found.definitions.extend(definitions)
+    return found
+
+
+def _walked(
+    records: bytes, start: int, end: int, most: int
+) -> tuple[list[int], list[Definition], int]:
+    """Message starts, definitions and the number of all records from `start` to `end`."""
+    starts: list[int] = []
+    definitions: list[Definition] = []
+    at, count, message = start, 0, int(Opcode.MESSAGE)
+    unpack = HEAD.unpack_from
+    for _ in range(most + 1):
+        if not 0 <= at <= end - HEAD.size:
+            break
+        opcode, length = unpack(records, at)
+        after = at + HEAD.size + length
+        if opcode == 0:
+            raise RecordError(NO_RECORD)
+        if after > end:
+            break
+        if opcode == message:
+            starts.append(at)
+        elif opcode in DEFINITIONS:
+            definitions.append((opcode, records[at + HEAD.size : after]))
+        at, count = after, count + 1
+    else:
+        raise RecordError("a chunk of more records than its size can hold")
+    if at != end:
+        raise RecordError(BEYOND_CHUNK)
+    return starts, definitions, count
+
 
 _SKIPPED = 0
 """Pseudo opcode of a record that was not read; no record of a file has it."""

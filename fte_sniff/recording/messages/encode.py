@@ -35,10 +35,13 @@ from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFS
 from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.schema import (
     EVENTS,
+    LACKS,
+    LACKS_IF_UNCERTAIN,
     MALFORMED,
     TOPIC_BY_KIND_AND_MOTOR,
     TOPIC_BY_NAME,
     TOPICS,
+    Template,
     Topic,
     enum_number,
     message_class,
@@ -46,7 +49,6 @@ from fte_sniff.recording.messages.schema import (
     schema_name,
     value_fields,
 )
-from fte_sniff.recording.messages.template import LACKS, LACKS_IF_UNCERTAIN, Template
 from fte_sniff.recording.metadata import PortFacts
 
 MESSAGE = struct.Struct("<BQHIQQ")

@@ -20,7 +20,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
-from fte_sniff.formats.text_layout import ORDER_MARK
+from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import (
     CONTEXT,

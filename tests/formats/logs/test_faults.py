@@ -13,8 +13,8 @@ from string import ascii_lowercase
 import pytest
 
 from fte_sniff.errors import FteSniffError, InputTextError
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import HEADERS, Direction, Frame, Row
 from fte_sniff.session.log_rows import rows_of_log
 from tests.formats.logs.layouts import Layout, Sent, clock, line, shown, spaced
@@ -257,7 +257,7 @@ def test_a_coarse_time_shows_what_a_fine_one_counts_from(name: str) -> None:
 
 
 def test_times_below_bytes_hold_across_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fte_sniff.formats.text_blocks.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 1000)
     log = [one._replace(way="tx") for one in a_log(0, 400)]
     log = [one for one in log if one.data[0] == HEADERS[Direction.CONTROL]]
     rows, _ = rows_of(timed(TIMES["below"], log).encode(), LogOptions(day=date(2024, 3, 5)))

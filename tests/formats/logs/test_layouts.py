@@ -11,16 +11,13 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from fte_sniff.errors import FteSniffError
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
-from fte_sniff.formats.logs.forms import EXTRACTORS
+from fte_sniff.formats.logs.evidence import EXTRACTORS
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
 from fte_sniff.session.log_rows import rows_of_log
-from tests.examples import examples
 from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent, clock, line
 from tests.slow import crossed, first
 
@@ -93,45 +90,6 @@ def test_a_layout_comes_back_exactly(name: str, seed: int) -> None:
     assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
 
 
-BARE = {"tshark -T json",
-    "MATLAB", "RealTerm brackets", "Arduino", "text beside", "XCOM", "libmodbus",
-    "words after bytes", "heading with a count",
-}  # fmt: skip
-LABELLED = sorted(set(ONE_LINE) - BARE)
-
-
-@given(
-    st.sampled_from(LABELLED),
-    st.integers(0, 10**6),
-    st.sampled_from(["utf-8", "utf-16", "utf-8-sig", "crlf", "nul", "colour"]),
-    st.lists(st.sampled_from(FOREIGN), max_size=60),
-)
-@example("0x and digits", 0, "utf-8", ["0x3ffb4280"])
-@examples(40)
-def test_foreign_lines_and_encodings_change_nothing(
-    name: str, seed: int, encoding: str, foreign: list[str]
-) -> None:
-    log = a_log(seed)
-    lines = ONE_LINE[name](log).splitlines()
-    rng = random.Random(seed)
-    for text in foreign:
-        lines.insert(rng.randint(0, len(lines)), text)
-    text = "".join(f"{line}\n" for line in lines)
-    if encoding == "crlf":
-        content = text.replace("\n", "\r\n").encode()
-    elif encoding == "nul":
-        content = text.encode().replace(b"\n", b"\0\n")
-    elif encoding == "colour":
-        content = "".join(f"\x1b[32m{line}\x1b[0m\n" for line in lines).encode()
-    else:
-        content = text.encode(encoding)
-    rows, notes = rows_of(content)
-    assert found_in(rows) == frames_of(log)
-    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
-    skipped = [note for note in notes if "no bytes" in note]
-    assert bool(skipped) == any(foreign)
-
-
 class Trickle(BytesIO):
     """A stream whose reads return a few bytes."""
 
@@ -187,7 +145,7 @@ def test_many_lines_at_once_are_as_one_by_one(
     content = "\n".join(lines).encode()
     options = LogOptions(start_ns=10**18)
     at_once, notes = rows_of(content, options)
-    monkeypatch.setattr("fte_sniff.formats.logs.evidence_log._COLUMNAR", 10**9)
+    monkeypatch.setattr("fte_sniff.formats.logs.layout._COLUMNAR", 10**9)
     one_by_one, same = rows_of(content, options)
     at_once.sort(key=lambda row: (row.port, row.offset))
     one_by_one.sort(key=lambda row: (row.port, row.offset))
@@ -421,8 +379,8 @@ def test_lines_that_a_dump_leaves_out_are_reported() -> None:
 
 
 def test_lines_around_a_very_long_one_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fte_sniff.formats.text_blocks.LONGEST_LINE", 3000)
-    monkeypatch.setattr("fte_sniff.formats.text_blocks.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 3000)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 1000)
     one = frame_of(KINDS[1], random.Random(1)).hex(" ")
     for after in (0, 1, 100):
         content = f"x: {one}\n" * 100 + f"x: {one} " * 500 + "\n" + f"x: {one}\n" * after

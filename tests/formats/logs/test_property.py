@@ -7,7 +7,7 @@ from base64 import b64encode
 from collections.abc import Callable
 from typing import NamedTuple
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Frame
@@ -120,6 +120,7 @@ def encoded(lines: list[str], encoding: str) -> bytes:
     st.integers(0, 10**6),
     st.lists(st.sampled_from([*FOREIGN, "über 5 µs", "电机 2 停止"]), max_size=80),
 )
+@example("0x and digits", WORDS[0], "{time} {word} ", "ms", "utf-8", 0, ["0x3ffb4280"])
 @examples(60)
 def test_frames_come_back_exactly(
     form: str, words: Words, prefix: str, time: str, encoding: str, seed: int, foreign: list[str]
@@ -134,6 +135,7 @@ def test_frames_come_back_exactly(
     rows, notes = rows_of(encoded(lines, encoding))
     assert found_in(rows) == frames_of(log), notes
     assert sum(len(row.raw) for row in rows) == sum(len(sent.data) for sent in log)
+    assert any("no bytes" in note for note in notes) == any(foreign)
     if time == "none" or "{time}" not in prefix:
         assert not any(row.t_ns for row in rows)
         return

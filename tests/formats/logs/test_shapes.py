@@ -7,10 +7,9 @@ from io import BytesIO
 import pytest
 
 from benchmarks.log_import import SHAPES
-from fte_sniff.formats.log_reader import LogReader
-from fte_sniff.formats.logs.evidence import Lane, hypotheses
-from fte_sniff.formats.logs.forms import EXTRACTORS
+from fte_sniff.formats.logs.evidence import EXTRACTORS, Lane, hypotheses
 from fte_sniff.formats.logs.layout import Layout
+from fte_sniff.formats.logs.reader import LogReader
 from tests.formats.logs.layouts import clock
 from tests.formats.logs.test_layouts import a_log, frames_of, rows_of
 

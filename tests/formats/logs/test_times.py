@@ -12,8 +12,8 @@ import pytest
 
 from fte_sniff.analysis.time_text import day_of, zone_of
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import Row, iso_time
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 from fte_sniff.session.log_rows import rows_of_log

@@ -12,8 +12,7 @@ from mcap.opcode import Opcode
 
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, Row, encode
 from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.chunk_index import MESSAGE_HEAD, index_messages
-from fte_sniff.recording.mcap.records import HEAD
+from fte_sniff.recording.mcap.reader import HEAD, MESSAGE_HEAD, index_messages
 from fte_sniff.recording.messages.decode import (
     DecodedColumns,
     MessageReader,

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
-from fte_sniff.recording.mcap.records import RunningChecksum
+from fte_sniff.recording.mcap.reader import RunningChecksum
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter

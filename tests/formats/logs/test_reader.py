@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
-from fte_sniff.formats.log_form import LogOptions
-from fte_sniff.formats.log_reader import LogReader
-from fte_sniff.formats.plain_log import PlainLog
+from fte_sniff.formats.logs.reader import LogReader, PlainLog
+from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.session.log_rows import rows_of_log
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
@@ -138,8 +137,8 @@ def test_any_text_is_bytes_or_one_clear_line(text: str, whole: bool) -> None:
 
 
 def test_a_very_long_line_is_read_in_segments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fte_sniff.formats.text_blocks.LONGEST_LINE", 1000)
-    monkeypatch.setattr("fte_sniff.formats.text_blocks.BLOCK_BYTES", 333)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 1000)
+    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 333)
     assert bytes_of((FRAME.hex(" ") + " ") * 500, whole=True) == FRAME * 500
     assert bytes_of(FRAME.hex() * 500, whole=True) == FRAME * 500
 

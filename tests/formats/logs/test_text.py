@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.formats import text_blocks
-from fte_sniff.formats.text_blocks import NulBlock, TextBlock
+from fte_sniff.formats.logs import text as log_text
+from fte_sniff.formats.logs.text import NulBlock, TextBlock
 
 LINE = "[12:00:00.123] Recv: 55 01 01 03 E8 00 00 00 0F EE\n"
 
@@ -49,14 +49,14 @@ def test_a_block_of_nul_ends_a_line_and_is_reported_whatever_the_reads(
             before, after = encoding == "utf-16-le" and text[-1] < "€", encoding == "utf-16-be"
             expected.append(NulBlock(len(content) - before, 2 * nuls + before + after))
             content += bytes(2 * nuls)
-    found = list(text_blocks.text_blocks(Reads(content, sizes)))
+    found = list(log_text.text_blocks(Reads(content, sizes)))
     assert [line for block in found for line in block.lines] == lines
     assert [block.skipped for block in found if block.skipped] == expected
 
 
 def test_lines_keep_their_numbers_after_a_block_of_nul() -> None:
     data = b"one\ntwo" + bytes(1000) + b"two, further\nthree\n"
-    found = list(text_blocks.text_blocks(io.BytesIO(data)))
+    found = list(log_text.text_blocks(io.BytesIO(data)))
     assert [(block.first, block.text, block.skipped) for block in found] == [
         (1, b"one\n", None),
         (2, b"two\n", None),
@@ -66,14 +66,14 @@ def test_lines_keep_their_numbers_after_a_block_of_nul() -> None:
 
 
 def test_a_few_nul_within_a_text_are_removed() -> None:
-    found = list(text_blocks.text_blocks(io.BytesIO(b"AA\0 01\0\0\n\0\0\0BB\n")))
+    found = list(log_text.text_blocks(io.BytesIO(b"AA\0 01\0\0\n\0\0\0BB\n")))
     assert found == [TextBlock(b"AA 01\nBB\n")]
 
 
 @given(st.integers(0, 40), st.integers(1, 3))
 def test_escape_sequences_are_removed_wherever_a_long_line_is_cut(lead: int, colours: int) -> None:
     data = b"x" * lead + b"\x1b[0;31m\x1b[0m\x1bMAA 01 " * 20_000 * colours
-    found = list(text_blocks.text_blocks(io.BytesIO(data)))
+    found = list(log_text.text_blocks(io.BytesIO(data)))
     assert b"".join(block.text for block in found) == b"x" * lead + b"AA 01 " * 20_000 * colours + (
         b"\n"
     )
@@ -84,7 +84,7 @@ def peak_of(data: bytes) -> int:
     stream = io.BytesIO(data)
     tracemalloc.start()
     try:
-        for block in text_blocks.text_blocks(stream):
+        for block in log_text.text_blocks(stream):
             del block
         return tracemalloc.get_traced_memory()[1]
     finally:

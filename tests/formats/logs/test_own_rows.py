@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.log_reader import LogReader
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.session.log_rows import rows_of_log

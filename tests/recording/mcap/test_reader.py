@@ -8,14 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
-from fte_sniff.recording.mcap.chunk_index import (
+from fte_sniff.recording.mcap.reader import (
     CHANNEL_OFFSET,
+    HEAD,
     MESSAGE_HEAD,
     PREFIX,
+    RecordError,
     index_messages,
     indexed_starts,
 )
-from fte_sniff.recording.mcap.records import HEAD, RecordError
 
 MOST = 1000
 """Records of a chunk, at most."""
