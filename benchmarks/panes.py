@@ -18,7 +18,7 @@ from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
 from fte_sniff.analysis.search import MatchCounter, ValueCounter
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.capture.simulation import parse_parameters, simulate
+from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.painter import DARK
@@ -36,7 +36,7 @@ SIZES = ((80, 15), (199, 37))
 
 def rows(count: int) -> list[Row]:
     framer, found = Framer("p"), list[Row]()
-    for timed in simulate(parse_parameters(f"seed=1&rate=1000&drop=0.005&frames={DISTINCT}")):
+    for timed in Simulation(parse_parameters(f"seed=1&rate=1000&drop=0.005&frames={DISTINCT}")):
         found += framer.feed(Chunk("p", START_NS + timed.t_ns, timed.data))
     first, last = found[0].t_ns or 0, found[-1].t_ns or 0
     step = last - first + 1_000_000

@@ -22,7 +22,7 @@ from rich.cells import cell_len
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.capture.simulation import parse_parameters, simulate
+from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui import status_bar
@@ -140,7 +140,7 @@ def rows(frames: int) -> Sequence[Row]:
     """The bytes of this many simulated frames."""
     framer = Framer(PORT, DEFAULT_BAUD)
     found: list[Row] = []
-    for timed in simulate(parse_parameters(f"{QUERY}&frames={frames}")):
+    for timed in Simulation(parse_parameters(f"{QUERY}&frames={frames}")):
         found += framer.feed(Chunk(PORT, START_NS + timed.t_ns, timed.data))
     return found
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import layouts
 
-from fte_sniff.capture.simulation import parse_parameters, simulate
+from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     KIND_BY_NAME,
@@ -67,7 +67,7 @@ class Sample:
     def chunks(self) -> list[Chunk]:
         """The reads, with their times."""
         found, skip = [], self.skip
-        for timed in simulate(parse_parameters(self.query)):
+        for timed in Simulation(parse_parameters(self.query)):
             data = timed.data[skip:]
             skip -= len(timed.data) - len(data)
             if data:

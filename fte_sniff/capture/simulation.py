@@ -524,7 +524,10 @@ class TimedBytes:
 
 
 class Simulation:
-    """Iterator of TimedBytes without overlap; between items, `controller.obey` is allowed."""
+    """The received bytes with exact times, without overlap; infinite unless `frames` is set.
+
+    Between two items, `controller.obey` is allowed.
+    """
 
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:
         """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""
@@ -586,11 +589,3 @@ class Simulation:
         begins_ns = max(begins_ns, self._free_at_ns)
         self._free_at_ns = begins_ns + duration_ns
         return TimedBytes(begins_ns, self._free_at_ns, data, sent)
-
-
-def simulate(parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> Iterator[TimedBytes]:
-    """The received bytes with exact times; infinite unless `parameters.frames` is set.
-
-    Raises PortError if a line of `baud` bits per second cannot carry the rate.
-    """
-    return Simulation(parameters, baud)

@@ -509,8 +509,11 @@ MOST_BYTES: Final = 2 << 20
 class FactStage:
     """Completes the rows of one input with their facts, their readings, or both."""
 
-    def __init__(self, facts: Facts | None = None, readings: Readings | None = None) -> None:
-        self._facts, self._readings = facts, readings
+    def __init__(
+        self, facts: Facts | None = None, readings: Readings | None = None, origin: int = 0
+    ) -> None:
+        """`origin` is the number of the input."""
+        self._facts, self._readings, self._origin = facts, readings, origin
         self._read = self._decided = 0
         self._events = deque[tuple[int, PortEvent]]()
         """Each with the number of rows before it."""
@@ -556,7 +559,7 @@ class FactStage:
         while self._changes and self._changes[0].index <= self._decided:
             changes.append(self._changes.popleft())
         found = rows.with_columns(events=events)
-        return InputBatch(found, changes=shifted(changes, -start))
+        return InputBatch(found, changes=shifted(changes, -start), origin=self._origin)
 
 
 # The reading of several inputs
@@ -737,15 +740,17 @@ class InputReading:
         while waiting:
             one = waiting.popleft()
             changes, read = self._begin(one, own, is_beside=open_inputs > 0), 0
-            facts = self._fact_stage()
+            facts = self._fact_stage(one)
             for batch in one.batches(self.span, self.notes.append, open_inputs):
                 changes += self._observe(batch, own.detector)
                 self.progress.advance(one.position - read, len(batch.rows))
                 read = one.position
-                yield from self._selected(replace(batch, changes=changes, origin=one.number), facts)
+                known = replace(batch, changes=changes, origin=one.number)
                 changes = []
-            for batch in facts.end() if facts is not None else ():
-                yield from self._selected(replace(batch, origin=one.number))
+                for found in [known] if facts is None else facts.feed(known):
+                    yield self._selected(found)
+            for found in () if facts is None else facts.end():
+                yield self._selected(found)
             if one.failure is not None:
                 self.skip(one.failure)
             self.progress.files_done += 1
@@ -792,21 +797,21 @@ class InputReading:
         self.reported_gaps += gaps
         self._gaps += gaps
 
-    def _fact_stage(self) -> FactStage | None:
+    def _fact_stage(self, one: Input) -> FactStage | None:
         if not (self._has_facts or self._has_readings):
             return None
         from fte_sniff.analysis.facts import Facts
         from fte_sniff.protocol.dissect import Readings
 
         return FactStage(
-            Facts() if self._has_facts else None, Readings() if self._has_readings else None
+            Facts() if self._has_facts else None,
+            Readings() if self._has_readings else None,
+            one.number,
         )
 
-    def _selected(self, batch: InputBatch, facts: FactStage | None = None) -> Iterator[InputBatch]:
-        """The batch, as far as its facts are decided, with the rows that match."""
-        for found in [batch] if facts is None else facts.feed(batch):
-            known = replace(found, origin=batch.origin)
-            yield known if self.row_filter is None else known.select(self.row_filter)
+    def _selected(self, batch: InputBatch) -> InputBatch:
+        """The batch with the rows that match."""
+        return batch if self.row_filter is None else batch.select(self.row_filter)
 
 
 def _ports_of(one: Input) -> list[str]:

@@ -150,11 +150,24 @@ def write_rows(writer: RowWriter, rows: Rows, so_far: int) -> None:
         writer.write_frame(table_frame(rows))
 
 
-class RawSink:
-    """Writes the bytes of the rows."""
+class _BytesSink:
+    """Writes bytes to a file, or to an open descriptor."""
 
     def __init__(self, path: Path | int) -> None:
         self._stream = open(path, "wb", closefd=not isinstance(path, int))  # noqa: SIM115
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._stream.close()
+
+    abandon = close
+
+
+class RawSink(_BytesSink):
+    """Writes the bytes of the rows."""
+
+    def __init__(self, path: Path | int) -> None:
+        super().__init__(path)
         self.ports: set[str] = set()
         """The ports of the rows; nothing in the file separates them."""
 
@@ -163,32 +176,20 @@ class RawSink:
         self.ports.update(rows.ports())
         self._stream.write(rows.tobytes())
 
-    def close(self) -> None:
-        """See `Sink`."""
-        self._stream.close()
 
-    abandon = close
-
-
-class PcapngSink:
+class PcapngSink(_BytesSink):
     """Writes pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
 
     def __init__(self, path: Path | int, source: ExportSource) -> None:
         from fte_sniff.formats.pcapng import PcapngWriter
 
-        self._stream = open(path, "wb", closefd=not isinstance(path, int))  # noqa: SIM115
+        super().__init__(path)
         self._writer = PcapngWriter(self._stream, source.bauds)
 
     def write(self, rows: Rows) -> None:
         """See `Sink`."""
         self._writer.write(rows)
         self._stream.flush()
-
-    def close(self) -> None:
-        """See `Sink`."""
-        self._stream.close()
-
-    abandon = close
 
 
 OVERWRITE: Final = "!"
@@ -271,45 +272,57 @@ def is_same_file(path: Path, other: Path | str) -> bool:
         return False
 
 
-class FileExport:
-    """A sink whose file has a temporary name until it is complete."""
+class Replacement:
+    """A file that has a temporary name until it is complete; an old one is locked meanwhile."""
 
-    def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
-        """Create the temporary file, in the same folder; an old one is replaced.
+    def __init__(self, path: Path) -> None:
+        """Create nothing yet; the temporary file is in the same folder.
 
-        Raises:
-            FileError: another program records to `path`, or it is not a regular file.
-            OSError: the file cannot be created.
+        Raises FileError if another program records to `path`, or it is not a regular file.
         """
-        self.path = path
         self._target = _replaceable(path)
-        self._temporary = temporary_path(self._target)
+        self.temporary = temporary_path(self._target)
         self._lock = _locked(self._target)
-        try:
-            self.sink = open_sink(form, self._temporary, source)
-        except BaseException:
-            self._temporary.unlink(missing_ok=True)
-            self._unlock()
-            raise
 
     def commit(self) -> None:
         """Give the closed file its name; a file of that name is replaced."""
         self._lock = _locked(self._target) if self._lock is None else self._lock
-        self._temporary.replace(self._target)
+        self.temporary.replace(self._target)
         self._unlock()
 
-    def abandon(self) -> None:
-        """Close and delete the temporary file."""
-        with suppress(OSError, FteSniffError):
-            self.sink.abandon()
+    def discard(self) -> None:
+        """Delete the temporary file, if it is there."""
         with suppress(OSError):
-            self._temporary.unlink(missing_ok=True)
+            self.temporary.unlink(missing_ok=True)
         self._unlock()
 
     def _unlock(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+
+class FileExport(Replacement):
+    """A sink whose file has a temporary name until it is complete."""
+
+    def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
+        """Create the temporary file; an old one is replaced.
+
+        Raises FileError as `Replacement`, and OSError if the file cannot be created.
+        """
+        super().__init__(path)
+        self.path = path
+        try:
+            self.sink = open_sink(form, self.temporary, source)
+        except BaseException:
+            self.discard()
+            raise
+
+    def abandon(self) -> None:
+        """Close and delete the temporary file."""
+        with suppress(OSError, FteSniffError):
+            self.sink.abandon()
+        self.discard()
 
 
 def _replaceable(path: Path) -> Path:
@@ -346,15 +359,12 @@ def replace_file(path: Path, content: bytes) -> None:
     if path.exists() and not path.is_file():
         path.write_bytes(content)
         return
-    path = _replaceable(path)
-    temporary, lock = temporary_path(path), _locked(path)
+    replacement = Replacement(path)
     try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
+        replacement.temporary.write_bytes(content)
+        replacement.commit()
     finally:
-        temporary.unlink(missing_ok=True)
-        if lock is not None:
-            os.close(lock)
+        replacement.discard()
 
 
 def replace_text(path: Path, text: str, mode: int = 0o600) -> None:

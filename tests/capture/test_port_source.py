@@ -10,7 +10,7 @@ import pytest
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup, PortSource, open_source
 from fte_sniff.capture.serial_port import PortSettings, open_port
-from fte_sniff.capture.simulation import SimulationParameters, simulate
+from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.source import ChunkQueue, SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
@@ -125,7 +125,7 @@ def test_a_server_that_sends_and_hangs_up_loses_nothing(source_of):
 def test_a_simulated_port_is_read_to_its_end(source_of):
     items = list(source_of("sim://?seed=2&rate=1000&frames=100&drop=0.2&noise=0.2"))
     asked = SimulationParameters(seed=2, rate=1000, frames=100, drop=0.2, noise=0.2)
-    assert data_of(items) == b"".join(item.data for item in simulate(asked))
+    assert data_of(items) == b"".join(item.data for item in Simulation(asked))
     assert events_of(items) == ["opened", "lost"]
     assert "unplugged" in items[-1].detail
 

@@ -20,7 +20,6 @@ from fte_sniff.capture.simulation import (
     SimulationParameters,
     max_frames_per_s,
     parse_parameters,
-    simulate,
     wheel_speeds,
 )
 from fte_sniff.cli import simulate as simulate_command
@@ -57,13 +56,13 @@ LEGAL_PARAMETERS = st.builds(
 
 
 def received(count, **asked):
-    return list(itertools.islice(simulate(SimulationParameters(**asked)), count))
+    return list(itertools.islice(Simulation(SimulationParameters(**asked)), count))
 
 
 @examples(30)
 @given(ANY_PARAMETERS)
 def test_the_same_parameters_give_the_same_bytes_at_the_same_times(parameters):
-    twice = [list(itertools.islice(simulate(parameters), 60)) for _ in range(2)]
+    twice = [list(itertools.islice(Simulation(parameters), 60)) for _ in range(2)]
     assert twice[0] == twice[1]
 
 
@@ -81,7 +80,7 @@ def test_other_seeds_give_other_bytes():
 @given(ANY_PARAMETERS, st.sampled_from([115_200, 921_600]))
 def test_nothing_overlaps_on_the_wire_and_every_byte_takes_its_time(parameters, baud):
     free_ns = 0
-    for item in itertools.islice(simulate(parameters, baud), 60):
+    for item in itertools.islice(Simulation(parameters, baud), 60):
         assert item.data
         assert item.begins_ns >= free_ns
         assert item.t_ns - item.begins_ns == len(item.sent or item.data) * byte_time_ns(baud)
@@ -101,7 +100,7 @@ def test_without_faults_all_is_legal_and_in_step():
 def test_the_rate_is_kept(rate):
     seconds = 8
     items = itertools.takewhile(
-        lambda item: item.begins_ns < seconds * 10**9, simulate(SimulationParameters(rate=rate))
+        lambda item: item.begins_ns < seconds * 10**9, Simulation(SimulationParameters(rate=rate))
     )
     assert 0.8 * rate * seconds < sum(1 for _ in items) <= rate * seconds
 
@@ -132,7 +131,7 @@ def test_a_drop_loses_adjacent_bytes_and_is_as_frequent_as_asked():
 
 
 def test_noise_stands_between_frames_and_is_as_frequent_as_asked():
-    items = list(simulate(SimulationParameters(noise=0.1, frames=FRAMES)))
+    items = list(Simulation(SimulationParameters(noise=0.1, frames=FRAMES)))
     noise = [item for item in items if not item.sent]
     assert len(items) - len(noise) == FRAMES
     assert is_expected(len(noise))
@@ -149,7 +148,7 @@ def test_the_two_wires_together_are_the_bus():
     both, *wires = (
         list(itertools.takewhile(
             lambda item: item.begins_ns < 20 * 10**9,
-            simulate(SimulationParameters(seed=5, wire=wire)),
+            Simulation(SimulationParameters(seed=5, wire=wire)),
         ))
         for wire in ("both", *Direction)
     )  # fmt: skip
@@ -232,9 +231,9 @@ def test_a_bad_parameter_is_one_line_that_names_it_and_what_is_legal(query, repo
 
 @pytest.mark.parametrize(("baud", "most"), [(115_200, 1152), (9600, 96), (3_000_000, 30_003)])
 def test_a_rate_that_the_line_cannot_carry_is_refused(baud, most):
-    next(iter(simulate(SimulationParameters(rate=most), baud)))
+    next(iter(Simulation(SimulationParameters(rate=most), baud)))
     with pytest.raises(PortError, match=f"at most {most} frames/s"):
-        simulate(SimulationParameters(rate=most + 1), baud)
+        Simulation(SimulationParameters(rate=most + 1), baud)
 
 
 def test_the_help_names_every_parameter_with_its_range_and_default():

@@ -11,7 +11,7 @@ import pytest
 import serial
 
 import fte_sniff.capture  # noqa: F401
-from fte_sniff.capture.simulation import SimulationParameters, simulate
+from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.url_handlers import protocol_sim
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
 from tests.beside import Work
@@ -48,7 +48,7 @@ def test_importing_the_capture_room_is_all_it_takes():
     reported = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    frames = itertools.islice(simulate(SimulationParameters(seed=4)), 10)
+    frames = itertools.islice(Simulation(SimulationParameters(seed=4)), 10)
     assert reported.stdout.strip() == b"".join(item.data for item in frames).hex()
 
 
@@ -57,7 +57,7 @@ def test_however_it_is_read_the_bytes_are_those_of_the_simulation(opened, sizes)
     asked = SimulationParameters(seed=9, rate=1000, drop=0.1, flip=0.1, noise=0.3)
     port = opened("seed=9&rate=1000&drop=0.1&flip=0.1&noise=0.3")
     read = b"".join(port.read(size) for size in itertools.islice(itertools.cycle(sizes), 40))
-    expected = b"".join(item.data for item in itertools.islice(simulate(asked), 5000))
+    expected = b"".join(item.data for item in itertools.islice(Simulation(asked), 5000))
     assert expected.startswith(read)
     assert len(read) == sum(itertools.islice(itertools.cycle(sizes), 40))
 
@@ -87,7 +87,9 @@ def clock(monkeypatch):
 
 def test_a_frame_can_be_read_when_its_last_byte_is_over_and_not_before(opened, clock):
     port = opened("rate=500")
-    for number, item in enumerate(itertools.islice(simulate(SimulationParameters(rate=500)), 100)):
+    for number, item in enumerate(
+        itertools.islice(Simulation(SimulationParameters(rate=500)), 100)
+    ):
         if number == 50:  # a read that is late makes none late that follows it
             clock.ns += 5 * (item.t_ns - clock.ns)
         late = clock.ns > item.t_ns
@@ -116,7 +118,7 @@ def test_what_is_reset_is_not_read(opened, until):
     until(lambda: port.in_waiting >= 20)
     port.reset_input_buffer()
     # On a busy machine some more frames came, and were reset too.
-    sent = [item.data for item in itertools.islice(simulate(SimulationParameters()), 12_000)]
+    sent = [item.data for item in itertools.islice(Simulation(SimulationParameters()), 12_000)]
     assert port.read(10) in sent[2:]
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.simulation import SimulationParameters, simulate
+from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.capture_process import (
@@ -158,7 +158,7 @@ def wire(port: str, carries: str, seed: int, fault: float, rate: float, late: li
     asked = SimulationParameters(
         seed=seed, rate=rate, frames=30, drop=fault, noise=fault, wire=carries
     )
-    return list(_reads(port, list(simulate(asked)), itertools.cycle(late)))
+    return list(_reads(port, list(Simulation(asked)), itertools.cycle(late)))
 
 
 def _reads(port: str, coming: list, late: Iterator[int]) -> Iterator[Chunk]:

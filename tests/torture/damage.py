@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 import lz4.frame
 import zstandard
 
-from fte_sniff.capture.simulation import parse_parameters, simulate
+from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import DEFAULT_BAUD, KIND_BY_NAME, Chunk, Framer, Row, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
@@ -43,7 +43,7 @@ def recording(variant: int, port: str = "/dev/ttyUSB0") -> bytes:
     for name in (port, "/dev/ttyUSB1")[: 1 + variant % 2]:
         query = f"seed={variant}&frames={random.randrange(50, 1500)}&flip=0.02&noise=0.02"
         framer = Framer(name, DEFAULT_BAUD)
-        for timed in simulate(parse_parameters(query)):
+        for timed in Simulation(parse_parameters(query)):
             rows += framer.feed(Chunk(name, START_NS + timed.t_ns, timed.data))
         rows += framer.flush()
     rows.sort(key=lambda row: row.t_ns or 0)
