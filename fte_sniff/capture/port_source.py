@@ -217,10 +217,6 @@ class SourceGroup(Source):
         """Number of bytes that were read and not yet yielded, of all sources."""
         return self._queue.waiting
 
-    def drop(self) -> None:
-        """After all ended: replace the waiting bytes of each by one overrun."""
-        self._queue.drop()
-
     def close(self) -> None:
         """Stop all sources, wait for their reader threads, and close their ports."""
         self.stop()

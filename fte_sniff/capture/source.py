@@ -77,7 +77,6 @@ class ChunkQueue:
         self._open = readers
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._unwanted = False
 
     @property
     def waiting(self) -> int:
@@ -86,9 +85,6 @@ class ChunkQueue:
 
     def __iter__(self) -> Iterator[Item]:
         while (item := self._next()) is not None:
-            if self._unwanted:
-                yield from self._without_bytes(item)
-                break
             yield item
         # A later iteration also ends at once.
         self._queue.put(None)
@@ -123,10 +119,6 @@ class ChunkQueue:
         with self._lock:
             self._append(event)
 
-    def drop(self) -> None:
-        """After the last `put`: replace the waiting bytes by overruns that count them."""
-        self._unwanted = True
-
     def close(self) -> None:
         """End the iteration after the items that wait now, once all readers have closed it."""
         with self._lock:
@@ -155,33 +147,6 @@ class ChunkQueue:
             port.taken_cost += _cost(item)
             port.taken_bytes += _length(item)
         return item
-
-    def _without_bytes(self, item: Item | None) -> Iterator[Item]:
-        waiting: dict[str, list[Item]] = {port: [] for port in self._ports}
-        while item is not None:
-            waiting[item.port].append(item)
-            item = self._next()
-        for port, items in waiting.items():
-            yield from _counted(port, items)
-
-
-def _counted(port: str, items: list[Item]) -> Iterator[Item]:
-    """The events of a port, and one overrun in place of its bytes and overruns."""
-    lost = [one for one in items if isinstance(one, Chunk) or one.kind is PortEventKind.OVERRUN]
-    left = sum(map(_length, lost))
-    before = sum(one.count for one in lost if isinstance(one, PortEvent))
-    reason = TranslatableText(
-        "{left} were not yet written at the end, {lost} arrived too fast before",
-        left=left,
-        lost=before,
-    )
-    is_first = bool(left or before)
-    for one in items:
-        if one not in lost:
-            yield one
-        elif is_first and (_length(one) or isinstance(one, PortEvent)):
-            is_first = False
-            yield _overrun(port, one.t_ns or 0, left + before, reason)
 
 
 def _overrun(port: str, t_ns: int, count: int, reason: str) -> PortEvent:
@@ -242,12 +207,6 @@ class Source(Protocol):
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
-
-    def drop(self) -> None:
-        """After reading ended: replace the waiting bytes by one `overrun` that counts them.
-
-        Returns at once. Safe from any thread.
-        """
 
     def close(self) -> None:
         """Stop, and close the ports. Items that wait can still be iterated."""
@@ -320,10 +279,6 @@ class ThreadedSource(Source, ABC):
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
         return self._items.waiting
-
-    def drop(self) -> None:
-        """After reading ended: replace the waiting bytes by overruns that count them."""
-        self._items.drop()
 
     def close(self) -> None:
         """Stop, wait for the reader thread (about 10 ms), and close the port."""

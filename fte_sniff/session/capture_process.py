@@ -55,10 +55,6 @@ class CapturePlan:
 STOP: Final = "stop"
 """Request: end the capture and close its file."""
 
-DROP: Final = "drop"
-"""Request after STOP: do not write what still waits, only count it."""
-
-
 ROTATE: Final = "rotate"
 """Request: begin the next file of the recording."""
 
@@ -605,8 +601,8 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
     _send(view, Started(path, source.device, waits))
     when_gone = (lambda: None) if plan.outlives_view else source.stop
-    obeyed = {STOP: source.stop, DROP: source.drop}
-    obeyed[ROTATE] = recorder.rotate if recorder is not None else lambda: None
+    rotate = recorder.rotate if recorder is not None else lambda: None
+    obeyed = {STOP: source.stop, ROTATE: rotate}
     threading.Thread(target=_obey, args=(view, obeyed, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)
     ended = CaptureLoop(plan, clock, source, recorder, outbox).run()

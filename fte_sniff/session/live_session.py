@@ -16,7 +16,6 @@ from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session.capture_process import (
-    DROP,
     ROTATE,
     STOP,
     CapturePlan,
@@ -133,7 +132,7 @@ class CaptureState:
                 "writing is slow, as the disk or the processor is busy: {what} are not written yet",
                 what=self.progress.remaining,
             )
-        if self.leftover:
+        if self.leftover and self.progress.waiting:
             return TranslatableText(
                 "writing received data: {bytes:,} bytes left", bytes=self.leftover
             )
@@ -282,16 +281,13 @@ class LiveSession:
                 self._capture.send(ROTATE)
 
     def hurry(self) -> None:
-        """Do not wait for what `CaptureState.backlog` reports; returns at once.
+        """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.
 
-        Waiting bytes are counted as an overrun; a capture whose write takes long is killed.
+        The end states what is not in the recording.
         """
-        if self.state.is_write_slow:
+        if self.state.backlog is not None:
             self._killed = _ENDED_EARLY
             self._process.kill()
-        elif self.state.leftover:
-            with suppress(OSError):
-                self._capture.send(DROP)
 
     def close(self) -> None:
         """End the capture and wait until its file is closed; discard further rows."""
@@ -320,7 +316,8 @@ class LiveSession:
         progress = self.state.progress
         error = FileError if reason in (TOO_MANY_FILES, _ENDED_EARLY) else PortError
         if self.state.recording is None:
-            return Ended(reason, error(reason), progress=progress)
+            was_asked = reason is _ENDED_EARLY
+            return Ended(reason, None if was_asked else error(reason), progress=progress)
         whole = TranslatableText(
             "{reason}; up to {what} are not in {path}",
             reason=reason,

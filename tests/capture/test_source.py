@@ -14,7 +14,6 @@ from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind, 
 
 FRAME = bytes.fromhex("55010100000000000FEE")
 OPENED = PortEvent(0, "a", PortEventKind.OPENED, "")
-CLOSED = PortEvent(9**9, "a", PortEventKind.CLOSED, "")
 
 
 def lengths_and_kinds(items: list[Item]) -> list[int | str]:
@@ -29,28 +28,6 @@ def test_what_waits_is_counted_in_bytes() -> None:
     assert queue.waiting == 5
     assert len(list(islice(queue, 2))) == 2
     assert queue.waiting == 2
-
-
-@pytest.mark.parametrize("taken", [0, 1, 3])
-def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int) -> None:
-    queue = ChunkQueue("a", capacity=3000)
-    queue.put_event(OPENED)
-    for t_ns in range(1, 9):
-        queue.put(Chunk("a", t_ns, bytes(500)))
-    queue.put_event(CLOSED)
-    queue.close()
-    items = iter(queue)
-    before = [next(items) for _ in range(taken)]
-    queue.drop()
-    events = [item for item in items if isinstance(item, PortEvent)]
-    (overrun,) = [event for event in events if event.kind is PortEventKind.OVERRUN]
-    chunks = sum(isinstance(item, Chunk) for item in before)
-    assert overrun.count == 8 * 500 - chunks * 500
-    assert overrun.detail.startswith(f"{overrun.count} bytes were lost: ")
-    assert overrun.t_ns == max(taken, 1)
-    assert events == [OPENED, overrun, CLOSED][min(taken, 1) :]
-    assert queue.waiting == 0
-    assert list(queue) == []
 
 
 def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:

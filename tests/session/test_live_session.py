@@ -32,6 +32,7 @@ from fte_sniff.session.capture_process import (
     Message,
     RowsMessage,
     Started,
+    WriteProgress,
     capture,
 )
 from fte_sniff.session.inputs import InputReading, RecordingInput
@@ -375,15 +376,18 @@ NEW = CaptureState(("a", "b"))
 BEGUN = Started(ONE)
 
 
-def batch(
-    *changes: Change, rows: int = 0, leftover: int = 0, **events: PortEventKind
-) -> RowsMessage:
+def batch(*changes: Change, rows: int = 0, **events: PortEventKind) -> RowsMessage:
     happened = [PortEvent(0, port, kind, "") for port, kind in events.items()]
-    return RowsMessage(NO_ROWS.with_columns(events=happened), rows, 3, changes, leftover)
+    return RowsMessage(NO_ROWS.with_columns(events=happened), rows, 3, changes)
 
 
 def _reporting(*events: PortEvent) -> RowsMessage:
     return replace(batch(), rows=NO_ROWS.with_columns(events=events))
+
+
+def left_over(waiting: int) -> RowsMessage:
+    """Of many bytes that waited when reading ended, some wait still."""
+    return replace(batch(), leftover=1 << 20, progress=WriteProgress(waiting=waiting))
 
 
 def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
@@ -401,7 +405,8 @@ def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
         ((batch(a=PortEventKind.LOST), batch(b=PortEventKind.FOUND_AGAIN)), {"waiting": True}),
         ((batch(a=PortEventKind.LOST), batch(a=PortEventKind.FOUND_AGAIN)), {"waiting": False}),
         ((batch(a=PortEventKind.LOST), Ended()), {"waiting": False, "ended": "stopped"}),
-        ((batch(leftover=1 << 20),), {"trouble": "writing received data: 1,048,576 bytes left"}),
+        ((left_over(9),), {"trouble": "writing received data: 1,048,576 bytes left"}),
+        ((left_over(0),), {"trouble": None}),
         ((BEGUN, batch(Change(None, FULL))), {"recording": None, "trouble": str(FULL)}),
         (
             (BEGUN, batch(Change(None, FULL)), batch(Change(TWO))),
