@@ -158,11 +158,10 @@ def tests_of(module: Path) -> list[list[str]]:
     importing = [
         path for path in sorted(tests.rglob("test_*.py")) if name.search(path.read_text("utf-8"))
     ]
-    folder = next(one for one in (tests / inside).parents if one.exists())
     groups = [
         [path for path in own if path.exists()],
         importing[:MOST_FILES],
-        sorted(folder.glob("test_*.py")),
+        sorted((tests / inside.parts[0]).rglob("test_*.py")),
     ]
     return [[str(path.relative_to(ROOT)) for path in group] for group in groups if group]
 
