@@ -55,7 +55,7 @@ _NARROW_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
 
 
 @cache
-def time_width(zone: tzinfo) -> int:
+def _time_width(zone: tzinfo) -> int:
     """The characters of every time in a zone."""
     return len(iso_time(0, zone))
 
@@ -72,7 +72,7 @@ class TextLayout:
     @property
     def time_width(self) -> int:
         """The characters of a time."""
-        return time_width(self.zone)
+        return _time_width(self.zone)
 
     def header(self) -> list[str]:
         """The names above the cells."""

@@ -105,16 +105,6 @@ def is_whole(path: Path) -> bool:
         return False
 
 
-def _with_delays(rows: list[Row]) -> list[tuple[Row, int | None]]:
-    """Rows and their read delays, which rows ignore when they compare."""
-    return [(row, row.read_delay_ns) for row in rows]
-
-
-@pytest.fixture
-def with_delays() -> Callable[[list[Row]], list[tuple[Row, int | None]]]:
-    return _with_delays
-
-
 @pytest.fixture
 def replaced() -> Callable[[bytes, bytes, bytes], bytes]:
     """Replace bytes by the same number of others, at least once."""

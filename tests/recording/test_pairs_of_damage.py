@@ -30,6 +30,7 @@ from fte_sniff.recording.writer import BulkWriter, RecordingWriter
 from fte_sniff.session.scan import read, scan
 from tests.examples import examples
 from tests.recording.conftest import START, entry_of, some_rows
+from tests.slow import first
 from tests.support.columns import in_columns
 from tests.torture.damage import records
 
@@ -225,8 +226,11 @@ def _check(one: Recorded, damaged: bytes, path: Path) -> None:
     assert (reader.nothing_read is not None) <= (not found)
 
 
-@pytest.mark.parametrize("copies", [True, False], ids=["", "as earlier versions wrote it"])
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    ("name", "copies"),
+    # Without copies as earlier versions wrote them.
+    first(len(FILES) + 3, [(name, copies) for copies in (True, False) for name in FILES]),
+)
 def test_two_damaged_sectors_cost_at_most_their_chunks(
     name: str, copies: bool, tmp_path: Path
 ) -> None:

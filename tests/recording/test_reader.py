@@ -28,16 +28,12 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.protocol.rows import NO_TIME, Rows
+from fte_sniff.protocol.rows import NO_TIME
 from fte_sniff.recording.mcap.reader import cores
-from fte_sniff.recording.messages.encode import encode_row, topic_of
-from fte_sniff.recording.messages.schema import schema_data, schema_name
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import JOB, RecordingReader, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
-from tests.examples import examples
-from tests.recording.conftest import entries_in
+from tests.recording.conftest import entries_in, some_rows
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S
@@ -177,84 +173,36 @@ def _columns(path: Path, span: TimeRange | None = None) -> tuple[list[Row], list
     return rows, [event for batch in batches for event in batch.events]
 
 
-@st.composite
-def _rows(draw: st.DrawFn) -> list[Row]:
-    """Rows of one port as no framer gives them, but as a file may hold them."""
-    rows: list[Row] = []
-    for number in range(draw(st.integers(1, 40))):
-        t_ns = draw(st.sampled_from([number * 1000, number * 1000 - 3000, 2**62])) % 2**62
-        uncertain = draw(st.booleans())
-        delay = draw(st.sampled_from([None, 0, -1, 2**40]))
-        faults = tuple(draw(st.lists(st.sampled_from(list(Fault)), max_size=6)))
-        if draw(st.booleans()):
-            kind = draw(st.sampled_from(KINDS))
-            values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
-            rows.append(Frame("p", number, encode(kind, values), t_ns, faults, delay, uncertain))
-        else:
-            size = draw(st.sampled_from([1, 9, 10, 11, 127, 128, 129, 1024]))
-            rows.append(
-                Damage(
-                    "p",
-                    number,
-                    bytes([draw(st.integers(0, 255))]) * size,
-                    t_ns,
-                    faults,
-                    delay,
-                    uncertain,
-                )
-            )
-    return rows
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[Row]]]:
+    """A recording of many chunks, more than a batch, and the rows of its ports."""
+    path = tmp_path_factory.mktemp("long") / "long.mcap"
+    rows = {port: some_rows(30_000, port) for port in ("one", "two")}
+    with RecordingWriter(path, [PortFacts(port) for port in rows]) as writer:
+        for start in range(0, 30_000, 1000):
+            for own in rows.values():
+                writer.write(in_columns(own[start : start + 1000]))
+    return path, rows
 
 
-@given(_rows())
-def test_any_row_comes_back_as_it_was(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
-) -> None:
-    path = tmp_path_factory.mktemp("bulk") / "any.mcap"
-    with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(in_columns(rows))
-    reader = RecordingReader(path)
-    one_by_one = list(reader)
-    found, _ = _columns(path)
-    assert found == one_by_one
-    assert sorted(found, key=lambda row: row.offset) == rows
-    assert [(row.read_delay_ns, row.order_uncertain) for row in found] == [
-        (row.read_delay_ns, row.order_uncertain) for row in one_by_one
-    ]
+Long = tuple[Path, dict[str, list[Row]]]
 
 
-def test_batches_hold_the_rows_and_the_events(recorded: Recorded, with_delays: WithDelays) -> None:
-    rows, events = _columns(recorded[0])
-    assert with_delays(rows) == with_delays(recorded[1])
-    assert events == recorded[2]
-
-
-def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeRows) -> None:
+def test_many_chunks_of_two_ports_stay_in_order(long: Long) -> None:
     """More than one batch, so that threads have something to bring out of order."""
-    path = tmp_path / "long.mcap"
-    one = make_rows(30_000, "one")
-    two = make_rows(30_000, "two", one[0].t_ns)
-    with RecordingWriter(path, [PortFacts("one"), PortFacts("two")]) as writer:
-        for start in range(0, len(one), 1000):
-            writer.write(in_columns(one[start : start + 1000]))
-            writer.write(in_columns(two[start : start + 1000]))
-    reader = RecordingReader(path)
-    batches = list(reader.batches())
+    batches = list(RecordingReader(long[0]).batches())
     assert len(batches) > 1
     assert sum(len(batch) for batch in batches) > JOB // 200
-    assert [row for batch in batches for row in batch] == list(reader)
+    found = [row for batch in batches for row in batch]
+    for port, rows in long[1].items():
+        assert [row for row in found if row.port == port] == rows
 
 
-def test_reading_again_starts_no_further_threads(tmp_path: Path, make_rows: MakeRows) -> None:
+def test_reading_again_starts_no_further_threads(long: Long) -> None:
     """The memory that the C library keeps for each thread would grow with the number of files."""
-    path = tmp_path / "long.mcap"
-    with RecordingWriter(path, [PortFacts("one")]) as writer:
-        rows = make_rows(30_000, "one")
-        for start in range(0, len(rows), 1000):
-            writer.write(in_columns(rows[start : start + 1000]))
     threads: set[threading.Thread] = set()
     for _ in range(cores() + 1):
-        for _ in RecordingReader(path).batches():
+        for _ in RecordingReader(long[0]).batches():
             running = threading.enumerate()
             threads.update(one for one in running if one.name.startswith("unpacks chunks"))
     assert 0 < len(threads) <= cores()
@@ -262,17 +210,9 @@ def test_reading_again_starts_no_further_threads(tmp_path: Path, make_rows: Make
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_forked_process_reads_with_threads_of_its_own(
-    tmp_path: Path, make_rows: MakeRows
-) -> None:
-    path = tmp_path / "x.mcap"
-    rows = make_rows(30_000, "one")
-    with RecordingWriter(path, [PortFacts("one")]) as writer:
-        for start in range(0, len(rows), 1000):
-            writer.write(in_columns(rows[start : start + 1000]))
-
+def test_a_forked_process_reads_with_threads_of_its_own(long: Long) -> None:
     def read_all() -> None:
-        assert sum(len(batch) for batch in RecordingReader(path).batches()) == len(rows)
+        assert sum(len(batch) for batch in RecordingReader(long[0]).batches()) == 60_000
 
     read_all()
     child = multiprocessing.get_context("fork").Process(target=read_all)
@@ -280,69 +220,6 @@ def test_a_forked_process_reads_with_threads_of_its_own(
     child.join(BOUND_S)
     child.kill()
     assert child.exitcode == 0
-
-
-def test_a_message_that_only_looks_equally_long_is_not_misread(
-    tmp_path: Path, make_rows: MakeRows, with_delays: WithDelays
-) -> None:
-    """Without delay but with a time of its own a message is as long as the other way round."""
-    rows = [row for row in make_rows(400) if isinstance(row, Frame) and not row.faults]
-    late = [
-        Frame(row.port, row.offset, row.raw, (row.t_ns or 0) - 10**9, (), None)
-        for row in rows[1::2]
-    ]
-    path = tmp_path / "mixed.mcap"
-    mixed: list[Row] = []
-    with RecordingWriter(
-        path, [PortFacts("a"), PortFacts("b")], existing=Existing.REFUSE
-    ) as writer:
-        for even, odd in zip(rows[::2], late, strict=False):
-            other = Frame("b", odd.offset, odd.raw, odd.t_ns, (), None)
-            for row in (even, other):
-                writer.write(in_columns([row]))
-                writer.flush()
-                mixed.append(row)
-    found, _ = _columns(path)
-    assert with_delays(found) == with_delays(mixed)
-
-
-@examples(80)
-@given(st.data())
-def test_a_changed_message_is_read_alike_in_batches_and_one_by_one(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    """Without checksums a changed byte reaches the messages; the others stay as they are."""
-    path = tmp_path_factory.mktemp("bulk") / "changed.mcap"
-    kinds = data.draw(st.sampled_from([KINDS[:1], KINDS[3:4], KINDS]))
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
-        writer.start()
-        channels: dict[str, int] = {}
-        for number in range(70):
-            kind = kinds[number % len(kinds)]
-            values = {field.name: max(1, field.low) for field in kind.fields}
-            row = Frame("p", number * 10, encode(kind, values), number, (), 5)
-            topic = topic_of(row)
-            if topic.name not in channels:
-                schema = writer.register_schema(
-                    schema_name(topic), "protobuf", schema_data(topic.schema)
-                )
-                channels[topic.name] = writer.register_channel(topic.name, "protobuf", schema)
-            changed = bytearray(encode_row(topic, row, number))
-            if number == 33:
-                at = data.draw(st.integers(0, len(changed) - 1))
-                changed[at] = data.draw(
-                    st.one_of(st.sampled_from([*changed, 0xAA, 0x55, 0xEE]), st.integers(0, 255))
-                )
-            time = data.draw(st.sampled_from([number, 2**63])) if number == 34 else number
-            writer.add_message(channels[topic.name], time, bytes(changed), time)
-        writer.finish()
-    reader = RecordingReader(path)
-    rows = list(reader)
-    lost = reader.losses
-    batches = list(reader.batches())
-    assert [row for batch in batches for row in batch] == rows
-    assert reader.losses == lost
 
 
 def test_rows_outside_a_time_range_are_omitted(recorded: Recorded) -> None:
@@ -371,23 +248,9 @@ def test_a_time_range_unpacks_only_the_chunks_that_it_overlaps(recorded: Recorde
     assert found == rows[45:]
 
 
-def test_batches_are_concatenated_and_cut_with_their_long_rows(make_rows: MakeRows) -> None:
-    rows = make_rows(100)
-    columns = Rows.from_rows(rows)
-    assert list(columns) == rows
-    parts = [columns[:33], columns[33:]]
-    assert list(Rows.concat(parts)) == rows
-    assert list(columns.select(columns.length > 10)) == [r for r in rows if len(r.raw) > 10]
-
-
-def test_no_thread_is_left_after_a_reader_is_closed_early(
-    tmp_path: Path, make_rows: MakeRows
-) -> None:
-    path = tmp_path / "left.mcap"
-    with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(in_columns(make_rows(60_000, "p")))
+def test_no_thread_is_left_after_a_reader_is_closed_early(long: Long) -> None:
     before = set(threading.enumerate())
-    batches = RecordingReader(path).batches()
+    batches = RecordingReader(long[0]).batches()
     next(batches)
     batches.close()
     assert before >= set(threading.enumerate())
@@ -464,10 +327,6 @@ def test_other_writers_files_are_read(
     assert found == recorded[1]
     assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in recorded[1]]
     assert events_in(reader) == recorded[2]
-    assert (reader.ending, reader.losses) == ("", ())
-    batches = list(reader.batches())
-    assert [row for batch in batches for row in batch] == recorded[1]
-    assert [event for batch in batches for event in batch.events] == recorded[2]
     assert (reader.ending, reader.losses) == ("", ())
 
 

@@ -571,7 +571,7 @@ def _costs(definition: Schema | Channel, known: object) -> bool:
     return definition.topic in TOPIC_BY_NAME
 
 
-class Definition(NamedTuple):
+class ChannelDefinition(NamedTuple):
     """A channel and its schema."""
 
     channel: Channel
@@ -596,7 +596,7 @@ class LostDefinitions:
         ports = {**self._named, **self._known}
         return [ports[number] for number in sorted(ports)]
 
-    def get(self, channel_id: int) -> Definition | None:
+    def get(self, channel_id: int) -> ChannelDefinition | None:
         """The definition of a channel; None if this program does not write such a number."""
         number = (channel_id - 1) // len(TOPICS)
         if not 0 <= number < _MOST_PORTS:
@@ -605,7 +605,7 @@ class LostDefinitions:
         unnamed = PortFacts(f"port {number + 1}")
         port = self._known.get(number) or self._named.get(number) or unnamed
         channel = _channel_of(port, channel_id)
-        return Definition(channel, self._schemas[channel.schema_id])
+        return ChannelDefinition(channel, self._schemas[channel.schema_id])
 
     def doubts(self, defined: Mapping[int, object]) -> list[TranslatableText]:
         """What is not certain about the channels that were used and that no chunk defined."""

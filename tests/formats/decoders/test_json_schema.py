@@ -38,7 +38,7 @@ def test_every_row_of_any_stream_is_valid(data: bytes) -> None:
     framer = Framer("p", DEFAULT_BAUD)
     rows = [*framer.feed(Chunk("p", None, data)), *framer.flush()]
     explained = [row for batch in with_readings([Rows.from_rows(rows)]) for row in batch]
-    for line in lines(rows) + lines(explained):
+    for line in lines(explained):
         VALIDATOR.validate(line)
 
 

@@ -25,6 +25,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS
 from fte_sniff.recording.reader import RecordingReader
 from tests.recording.conftest import some_rows
+from tests.slow import first
 from tests.support.tools import needs
 
 FIELDS = {
@@ -113,7 +114,7 @@ def every_byte_of_the_heads() -> list[Row]:
 
 
 @needs("tshark")
-@pytest.mark.parametrize("make", [some_rows, two_wires, every_byte_of_the_heads])
+@pytest.mark.parametrize("make", [two_wires, every_byte_of_the_heads])
 def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, make) -> None:
     rows = make()
     found = tshark.fields(written(tmp_path, rows), *FIELDS.values())
@@ -121,7 +122,7 @@ def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, 
 
 
 @needs("tshark")
-@pytest.mark.parametrize("name", ["clean", "damaged", "midstream", "idle"])
+@pytest.mark.parametrize("name", first(1, ["damaged", "midstream", "clean", "idle"]))
 def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, name: str) -> None:
     rows = [
         row

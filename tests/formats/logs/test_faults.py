@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import date
 from io import BytesIO
-from pathlib import Path
 from string import ascii_lowercase
 
 import pytest
@@ -16,7 +15,6 @@ from fte_sniff.errors import FteSniffError, InputTextError
 from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import HEADERS, Direction, Frame, Row
-from fte_sniff.session.log_rows import rows_of_log
 from tests.formats.logs.layouts import Layout, Sent, clock, line, shown, spaced
 from tests.formats.logs.test_layouts import a_log, found_in, frames_of, rows_of
 from tests.slow import first
@@ -350,15 +348,8 @@ def sigrok_trace(log: Sequence[Sent]) -> str:
     return '{"traceEvents": [\n' + ",\n".join(events) + "\n]}\n"
 
 
-def test_begin_and_end_of_a_byte_in_a_large_trace_of_sigrok_are_one_byte(tmp_path: Path) -> None:
-    log, path = a_log(0, 400), tmp_path / "trace.json"
-    path.write_text(sigrok_trace(log))
-    rows = [row for some in rows_of_log(LogReader(str(path))) for row in some]
-    assert found_in(rows) == frames_of(log)
-
-
 def test_begin_and_end_of_a_byte_in_a_trace_of_sigrok_are_one_byte() -> None:
-    log = a_log(0, 60)
+    log = a_log(0, 400)
     rows, _ = rows_of(sigrok_trace(log).encode(), LogOptions(start_ns=10**18))
     assert found_in(rows) == frames_of(log)
     for row in rows:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.formats.logs import text as log_text
 from fte_sniff.formats.logs.reader import LogReader, PlainLog
 from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.session.log_rows import rows_of_log
@@ -136,11 +137,31 @@ def test_any_text_is_bytes_or_one_clear_line(text: str, whole: bool) -> None:
         assert "\n" not in str(error)  # noqa: PT017
 
 
-def test_a_very_long_line_is_read_in_segments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 1000)
-    monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 333)
-    assert bytes_of((FRAME.hex(" ") + " ") * 500, whole=True) == FRAME * 500
-    assert bytes_of(FRAME.hex() * 500, whole=True) == FRAME * 500
+@given(
+    st.lists(st.binary(min_size=1, max_size=400), min_size=1, max_size=9),
+    st.sampled_from([" ", ",0x", "", " 0x"]),
+    st.integers(100, 300),
+)
+def test_very_long_lines_are_cut_between_bytes(
+    lines: list[bytes], between: str, longest: int
+) -> None:
+    lead = "0x" if "0x" in between else ""
+    text = "\n".join(lead + between.join(f"{byte:02X}" for byte in line) for line in lines)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(log_text, "LONGEST_LINE", longest)
+        patch.setattr(log_text, "BLOCK_BYTES", 64)
+        assert bytes_of(text) == b"".join(lines)
+
+
+def test_a_line_longer_than_a_piece_is_whole_and_its_errors_are_placed() -> None:
+    frame = b"AA 01 01 03 E8 00 00 00 00 EE "
+    assert bytes_of(frame * 80_000, whole=True) == bytes.fromhex(frame.decode()) * 80_000
+    with pytest.raises(InputTextError, match=rf"line 2, column {len(frame) * 80_000 + 1}:"):
+        bytes_of(b"AA\n" + frame * 80_000 + b"xyz", whole=True)
+
+
+def test_a_comment_reaches_to_the_end_of_a_very_long_line() -> None:
+    assert bytes_of(b"AA # " + b"not hex " * 400_000 + b"\nBB", whole=True) == b"\xaa\xbb"
 
 
 A = "AA 01 01 00 64 00 00 00 00 EE"

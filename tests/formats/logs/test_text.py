@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tracemalloc
+from functools import cache
 
 import pytest
 from hypothesis import example, given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.formats.logs import text as log_text
 from fte_sniff.formats.logs.text import NulBlock, TextBlock
+from tests.slow import first
 
 LINE = "[12:00:00.123] Recv: 55 01 01 03 E8 00 00 00 0F EE\n"
 
@@ -94,15 +96,22 @@ def peak_of(data: bytes) -> int:
 SIZE = 3 << 20
 
 
+@cache
+def peak_of_lines(line: bytes) -> int:
+    return peak_of(line * (SIZE // len(line)))
+
+
 @pytest.mark.parametrize(
     "hostile",
-    [bytes(SIZE), (bytes(64) + b"x") * (SIZE // 65), LINE.encode() * 9 + bytes(SIZE)],
-    ids=["zeros", "blocks of zeros", "a log with a block of zeros"],
+    [(bytes(64) + b"x") * (SIZE // 65), LINE.encode() * 9 + bytes(SIZE)],
+    ids=["blocks of zeros", "a log with a block of zeros"],
 )
 def test_a_block_of_nul_takes_no_more_memory_than_lines(hostile: bytes) -> None:
-    assert peak_of(hostile) < 2 * peak_of(LINE.encode() * (SIZE // len(LINE)))
+    assert peak_of(hostile) < 2 * peak_of_lines(LINE.encode())
 
 
-@pytest.mark.parametrize("unit", [b"\x1bM", b"\x1b[0m", b"\0x", b"x\x1b[K", "收".encode("gbk")])
+@pytest.mark.parametrize(
+    "unit", first(3, [b"\x1bM", b"\0x", "收".encode("gbk"), b"\x1b[0m", b"x\x1b[K"])
+)
 def test_a_very_long_line_takes_no_more_memory_than_another(unit: bytes) -> None:
-    assert peak_of(unit * (SIZE // len(unit))) < 3 * peak_of(b"x" * SIZE)
+    assert peak_of(unit * (SIZE // len(unit))) < 3 * peak_of_lines(b"x")

@@ -1,6 +1,7 @@
 """Where messages begin: the same with an index, without one, and whatever a false one says."""
 
 import struct
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fte_sniff.recording.mcap.reader import (
     MESSAGE_HEAD,
     PREFIX,
     RecordError,
+    RunningChecksum,
     index_messages,
     indexed_starts,
 )
@@ -113,3 +115,15 @@ def test_more_records_than_allowed_are_an_error(opcode: int) -> None:
 def test_bytes_of_opcode_zero_are_no_record() -> None:
     with pytest.raises(RecordError, match="no MCAP record"):
         index_messages(bytes(9), None, MOST)
+
+
+@given(st.lists(st.sampled_from([0, 1, 9, 60_000, 64 * 1024, 70_000]), max_size=30), st.data())
+def test_the_running_checksum_is_that_of_all_pieces(sizes: list[int], data: st.DataObject) -> None:
+    running, whole = RunningChecksum(), b""
+    for number, size in enumerate(sizes):
+        piece = bytes([number]) * size
+        running.update(piece)
+        whole += piece
+        if data.draw(st.booleans()):
+            assert running.value() == crc32(whole)
+    assert running.value() == crc32(whole)

@@ -13,12 +13,8 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from fte_sniff.protocol import (
-    FRAME_LENGTH,
     KIND_BY_NAME,
-    KINDS,
-    Fault,
     Frame,
-    FrameKind,
     PortEvent,
     PortEventKind,
     Row,
@@ -37,7 +33,6 @@ from fte_sniff.recording.messages.encode import (
 )
 from fte_sniff.recording.messages.schema import (
     EVENTS,
-    MALFORMED,
     Topic,
     schema_data,
     schema_name,
@@ -112,48 +107,6 @@ def test_sequence_numbers_wrap_as_in_the_format() -> None:
     batch = _packed(packer, entries, np.array([5, 5], np.int64))
     sequences = [MESSAGE.unpack_from(batch.data, start)[3] for start in batch.starts.tolist()]
     assert sequences == [2**32 - 1, 0]
-
-
-@st.composite
-def _frames_of(draw: st.DrawFn, kind: FrameKind) -> Frame:
-    """Any legal frame of a kind, anywhere and at any time."""
-    values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
-    return Frame(
-        "p",
-        draw(st.integers(0, 2**63 - 1)),
-        encode(kind, values),
-        draw(st.integers(0, 2**63 - 1)),
-        (),
-        draw(st.integers(0, 2**62)),
-        draw(st.booleans()),
-    )
-
-
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-@given(data=st.data())
-def test_a_batch_of_one_row_is_read_back(kind: FrameKind, data: st.DataObject) -> None:
-    row = data.draw(_frames_of(kind))
-    topic = topic_of(row)
-    assert topic is not MALFORMED
-    batch = _packed(ColumnPacker(lambda _port, _topic: 1), [row], np.array([row.t_ns]))
-    message = bytes(batch.data)[MESSAGE.size :]
-    assert message == encode_row(topic, row, row.t_ns or 0)
-    read = entry_of(_reader(topic), message, row.t_ns or 0)
-    assert isinstance(read, Frame)
-    assert (read, read.order_uncertain) == (row, row.order_uncertain)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{}, {"faults": (Fault.LINE_ERROR,)}, {"read_delay_ns": None}, {"t_ns": 2_000}],
-    ids=["fault-free", "faults", "no delay", "its own time"],
-)
-def test_a_message_keeps_what_its_row_has(change: dict) -> None:
-    row = replace(Frame("p", FRAME_LENGTH, RAW, 1_000, (), 5), **change)
-    topic = topic_of(row)
-    read = entry_of(_reader(topic), encode_row(topic, row, 1_000), 1_000)
-    assert isinstance(read, Frame)
-    assert (read, read.read_delay_ns) == (row, row.read_delay_ns)
 
 
 @pytest.mark.parametrize(
