@@ -110,9 +110,11 @@ def _bytes_of_runs(unit: bytes, swaps: bool) -> BytesOf:
     known = _Known(bytes_of_unit).__getitem__
 
     def bytes_of(run: bytes) -> bytes:
-        if are_digits:  # ten times as fast
-            with suppress(ValueError):
+        if are_digits:
+            try:  # ten times as fast
                 return unhexlify(run.translate(None, _BETWEEN))
+            except ValueError:
+                pass
         try:
             return b"".join(map(known, units(run)))
         except (ValueError, OverflowError):
