@@ -133,7 +133,7 @@ def test_a_flipped_bit_anywhere_costs_no_more_than_its_chunk(
     rng = random.Random(part)
     everything = [row for *_, rows in spans for row in rows]
     first, last = spans[0][0], spans[-1][1]
-    places = [*range(first, last, 7), *range(0, first, 97), *range(last, len(content), 97)]
+    places = [*range(first, last, 11), *range(0, first, 97), *range(last, len(content), 97)]
     for place in places[part::4]:
         flipped = bytearray(content)
         flipped[place] ^= 1 << rng.randrange(8)
@@ -156,7 +156,7 @@ def test_statistics_that_contradict_themselves_count_nothing(
     metadata = sum(opcode == METADATA for opcode, *_ in records(content))
     counts = struct.pack("<QHIIII", everything, 6, 12, 0, metadata, len(spans))
     place = content.rindex(counts)
-    for bit in range(64):
+    for bit in range(0, 64, 3):
         flipped = bytearray(content)
         flipped[place + bit // 8] ^= 1 << bit % 8
         left = _repaired(tmp_path, bytes(flipped))
@@ -279,7 +279,7 @@ def _two_gigabytes() -> bytes:
     return b"".join(packer.compress(block) for _ in range(UNPACKED >> 20)) + packer.flush()
 
 
-@pytest.mark.parametrize("claimed", [None, 2**20, 2**27, 2**62])
+@pytest.mark.parametrize("claimed", first(2, [None, 2**27, 2**20, 2**62]))
 def test_a_chunk_that_unpacks_to_gigabytes_is_left_out_and_takes_no_memory(
     tmp_path: Path, small: tuple[bytes, Spans], claimed: int | None
 ) -> None:
