@@ -20,13 +20,14 @@ from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
+from fte_sniff.recording import reader as recording_reader
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, Playback, RecordingPages, ReplaySession
 from tests.examples import examples
 from tests.slow import first
-from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S, while_waiting
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -64,7 +65,7 @@ def test_reading_waits_for_the_view() -> None:
     enough = threading.Event()
 
     def reading() -> Iterator[InputBatch]:
-        for number, batch in enumerate(batches(1000)):
+        for number, batch in enumerate(batches(60)):
             read.append(number)
             if len(read) > MAX_READ_AHEAD:
                 enough.set()
@@ -75,7 +76,7 @@ def test_reading_waits_for_the_view() -> None:
     rows += session.poll().rows
     assert enough.wait(BOUND_S)
     assert len(read) <= MAX_READ_AHEAD + 3
-    assert len(rows) + len(all_of(session)) == 10_000
+    assert len(rows) + len(all_of(session)) == 600
 
 
 def test_no_more_than_the_first_batch_is_read_before_it_was_taken() -> None:
@@ -201,7 +202,7 @@ def test_what_the_file_lacks_stands_as_soon_as_it_is_known() -> None:
     assert whole.poll().state.trouble is None
 
 
-COUNT = 75_000
+COUNT = 12_000
 """Rows of a file: more than one batch."""
 FRAME_PAGES = encode(KINDS[0], {field.name: field.low for field in KINDS[0].fields})
 
@@ -219,8 +220,18 @@ def made(port: str, count: int) -> list[Row]:
 
 
 def written(path: Path, port: str, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts(port)], [Rows.from_rows(rows)])
+    with RecordingWriter(path, [PortFacts(port)]) as writer:
+        for start in range(0, len(rows), 2_000):  # a chunk each
+            writer.write(Rows.from_rows(rows[start : start + 2_000]))
+            writer.flush()
     return path
+
+
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading makes several batches of a file."""
+    monkeypatch.setattr(recording_reader, "JOB", 200_000)
+    monkeypatch.setattr(recording_reader, "_FIRST_JOB", 100_000)
 
 
 @pytest.fixture(scope="module")
@@ -269,11 +280,11 @@ def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) ->
 
 
 def test_of_a_span_only_its_rows_come_again(files: list[Path], rows: list[Row]) -> None:
-    span = TimeRange((rows[10_000].t_ns or 0) + 1, rows[70_000].t_ns or 0)
+    span = TimeRange((rows[5_000].t_ns or 0) + 1, rows[11_000].t_ns or 0)
     pages, found = noted(files[:1], span)
-    assert found == rows[10_001:70_000]
+    assert found == rows[5_001:11_000]
     assert loaded(pages, 0, len(found)) == found
-    assert loaded(pages, 30_000, 10) == found[30_000:30_010]
+    assert loaded(pages, 3_000, 10) == found[3_000:3_010]
 
 
 def test_rows_of_a_damaged_file_come_again_as_far_as_they_came(
@@ -291,8 +302,8 @@ def test_rows_of_a_damaged_file_come_again_as_far_as_they_came(
 def test_a_store_of_few_blocks_holds_every_row(files: list[Path], rows: list[Row]) -> None:
     pages, _ = noted(files)
     store = RowStore(2**62, 4096, pages, 3)
-    for start in range(0, len(rows), 10_000):
-        store.append(Rows.from_rows(rows[start : start + 10_000]))
+    for start in range(0, len(rows), 3_000):
+        store.append(Rows.from_rows(rows[start : start + 3_000]))
     assert len(store) == len(rows)
     assert [store.row(index) for index in (0, COUNT // 2, len(rows) - 1)] == [
         rows[0],
