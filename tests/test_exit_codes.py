@@ -4,31 +4,22 @@ from __future__ import annotations
 
 import errno
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import BOUND_S
+from tests.cli.forked import Ended, loaded_program, plain_environment
+from tests.cli.processes import ended
 from tests.slow import first
 
 SAMPLE = Path(__file__).parents[1] / "samples" / "clean.mcap"
 
 
-def run_with(tmp_path: Path, before: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_with(tmp_path: Path, before: str, *arguments: str) -> Ended:
     """Run the program; `before` is Python code that runs when `cli.main` is loaded."""
     code = "import sys, fte_sniff.cli.main\nmodule = sys.modules['fte_sniff.cli.main']\n"
-    code += f"{before}\n"
-    code += "sys.argv[0] = 'fte-sniff'\nfrom fte_sniff.__main__ import main\nmain()\n"
-
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=4 * BOUND_S,
-        check=False,
-    )
+    code += f"{before}\nfrom fte_sniff.__main__ import main\nmain()\n"
+    return loaded_program().run(list(arguments), b"", tmp_path, plain_environment(), code)
 
 
 CHECK = ("check", str(SAMPLE), "--jobs", "1", "--expect", "count(malformed) == 0")
@@ -38,9 +29,9 @@ CHECK = ("check", str(SAMPLE), "--jobs", "1", "--expect", "count(malformed) == 0
 def test_an_error_in_the_program_is_not_the_verdict_of_a_check(tmp_path: Path, kind: str) -> None:
     fail = f"def fail(*_): raise {kind}('odd')\nmodule.fte_sniff.invoke = fail"
     done = run_with(tmp_path, fail, *CHECK)
-    assert done.returncode == 70
-    assert "Traceback" in done.stderr, "a report of the error needs it"
-    last = done.stderr.splitlines()[-1]
+    assert done.code == 70
+    assert "Traceback" in done.errors.decode(), "a report of the error needs it"
+    last = done.errors.decode().splitlines()[-1]
     assert last.startswith(f"fte-sniff: internal error ({kind}: ")
     assert "report" in last
 
@@ -63,10 +54,10 @@ def test_a_shortage_of_memory_is_one_line_and_no_verdict(tmp_path: Path, error: 
         f"import errno\ndef fail(*_): raise {error}\nmodule.fte_sniff.invoke = fail",
         *CHECK,
     )
-    assert done.returncode == 70
-    assert done.stderr.startswith("fte-sniff: ")
-    assert len(done.stderr.splitlines()) == 1
-    assert "ulimit -v" in done.stderr
+    assert done.code == 70
+    assert done.errors.decode().startswith("fte-sniff: ")
+    assert len(done.errors.decode().splitlines()) == 1
+    assert "ulimit -v" in done.errors.decode()
 
 
 def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path: Path) -> None:
@@ -76,17 +67,17 @@ def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path
         "it.finished_jobs = fail"
     )
     done = run_with(tmp_path, too_much, *CHECK)
-    assert (done.returncode, done.stdout) == (70, "")
-    assert len(done.stderr.splitlines()) == 1
+    assert (done.code, done.output) == (70, b"")
+    assert len(done.errors.decode().splitlines()) == 1
 
 
 @pytest.mark.parametrize("megabytes", first(2, [200, 300, 260, 280, 330]))
 def test_a_low_limit_of_memory_is_no_verdict(tmp_path: Path, megabytes: int) -> None:
     limit = f"import resource\nresource.setrlimit(resource.RLIMIT_AS, ({megabytes} << 20,) * 2)"
     done = run_with(tmp_path, limit, *CHECK)
-    assert (done.returncode, done.stdout) == (70, "")
-    assert len(done.stderr.splitlines()) == 1
-    assert "out of memory" in done.stderr
+    assert (done.code, done.output) == (70, b"")
+    assert len(done.errors.decode().splitlines()) == 1
+    assert "out of memory" in done.errors.decode()
 
 
 @pytest.mark.parametrize("code", first(1, [errno.EIO, errno.EAGAIN, errno.ECONNRESET]))
@@ -96,25 +87,20 @@ def test_an_error_of_the_system_without_a_file_is_not_put_down_to_standard_outpu
     fail = f"import os\ndef fail(*_): raise OSError({code}, os.strerror({code}))\n"
     fail += "module.fte_sniff.invoke = fail"
     done = run_with(tmp_path, fail, *CHECK)
-    assert done.returncode == 4
-    assert len(done.stderr.splitlines()) == 1
-    assert "standard output" not in done.stderr
+    assert done.code == 4
+    assert len(done.errors.decode().splitlines()) == 1
+    assert "standard output" not in done.errors.decode()
 
 
 @pytest.mark.parametrize("command", [CHECK, ("hex", "AA0101000000000000EE"), ("--version",)])
 def test_a_standard_output_that_is_full_is_named(tmp_path: Path, command: tuple[str, ...]) -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "fte_sniff", *command],
-            cwd=tmp_path,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=BOUND_S,
-            check=False,
-        )
-    assert done.returncode == 4
-    assert done.stderr.startswith("fte-sniff: standard output cannot be written: the disk is full")
+    with Path("/dev/full").open("wb") as full:
+        streams = (subprocess.DEVNULL, full.fileno(), subprocess.PIPE)
+        program = loaded_program()
+        with program.start(command, tmp_path, plain_environment(), streams=streams) as process:
+            code, _, errors = ended(process)
+    assert code == 4
+    assert errors.startswith("fte-sniff: standard output cannot be written: the disk is full")
 
 
 DEEP = "x = " + "[" * 100_000 + "]" * 100_000
@@ -126,6 +112,6 @@ DEEP = "x = " + "[" * 100_000 + "]" * 100_000
 def test_rules_that_nest_without_end_are_one_line(tmp_path: Path, text: str, code: int) -> None:
     (tmp_path / "rules.toml").write_text(text)
     done = run_with(tmp_path, "", "check", str(SAMPLE), "--rules", "rules.toml")
-    assert done.returncode == code, done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    assert "rules.toml" in done.stderr
+    assert done.code == code, done.errors.decode()
+    assert len(done.errors.decode().splitlines()) == 1
+    assert "rules.toml" in done.errors.decode()

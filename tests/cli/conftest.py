@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.forked import Program
+from tests.cli.forked import Program, loaded_program
+from tests.cli.forked import plain_environment as plain_environment
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
@@ -31,19 +31,10 @@ def environment(settings_file: Path) -> dict[str, str]:
     return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
 
-def plain_environment() -> dict[str, str]:
-    """Ours, without what changes how the program writes."""
-    # What is compiled is kept, so that not every start compiles the program anew.
-    dropped = ("NO_COLOR", "COLUMNS", "LC_ALL", "LC_MESSAGES", "PYTHONDONTWRITEBYTECODE")
-    kept = {key: value for key, value in os.environ.items() if key not in dropped}
-    return kept | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
-
-
-@pytest.fixture(scope="session")
-def program() -> Iterator[Program]:
-    """The program, loaded once for all that `run` runs."""
-    with Program(plain_environment(), ROOT) as program:
-        yield program
+@pytest.fixture
+def program() -> Program:
+    """The program, loaded once for all tests."""
+    return loaded_program()
 
 
 @pytest.fixture

@@ -12,7 +12,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fte_sniff.recording.reader import RecordingReader
-from tests.beside import Process, running
+from tests.beside import running
+from tests.cli.forked import Running as Process
+from tests.cli.forked import loaded_program, needs_start
 from tests.waiting import BOUND_S, while_waiting
 from tests.waiting import wait_until as wait_until
 
@@ -37,14 +39,16 @@ def wire() -> Iterator[tuple[int, str]]:
 def started(
     environment: Mapping[str, str], folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL
 ) -> Iterator[Process]:
-    """The running program in `folder`, with its output in pipes; killed at the end if it runs."""
-    with running(
-        [*PROGRAM, *arguments],
-        stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=dict(environment),
-        cwd=folder,
+    """The running program in `folder`, with its output in pipes; killed at the end if it runs.
+
+    It starts anew if the environment needs that, and then has the limits of the test too.
+    """
+    streams = (stdin, subprocess.PIPE, subprocess.PIPE)
+    named = dict(zip(("stdin", "stdout", "stderr"), streams, strict=True))
+    with (
+        running([*PROGRAM, *arguments], **named, env=environment, cwd=folder)
+        if needs_start(environment)
+        else loaded_program().start(arguments, folder, environment, streams=streams)
     ) as process:
         yield process
 

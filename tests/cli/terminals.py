@@ -8,23 +8,23 @@ import pty
 import select
 import signal
 import struct
-import subprocess
 import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import cycle
 from pathlib import Path
 from threading import Event
 from time import monotonic
 
 from tests.beside import Work, running
-from tests.cli.processes import BOUND_S, PROGRAM
+from tests.cli.forked import loaded_program, needs_start
+from tests.cli.processes import BOUND_S, PROGRAM, Process
 
 
 class Terminal:
     """The program in a terminal, and everything it has drawn so far."""
 
-    def __init__(self, far: int, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, far: int, process: Process) -> None:
         self.process = process
         self._far = far
         self.drawn = b""
@@ -125,25 +125,44 @@ def terminal(
     *arguments: str,
     size: tuple[int, int] = (80, 24),
     session: Callable[[], None] = plain_terminal,
-    program: Sequence[str] = PROGRAM,
+    program: Sequence[str] | None = None,
+    code: str | None = None,
     errors: Path | None = None,
 ) -> Iterator[Terminal]:
-    """The program in a terminal; its standard error too, or in the file `errors`."""
+    """The program, another one, or Python code, in a terminal.
+
+    Its standard error is in the terminal too, or in the file `errors`.
+
+    It starts anew if the environment needs that.
+    """
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    with (
-        nullcontext(near) if errors is None else errors.open("wb") as stderr,
-        running(
-            [*program, *arguments],
-            stdin=near,
-            stdout=near,
-            stderr=stderr,
-            env=environment,
-            cwd=folder,
-            start_new_session=True,
-            preexec_fn=session,
-        ) as process,
-    ):
+    if program is None and needs_start(environment):
+        program = PROGRAM
+    with ExitStack() as stack:
+        opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
+        process: Process = stack.enter_context(
+            loaded_program().start(
+                arguments,
+                folder,
+                environment,
+                streams=(near, near, opened),
+                code=code,
+                leads_session=True,
+                controlled=session is controlling_terminal,
+            )
+            if program is None
+            else running(
+                [*program, *arguments],
+                stdin=near,
+                stdout=near,
+                stderr=opened,
+                env=environment,
+                cwd=folder,
+                start_new_session=True,
+                preexec_fn=session,
+            )
+        )
         os.close(near)
         screen = Terminal(far, process)
         try:

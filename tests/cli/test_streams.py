@@ -16,7 +16,8 @@ from fte_sniff import __main__
 from fte_sniff.cli.streams import NOT_BEGUN, PATIENCE_S, progress_text
 from fte_sniff.errors import TOO_MANY_FILES
 from fte_sniff.session.inputs import Progress
-from tests.cli.conftest import ROOT, SAMPLES
+from tests.cli.conftest import ROOT, SAMPLES, Run
+from tests.cli.forked import Program
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.processes import FRAME as RESET
 from tests.cli.terminals import terminal
@@ -476,46 +477,31 @@ def test_before_the_screen_opens(environment: Mapping[str, str], tmp_path: Path)
 
 @pytest.mark.parametrize("command", first(2, ["decode", "repair", "stats"]))
 def test_every_command_that_reads_files_shows_how_much_is_left(
-    environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
+    run: Run, environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
 ) -> None:
     arguments = [command, str(large)]
     if command == "decode":
         arguments += ["-o", "rows.csv"]
     if command == "repair":
-        arguments[1] = str(damaged_recording(environment, tmp_path, large))
-    program = [sys.executable, "-c", AT_ONCE]
-    with terminal(environment, tmp_path, *arguments, program=program) as screen:
+        path = tmp_path / "large.mcap"
+        start = ("--start", "2026-01-31T12:00:00Z")
+        assert run("decode", large, *start, "-o", path).returncode == 0
+        path.write_bytes(path.read_bytes()[:-1000])
+        arguments[1] = str(path)
+    with terminal(environment, tmp_path, *arguments, code=AT_ONCE) as screen:
         screen.until("left")
         assert screen.ended() == 0
     assert re.search(r"reading .*\d%", screen.drawn.decode())
 
 
-def damaged_recording(environment: Mapping[str, str], folder: Path, raw: Path) -> Path:
-    path = folder / "large.mcap"
-    start = ["--start", "2026-01-31T12:00:00Z"]
-    subprocess.run(
-        [sys.executable, "-m", "fte_sniff", "decode", raw, *start, "-o", path],
-        env=environment,
-        check=True,
-        capture_output=True,
-    )
-    path.write_bytes(path.read_bytes()[:-1000])
-    return path
-
-
 def test_no_terminal_no_progress(
-    environment: Mapping[str, str], tmp_path: Path, large: Path
+    program: Program, environment: Mapping[str, str], tmp_path: Path, large: Path
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", AT_ONCE, "decode", str(large), "-o", "rows.csv"],
-        env=environment,
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        timeout=BOUND_S,
-        check=True,
-    )
-    assert b"\r" not in done.stderr
-    assert b"\x1b" not in done.stderr
+    arguments = ["decode", str(large), "-o", "rows.csv"]
+    done = program.run(arguments, b"", tmp_path, environment, AT_ONCE)
+    assert done.code == 0
+    assert b"\r" not in done.errors
+    assert b"\x1b" not in done.errors
 
 
 @pytest.mark.parametrize(
@@ -541,9 +527,8 @@ def test_text_of_files_of_known_size_has_share_rate_and_time_left() -> None:
 def test_a_narrow_terminal_has_a_cut_line(
     environment: Mapping[str, str], tmp_path: Path, large: Path
 ) -> None:
-    program = [sys.executable, "-c", AT_ONCE]
     with terminal(
-        environment, tmp_path, "stats", str(large), program=program, size=(20, 24)
+        environment, tmp_path, "stats", str(large), code=AT_ONCE, size=(20, 24)
     ) as screen:
         screen.until("reading")
         assert screen.ended() == 0
