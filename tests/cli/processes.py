@@ -37,18 +37,22 @@ def wire() -> Iterator[tuple[int, str]]:
 
 @contextmanager
 def started(
-    environment: Mapping[str, str], folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL
+    environment: Mapping[str, str],
+    folder: Path,
+    *arguments: str,
+    stdin: int = subprocess.DEVNULL,
+    stdout: int = subprocess.PIPE,
+    stderr: int = subprocess.PIPE,
 ) -> Iterator[Process]:
-    """The running program in `folder`, with its output in pipes; killed at the end if it runs.
+    """The running program in `folder`, with its streams; killed at the end if it runs.
 
     It starts anew if the environment needs that, and then has the limits of the test too.
     """
-    streams = (stdin, subprocess.PIPE, subprocess.PIPE)
-    named = dict(zip(("stdin", "stdout", "stderr"), streams, strict=True))
+    streams = {"stdin": stdin, "stdout": stdout, "stderr": stderr}
     with (
-        running([*PROGRAM, *arguments], **named, env=environment, cwd=folder)
+        running([*PROGRAM, *arguments], **streams, env=environment, cwd=folder)
         if needs_start(environment)
-        else loaded_program().start(arguments, folder, environment, streams=streams)
+        else loaded_program().start(arguments, folder, environment, streams=[*streams.values()])
     ) as process:
         yield process
 
@@ -75,7 +79,7 @@ def first_output(process: Process, far: int) -> bytes:
 def ended(process: Process) -> tuple[int, str, str]:
     """Wait for the end; returns the exit code, and the unread rest of stdout and stderr."""
     output, errors = process.communicate(timeout=BOUND_S)
-    return process.returncode, (output or b"").decode(), errors.decode()
+    return process.returncode, (output or b"").decode(), (errors or b"").decode()
 
 
 def until(process: Process, wanted: bytes) -> bytes:

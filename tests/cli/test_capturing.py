@@ -35,6 +35,7 @@ from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.session.capture_process import MOST_WAITING, CapturePlan, WriteProgress
 from fte_sniff.session.live_session import END_WITHIN_S, CaptureState, LiveSession
 from tests.beside import running
+from tests.cli.forked import Program
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -421,38 +422,29 @@ def test_several_that_start_at_once_record_to_a_file_each(environment, tmp_path:
 
 
 def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_path: Path) -> None:
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(
-            [*PROGRAM, "live", SIM, "--count", "50", "-o", "x.mcap"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=full,
-            env=environment,
-            cwd=tmp_path,
-            timeout=BOUND_S,
-            check=False,
-        )
-    assert done.returncode == 0
-    assert done.stdout.count(b"\n") == 51
-    assert run("decode", "x.mcap").stdout == done.stdout.decode()
+    words = ("live", SIM, "--count", "50", "-o", "x.mcap")
+    with (
+        Path("/dev/full").open("wb") as full,
+        started(environment, tmp_path, *words, stderr=full.fileno()) as process,
+    ):
+        code, output, _ = ended(process)
+    assert code == 0
+    assert output.count("\n") == 51
+    assert run("decode", "x.mcap").stdout == output
 
 
 def test_full_standard_output_is_one_line_after_the_path_of_the_recording(
     run, environment, tmp_path: Path
 ) -> None:
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(
-            [*PROGRAM, "live", SIM, "-o", "x.mcap"],
-            stdin=subprocess.DEVNULL,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            env=environment,
-            cwd=tmp_path,
-            timeout=BOUND_S,
-            check=False,
-        )
-    assert done.returncode == 4
-    recording, summary, recorded, refusal = done.stderr.decode().splitlines()
+    with (
+        Path("/dev/full").open("wb") as full,
+        started(
+            environment, tmp_path, "live", SIM, "-o", "x.mcap", stdout=full.fileno()
+        ) as process,
+    ):
+        code, _, errors = ended(process)
+    assert code == 4
+    recording, summary, recorded, refusal = errors.splitlines()
     assert recording == "recording to x.mcap"
     assert " rows" in summary
     assert recorded == "recorded to x.mcap"
@@ -817,19 +809,13 @@ def test_a_trigger_that_never_fired_is_reported(run, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout"])
 def test_the_recording_on_standard_output_is_all_that_is_there(
-    environment, tmp_path: Path, name: str
+    program: Program, environment, tmp_path: Path, name: str
 ) -> None:
-    done = subprocess.run(
-        [*PROGRAM, "live", FEWER, "-o", name, "--count", "200"],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        env=environment,
-        cwd=tmp_path,
-        timeout=BOUND_S,
-    )
-    assert done.returncode == 0
-    assert b"recording to standard output" in done.stderr
-    (tmp_path / "x.mcap").write_bytes(done.stdout)
+    words = ["live", FEWER, "-o", name, "--count", "200"]
+    done = program.run(words, b"", tmp_path, environment)
+    assert done.code == 0
+    assert b"recording to standard output" in done.errors
+    (tmp_path / "x.mcap").write_bytes(done.output)
     reader = RecordingReader(tmp_path / "x.mcap")
     assert len(list(reader)) == 200
     assert (reader.ending, reader.losses) == ("", ())

@@ -9,7 +9,6 @@ import json
 import os
 import re
 import struct
-import subprocess
 import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -50,7 +49,7 @@ from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.forked import Program
-from tests.cli.processes import BOUND_S, PROGRAM
+from tests.cli.processes import BOUND_S, ended, started
 from tests.slow import crossed
 from tests.support.columns import in_columns
 
@@ -349,26 +348,17 @@ def test_parquet_and_mcap_need_a_file(run, samples: Path) -> None:
 
 @pytest.mark.parametrize("form", ["raw", "mcap"])
 def test_what_is_written_in_sequence_goes_to_a_pipe(
-    environment, samples: Path, tmp_path: Path, form: str
+    program: Program, environment, samples: Path, tmp_path: Path, form: str
 ) -> None:
     source = samples / "damaged.mcap"
-    done = subprocess.run(
-        [*PROGRAM, "decode", source, "--format", form, "-o", "-"],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        timeout=BOUND_S,
-    )
-    assert done.returncode == 0, done.stderr
+    words = ["decode", str(source), "--format", form, "-o", "-"]
+    done = program.run(words, b"", tmp_path, environment)
+    assert done.code == 0, done.errors
     copy = tmp_path / f"copy.{form}"
-    copy.write_bytes(done.stdout)
-    raw = subprocess.run(
-        [*PROGRAM, "decode", copy, "--format", "raw", "-o", "-"],
-        env=environment,
-        capture_output=True,
-        timeout=BOUND_S,
-    )
-    assert raw.stdout == (samples / "damaged.raw").read_bytes()
+    copy.write_bytes(done.output)
+    words = ["decode", str(copy), "--format", "raw", "-o", "-"]
+    raw = program.run(words, b"", tmp_path, environment)
+    assert raw.output == (samples / "damaged.raw").read_bytes()
 
 
 @pytest.mark.parametrize("form", ["raw", "mcap"])
@@ -377,16 +367,11 @@ def test_a_pipe_that_is_closed_ends_it_quietly(
 ) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run(
-        [*PROGRAM, "decode", samples / "damaged.mcap", "--format", form, "-o", "-"],
-        env=environment,
-        cwd=tmp_path,
-        stdout=writing,
-        stderr=subprocess.PIPE,
-        timeout=BOUND_S,
-    )
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (0, b"")
+    words = ("decode", str(samples / "damaged.mcap"), "--format", form, "-o", "-")
+    with started(environment, tmp_path, *words, stdout=writing) as process:
+        os.close(writing)
+        code, _, errors = ended(process)
+    assert (code, errors) == (0, "")
 
 
 def test_a_recording_from_a_pipe_is_not_called_by_the_name_of_its_copy(run) -> None:
@@ -957,9 +942,12 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
 def test_raw_bytes_are_appended_to_redirected_output(tmp_path, environment):
     with (tmp_path / "out").open("wb") as out:
         out.write(b"before")
-    words = ("decode", SAMPLES / "clean.mcap", "--format", "raw", "-o", "-")
-    with (tmp_path / "out").open("ab") as out:
-        subprocess.run([*PROGRAM, *words], stdout=out, env=environment, check=True)
+    words = ("decode", str(SAMPLES / "clean.mcap"), "--format", "raw", "-o", "-")
+    with (
+        (tmp_path / "out").open("ab") as out,
+        started(environment, tmp_path, *words, stdout=out.fileno()) as process,
+    ):
+        assert ended(process)[0] == 0
     expected = b"before" + (SAMPLES / "clean.raw").read_bytes()
     assert (tmp_path / "out").read_bytes() == expected
 

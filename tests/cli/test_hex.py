@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.cli.encode import command as encode_command
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, FrameKind, encode, spaced_hex
-from tests.beside import running
-from tests.cli.processes import PROGRAM, started
+from tests.cli.processes import started
 from tests.cli.terminals import terminal
 from tests.protocol.document import EXAMPLES, Example
 from tests.waiting import BOUND_S
@@ -247,8 +246,8 @@ def test_kinds_have_a_hyphen_in_help_and_may_be_written_with_an_underscore(run) 
 def test_raw_bytes_go_to_a_port(environment, tmp_path, pty, kind: FrameKind) -> None:
     values = {field.name: field.high // 3 + 1 for field in kind.fields}
     options = [f"--{field.option}={values[field.name]}" for field in kind.fields]
-    words = [*PROGRAM, "encode", kind.name, *options, "--raw"]
-    with running(words, env=environment, cwd=tmp_path, stdout=pty.near) as sending:
+    words = ("encode", kind.name, *options, "--raw")
+    with started(environment, tmp_path, *words, stdout=pty.near) as sending:
         assert sending.wait(BOUND_S) == 0
     assert pty.arrived(BOUND_S) == encode(kind, values)
 
