@@ -66,14 +66,3 @@ def pytest_report_header() -> str:
     from fte_sniff.protocol.framer import COMPILED
 
     return f"framer: {'compiled' if COMPILED else 'interpreted'}"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    from fte_sniff.protocol.framer import COMPILED
-
-    if COMPILED:
-        for item in items:
-            if item.get_closest_marker("interpreted"):
-                item.add_marker(
-                    pytest.mark.skip("the framer is compiled; test_compiled runs it interpreted")
-                )

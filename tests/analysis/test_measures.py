@@ -7,6 +7,7 @@ import math
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 import pytest
 from hypothesis import given
@@ -22,32 +23,31 @@ from tests.analysis.test_statistics import SECOND, frame
 
 EXPECTED = [
     "count(malformed) == 0",
-    "count(malformed) < 3",
     "count(motor = 1) <= 4",
-    "count(motor = 1) > 4",
     "share(motor = 1) <= 0.25",
     "rate(motor = 2) < 2",
     "max_gap(motor = 1) < 0.05",
-    "max_gap(malformed) >= 3600",
     "max_gap(port = 'a') == 0.003",
     "delay(max) < 3",
-    "delay(p50, motor = 1) < 0.001",
     "delay(p95, rpm > 0) <= 1",
     "unanswered() == 0",
     "unanswered(motor = 1) <= 1",
     "online(1) == 1",
     "online(2) > 0.5",
-    "online(4) >= 2",
     "min(rpm) >= 0",
     "max(rpm, motor = 2) < 5",
     "mean(offset) == -1",
-    "max(error) == 0",
     "duration() <= 0.1",
 ]
 
 
+@cache
+def empty_check(*rules: str) -> RuleCheck:
+    return RuleCheck([parse_rule(text) for text in rules])
+
+
 def checked(*parts: Sequence[Step], rules: Sequence[str] = EXPECTED) -> RuleCheck:
-    check = RuleCheck([parse_rule(text) for text in rules])
+    check = empty_check(*rules).copy()
     for part in parts:
         observe(check, part)
     return check

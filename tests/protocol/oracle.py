@@ -116,14 +116,6 @@ ISOLATED = _compiled(_CLEAR + _NO_TAIL_AFTER)
 SPLITTING = _compiled(_SPLITTING)
 
 
-def _legal_prefix(offsets: Iterable[bytes | None]) -> re.Pattern[bytes]:
-    """Matches as many bytes as are legal, one after the other."""
-    pattern = b""
-    for legal in reversed(list(offsets)):
-        pattern = b"(?:%b%b)?" % (b"." if legal is None else b"[%b]" % re.escape(legal), pattern)
-    return re.compile(pattern, re.DOTALL)
-
-
 # The model
 
 _TRUNCATION = truncation_scores(FRAME_LENGTH)
@@ -229,13 +221,6 @@ class Oracle:
         self._scores = {
             kind.name: byte_scores(FTE_FORMAT, kind, self.legal_bytes(kind)) for kind in KINDS
         }
-        self._fitting = {
-            kind.name: (
-                _legal_prefix(self.legal_bytes(kind)),
-                _legal_prefix(self.legal_bytes(kind)[::-1]),
-            )
-            for kind in KINDS
-        }
         strict = _any_kind(_sequence(self.legal_bytes(kind)) for kind in KINDS)
         plain = _any_kind(self._unsplit(kind) + self._not_as_flags(kind) for kind in KINDS)
         unsplit = _any_kind(self._unsplit(kind) for kind in KINDS)
@@ -304,16 +289,6 @@ class Oracle:
         if kind is None:
             return (Fault.UNKNOWN_CMD,)
         return kind_faults(raw, kind, self.legal_bytes(kind))
-
-    def prefix_fit(self, kind: FrameKind, raw: bytes) -> int:
-        """How many bytes of `raw` (0-10) are legal as the first bytes of `kind`."""
-        match = self._fitting[kind.name][0].match(raw)
-        return match.end() if match else 0
-
-    def suffix_fit(self, kind: FrameKind, raw: bytes) -> int:
-        """How many bytes of `raw` (0-10) are legal as the last bytes of `kind`."""
-        match = self._fitting[kind.name][1].match(raw[::-1])
-        return match.end() if match else 0
 
     def sent(self, kind: FrameKind, data: Sequence[int], offsets: Sequence[int]) -> float:
         """The score of these bytes at those offsets of a frame of that kind."""

@@ -1,16 +1,22 @@
-"""Rows: pickling, statuses, and the marks of line errors."""
+"""`Rows` holds the rows that it is made of; single rows; the marks of line errors."""
 
 from __future__ import annotations
 
 import pickle
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import astuple
-from itertools import pairwise
+from itertools import compress, pairwise
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import (
+    KINDS,
+    VALUE_FIELDS,
     Chunk,
     Damage,
     Fault,
@@ -21,15 +27,215 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
+from fte_sniff.protocol import rows as rows_module
+from fte_sniff.protocol.rows import COLUMNS, NO_KIND, Codebook, Rows
+from tests.analysis import conftest as _row_strategies  # noqa: F401
+from tests.protocol.streams import raw_bytes
+from tests.support.faults import damaged_stream
 
-ROWS: list[Row] = [
-    Frame("p", 1, b"\xaa" + b"\0" * 8 + b"\xee", 2, (Fault.AMBIGUOUS,), 3, True),
-    Frame("p", 1, b"\x55" + b"\0" * 8 + b"\xee", None),
-    Damage("q", 2**40, b"\xff" * 1024, 2**62, (Fault.NOISE, Fault.LINE_ERROR), None, True),
-]
+ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+INDEX = st.integers(-13, 13)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: type(row).__name__)
+def facts(rows: Sequence[Row]) -> list[tuple[object, ...]]:
+    """All facts of rows, also those that equality ignores."""
+    return [(type(row), row, row.read_delay_ns, row.order_uncertain) for row in rows]
+
+
+@given(ROWS, st.data())
+def test_a_batch_is_a_sequence_of_its_rows(rows: list[Row], data: st.DataObject) -> None:
+    batch = Rows.from_rows(rows)
+    assert facts(batch) == facts(rows)
+    assert len(batch) == len(rows)
+    start, end = data.draw(INDEX), data.draw(INDEX)
+    assert facts(batch[start:end]) == facts(rows[start:end])
+    if rows:
+        at = data.draw(st.integers(-len(rows), len(rows) - 1))
+        assert facts([batch[at]]) == facts([rows[at]])
+
+
+@given(ROWS, ROWS)
+def test_batches_are_concatenated_and_recoded(one: list[Row], two: list[Row]) -> None:
+    whole = Rows.concat([Rows.from_rows(one), Rows.from_rows(two)])
+    assert facts(whole) == facts(one + two)
+    codebook = Codebook()
+    codebook.port_code("another first")
+    codebook.fault_code(tuple(Fault))
+    recoded = whole.recoded(codebook)
+    assert recoded.codebook is codebook
+    assert facts(recoded) == facts(one + two)
+
+
+@given(ROWS, st.data())
+def test_rows_are_selected_by_slice_mask_and_index(rows: list[Row], data: st.DataObject) -> None:
+    batch = Rows.from_rows(rows)
+    mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
+    assert list(batch.select(np.array(mask, np.bool_))) == list(compress(rows, mask))
+    if rows:
+        indices = data.draw(st.lists(st.integers(0, len(rows) - 1), max_size=5))
+        assert list(batch.select(np.array(indices, np.int64))) == [rows[at] for at in indices]
+    start, end = data.draw(INDEX), data.draw(INDEX)
+    assert list(batch.select(slice(start, end))) == rows[start:end]
+
+
+@given(ROWS, ROWS)
+def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
+    codebook = Codebook()
+    batch = Rows.allocate(codebook, len(one) + len(two))
+    batch.assign(0, Rows.from_rows(one, codebook))
+    batch.assign(len(one), Rows.from_rows(two, codebook))
+    assert facts(batch) == facts(one + two)
+
+
+@given(ROWS)
+def test_the_bytes_of_a_batch_are_those_of_its_rows(rows: list[Row]) -> None:
+    batch = Rows.from_rows(rows)
+    assert batch.tobytes() == b"".join(row.raw for row in rows)
+    assert batch[1:].tobytes() == b"".join(row.raw for row in rows[1:])
+
+
+@given(ROWS)
+def test_rows_cross_a_pipe(rows: list[Row]) -> None:
+    batch = pickle.loads(pickle.dumps(Rows.from_rows(rows)))
+    assert facts(batch) == facts(rows)
+    assert facts(Rows.concat([batch, Rows.from_rows(rows)])) == facts(rows + rows)
+
+
+@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=ROWS)
+def test_rows_are_counted(few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row]) -> None:
+    monkeypatch.setattr(rows_module, "FEW", few)
+    monkeypatch.setattr(rows_module, "_FEWEST", few)
+    found, frames = Tally(), [row for row in rows if isinstance(row, Frame)]
+    found.observe(Rows.from_rows(rows).select(slice(None)))
+    assert type(found.bytes) is int  # which JSON can hold
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    assert (found.rows, found.frames) == (len(rows), len(frames))
+    assert found.bytes == sum(len(row.raw) for row in rows)
+    assert found.times == ((min(times), max(times)) if times else None)
+    assert set(found.ports) == {row.port for row in rows}
+    for port in (None, *found.ports):
+        own = [row for row in rows if port in (None, row.port)]
+        counts = {status: count.rows for status, count in found.by_status(port).items()}
+        assert Counter(counts) == Counter(row.status for row in own)
+        counts = {fault: count.rows for fault, count in found.by_fault(port).items()}
+        assert counts == Counter(fault for row in own for fault in set(row.faults))
+    assert Rows.from_rows(rows).tobytes() == b"".join(row.raw for row in rows)
+
+
+@given(ROWS)
+def test_times_are_the_first_and_the_latest(rows: list[Row]) -> None:
+    times = [row.t_ns for row in rows]
+    known = [time for time in times if time is not None]
+    expected = (known[0], max(known)) if times and len(known) == len(times) else None
+    assert Rows.from_rows(rows).times == expected
+
+
+def test_a_row_and_its_index_under_a_filter_take_no_more_than_48_bytes() -> None:
+    batch = Rows.allocate(Codebook(), 1)
+    assert sum(getattr(batch, name).nbytes for name in (*COLUMNS, "raw")) + 2 <= 48
+
+
+# Rows of the framer
+
+TIMES = st.none() | st.integers(0, 2**62) | st.integers(10**18, 10**18 + 10**9)
+
+
+def pieces(data: bytes, sizes: Sequence[int]) -> list[bytes]:
+    """The data cut into pieces of these sizes, again and again."""
+    found: list[bytes] = []
+    at = turn = 0
+    while at < len(data):
+        size = sizes[turn % len(sizes)]
+        found.append(data[at : at + size])
+        at, turn = at + size, turn + 1
+    return found
+
+
+def one_by_one(chunks: Sequence[Chunk]) -> list[Row]:
+    framer = Framer("p")
+    fed = [framer.feed(chunk) for chunk in chunks]
+    return [row for rows in fed for row in rows] + framer.flush()
+
+
+def drained(chunks: Sequence[Chunk], taken_after: int) -> list[Rows]:
+    """The rows of the same chunks, drained after every `taken_after` of them."""
+    framer, found = Framer("p"), []
+    for count, chunk in enumerate(chunks):
+        framer.push(chunk)
+        if count % taken_after == 0:
+            found.append(framer.drain())
+    framer.finish()
+    return [*found, framer.drain()]
+
+
+def check(chunks: Sequence[Chunk], taken_after: int) -> None:
+    expected = facts(one_by_one(chunks))
+    batches = drained(chunks, taken_after)
+    assert facts([row for batch in batches for row in batch]) == expected
+    assert facts(Rows.concat(batches)) == expected
+
+
+@settings(deadline=None)
+@given(
+    raw_bytes,
+    st.lists(st.integers(1, 120), min_size=1, max_size=4),
+    st.just([None]) | st.lists(TIMES, min_size=1, max_size=20),
+    st.integers(1, 5),
+)
+def test_draining_gives_the_rows_of_feeding(
+    data: bytes, sizes: list[int], times: list[int | None], taken_after: int
+) -> None:
+    cut = pieces(data, sizes)
+    chunks = [Chunk("p", times[at % len(times)], piece) for at, piece in enumerate(cut)]
+    check(chunks, taken_after)
+
+
+@pytest.mark.parametrize(("share", "payload"), [(0.001, "ordinary"), (0.2, "hostile")])
+def test_large_pieces_give_the_rows(share: float, payload: str) -> None:
+    stream, _ = damaged_stream(3, 12_000 if share < 0.1 else 2000, share, payload)
+    check([Chunk("p", None, piece) for piece in pieces(stream, [1 << 12, 99_991])], 1)
+
+
+@pytest.mark.parametrize(
+    ("share", "payload"), [(0.0, "ordinary"), (0.01, "ordinary"), (0.2, "hostile")]
+)
+def test_columns_have_the_values_of_the_rows(share: float, payload: str) -> None:
+    stream, _ = damaged_stream(3, 3000, share, payload)
+    chunk = Chunk("p", None, stream)
+    rows = one_by_one([chunk])
+    batch = Rows.concat(drained([chunk], 1))
+    assert batch.offset.tolist() == [row.offset for row in rows]
+    assert batch.length.tolist() == [len(row.raw) for row in rows]
+    assert batch.framed.tolist() == [isinstance(row, Frame) for row in rows]
+    assert [batch.codebook.faults[code] for code in batch.faults] == [row.faults for row in rows]
+    kinds = [row.kind if isinstance(row, Frame) else None for row in rows]
+    assert batch.kinds.tolist() == [KINDS.index(k) if k else NO_KIND for k in kinds]
+    for field in VALUE_FIELDS:
+        values, known = batch.field(field.name)
+        expected = [row.values.get(field.name) if isinstance(row, Frame) else None for row in rows]
+        got = [int(v) if k else None for v, k in zip(values, known, strict=True)]
+        assert got == expected
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), max_size=30))
+def test_the_end_offset_of_a_port_is_after_its_last_row(
+    lengths: list[tuple[str, int]],
+) -> None:
+    ends: dict[str, int] = {}
+    rows = []
+    for port, length in lengths:
+        offset = ends.get(port, 0)
+        rows.append(Damage(port, offset, bytes(length), 1, (Fault.NOISE,)))
+        ends[port] = offset + length
+    assert Rows.from_rows(rows).end_offsets() == ends
+
+
+# Single rows
+
+
+@given(st.from_type(Frame) | st.from_type(Damage))
 def test_a_pickled_row_has_all_that_it_had(row: Row) -> None:
     again = pickle.loads(pickle.dumps(row))
     assert type(again) is type(row)

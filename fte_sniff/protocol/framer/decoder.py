@@ -14,8 +14,6 @@ noise) of variable length.
 - A frame below the probability `CERTAIN` is `ambiguous`, unless it is in step between a certain
   frame and another one and could not also be two truncated frames.
 - On a calm line, two truncated frames of one frame's length are not considered.
-
-`clear_damage` and `decode_alone` decide common damage without the two passes, with the same result.
 """
 
 from __future__ import annotations
@@ -33,7 +31,6 @@ from fte_sniff.protocol.framer.model import (
     BOUNDARY,
     BROKEN,
     CERTAIN,
-    EXTRA,
     HEADER,
     INTACT,
     JUNK,
@@ -58,17 +55,12 @@ from fte_sniff.protocol.framer.model import (
     UNUSUAL,
     WIDEST_CHANGE,
     FrameTables,
-    ends_like_its_kind,
-    find_strict,
     framed_faults,
     is_plain,
     is_strict,
-    is_unambiguous,
     is_unsplit,
     kind_at,
     noise_to_end,
-    prefix_fit,
-    suffix_fit,
 )
 from fte_sniff.protocol.framer.segments import Segment
 from fte_sniff.protocol.spec import NUM_OFFSET
@@ -112,8 +104,10 @@ class PrefixScore:
             self.bad_tail = _bad_tail_score(tables, scores, fit)
         self.unusual = 0.0
         """The score of a frame with another reserve than the line's; 0 if it cannot be one."""
-        if kind != NO_KIND and fit < length and tables.open_reserve[kind * length] != 0:
-            self.unusual = _unlearned_score(tables.unlearned, data, at, end, kind)
+        if kind != NO_KIND and fit < length <= end - at and tables.open_reserve[kind * length] != 0:
+            unlearned = vec[float]([0.0] * (length + 1))
+            _score_prefix(tables.unlearned, data, at, length, kind, unlearned)
+            self.unusual = unlearned[length]
         self.longest_truncated = min(fit, length - 1)
 
     def truncated(self, length: i64) -> float:
@@ -136,19 +130,6 @@ def _score_prefix(
         if offset > 0:
             scores[offset + 1] = score
     return length
-
-
-def _unlearned_score(tables: FrameTables, data: bytes, at: i64, end: i64, kind: i64) -> float:
-    """The score of a frame of a kind on a line whose reserve is not known; 0 if it is not one."""
-    length = tables.length
-    if end - at < length or tables.delimiters[data[at + length - 1]] != TAIL:
-        return 0.0
-    if prefix_fit(tables, data, at, end, kind) < length:
-        return 0.0
-    score = tables.kind_shares[kind]
-    for offset in range(length):
-        score *= tables.byte_scores[(kind * length + offset) * 256 + i64(data[at + offset])]
-    return score
 
 
 def _bad_tail_score(tables: FrameTables, scores: vec[float], fit: i64) -> float:
@@ -804,8 +785,8 @@ def damage_fault(tables: FrameTables, data: bytes, start: i64, stop: i64) -> i64
     return i64(0) if tables.delimiters[data[stop - 1]] == TAIL else BAD_TAIL
 
 
-def decode(posterior: ForwardBackward, following: Segment | None = None) -> list[Segment]:
-    """The segmentation of a span; `following` is known to come after it."""
+def decode(posterior: ForwardBackward) -> list[Segment]:
+    """The segmentation of a span."""
     candidates = posterior.candidates
     length, probabilities = candidates.tables.length, posterior.frame_probabilities()
     after_rows = probabilities
@@ -826,7 +807,7 @@ def decode(posterior: ForwardBackward, following: Segment | None = None) -> list
             if prefix.start > posterior.size - length:
                 damage.end_with_cut_off(prefix, posterior.cut_off_score(prefix))
         _append_damage(posterior, damage, segments)
-    _trust_neighbours(posterior, segments, following)
+    _trust_neighbours(posterior, segments)
     return segments
 
 
@@ -877,24 +858,21 @@ def _shown_frames(candidates: CandidateSet, probabilities: vec[float]) -> list[i
     return shown
 
 
-def _trust_neighbours(
-    posterior: ForwardBackward, segments: list[Segment], following: Segment | None
-) -> None:
+def _trust_neighbours(posterior: ForwardBackward, segments: list[Segment]) -> None:
     """Clear `ambiguous` from frames in step between a certain frame and another one.
 
     Another segmentation needs two faults that cancel each other out. This is rarer than the scores
     say, unless the frame could also be two truncated ones.
     """
     candidates, follows_certain = posterior.candidates, posterior.follows_certain_frame
-    for number in range(i64(len(segments))):
-        frame = segments[number]
+    for number in range(i64(len(segments) - 1)):
+        frame, after = segments[number], segments[number + 1]
         in_step, follows_certain = follows_certain, frame.certain
         if not in_step or frame.faults != AMBIGUOUS or frame.probability < LIKELY:
             continue
-        after = segments[number + 1] if number + 1 < len(segments) else following
-        if after is None or after.probability == 0.0:
-            continue
-        if is_plain(candidates.tables.unlearned, candidates.data, frame.start):
+        if after.probability > 0.0 and is_plain(
+            candidates.tables.unlearned, candidates.data, frame.start
+        ):
             segments[number] = frame.with_faults(0)
             follows_certain = True
 
@@ -940,204 +918,3 @@ def _trusted(posterior: ForwardBackward, frame: Segment) -> Segment:
     start = posterior.boundary_probability(frame.start)
     stop = posterior.boundary_probability(frame.stop)
     return frame.with_faults(0) if min(start, stop) >= CERTAIN else frame
-
-
-# Fast path: the bytes between a certain frame and an unambiguous one
-
-_NEGLIGIBLE: Final = (1 - CERTAIN) / 4
-_FOLLOWING: Final = Segment(0, 1, True, 0, 1.0)
-"""A certain frame after the span; its offsets are not used."""
-
-
-def decode_alone(
-    tables: FrameTables, data: bytes, start: i64, end: i64, *, calm: bool
-) -> list[Segment] | None:
-    """The segments before the unambiguous frame at `end`; None if damage could reach into it."""
-    if _overrun_probability(tables, data, start, end) > _NEGLIGIBLE:
-        return None
-    candidates = CandidateSet(tables, data[start:end])
-    size, own = candidates.size, candidates.data
-    if calm and size >= tables.length and is_strict(tables, own, 0):
-        posterior = ForwardBackward(candidates, _CERTAIN, BOUNDARY)
-        return trust_calm_line(posterior, decode(posterior, _FOLLOWING))
-    if find_strict(tables, own, 0, size) < 0:
-        segments = DamagedSpan(candidates, 0, size).segments()
-        framed = False
-        for segment in segments:
-            framed = framed or segment.framed
-            segment.probability = 0.0
-        if not framed:
-            return segments
-    return decode(ForwardBackward(candidates, _CERTAIN, BOUNDARY), _FOLLOWING)
-
-
-def _overrun_probability(tables: FrameTables, data: bytes, start: i64, frame: i64) -> float:
-    """An upper bound of the probability that a damaged frame reaches into the one at `frame`."""
-    end = frame + tables.length
-    probability = 0.0
-    whole: PrefixScore | None = None
-    suffix: SuffixScore | None = None
-    for at in range(max(start, frame - tables.length + 1), frame):
-        if tables.delimiters[data[at]] != HEADER:
-            continue
-        prefix, length = PrefixScore(tables, data, at, min(end, at + tables.length)), frame - at
-        if length > EXTRA and prefix.bad_tail == 0.0:
-            continue
-        if suffix is None or whole is None:
-            suffix = SuffixScore(tables, data, frame, end)
-            whole = PrefixScore(tables, data, frame, end)
-        over = prefix.bad_tail * suffix.headless[length]
-        if length <= EXTRA:
-            over += damaged_score(prefix, suffix, length + tables.length)
-        probability += over / _least_score(prefix, length) / whole.whole
-    return probability
-
-
-def _least_score(prefix: PrefixScore, length: i64) -> float:
-    """A lower bound of the score of `length` bytes that start with that prefix."""
-    if prefix.longest_truncated >= length:
-        return max(JUNK, prefix.truncated(length))
-    most = 1.0
-    for left in range(i64(1), prefix.longest_truncated + 1):
-        most = max(most, prefix.truncated(left))
-    return JUNK * most
-
-
-# Fast path: damage with one explanation, between a certain frame and an unambiguous one
-
-_ALONE: Final[i64] = EXTRA + 1
-"""More bytes than an overlong frame can have in addition to a whole one."""
-_STUB: Final[i64] = 2
-"""A longer start of a frame cannot form one overlong frame with the frame after it."""
-
-
-def clear_damage(tables: FrameTables, data: bytes, at: i64) -> Segment | None:
-    """The damaged segment at `at`, with offsets from there; None if the scores must decide."""
-    end: i64 = len(data)
-    if end - at < 1 + tables.longest:
-        return None
-    delimiter = _next_delimiter(tables, data, at + 1, end)
-    if delimiter == end:
-        return None
-    if tables.delimiters[data[at]] == HEADER:
-        return _damage_from_header(tables, data, at, delimiter)
-    if tables.delimiters[data[at]] == 0:
-        return _damage_without_header(tables, data, at, delimiter)
-    return None
-
-
-def _next_delimiter(tables: FrameTables, data: bytes, at: i64, end: i64) -> i64:
-    while at < end and tables.delimiters[data[at]] == 0:
-        at += 1
-    return at
-
-
-def _before_frame(
-    tables: FrameTables, data: bytes, at: i64, stop: i64, faults: i64
-) -> Segment | None:
-    """The damaged segment up to `stop`; None without faults, or without a frame after it."""
-    if faults == 0 or not is_unambiguous(tables, data, stop, i64(len(data))):
-        return None
-    delimiters, size = tables.delimiters, stop - at
-    framed = size == tables.length and delimiters[data[at]] == HEADER
-    return Segment(0, size, framed and delimiters[data[stop - 1]] == TAIL, faults, 0.0)
-
-
-def _damage_from_header(
-    tables: FrameTables, data: bytes, at: i64, delimiter: i64
-) -> Segment | None:
-    """Damage that starts with a header; `delimiter` is the next header or tail."""
-    size = delimiter - at
-    if tables.delimiters[data[delimiter]] == TAIL:
-        stop = delimiter + 1
-        if not _ALONE <= size + 1 <= tables.longest:
-            return None
-        return _before_frame(tables, data, at, stop, _faults_to_tail(tables, data, at, stop))
-    if size <= _STUB:
-        faults = _faults_of_stub(tables, data, at, delimiter)
-    elif size < _ALONE or size > tables.length:
-        return None
-    elif size == tables.length:
-        faults = BAD_TAIL if _starts_frame(tables, data, at) else i64(0)
-    else:
-        kind = kind_at(tables, data, at)
-        legal = kind != NO_KIND and prefix_fit(tables, data, at, delimiter, kind) == size
-        faults = TRUNCATED if legal else i64(0)
-    return _before_frame(tables, data, at, delimiter, faults)
-
-
-def _damage_without_header(
-    tables: FrameTables, data: bytes, at: i64, delimiter: i64
-) -> Segment | None:
-    """Damage that starts with neither header nor tail; `delimiter` is the first of them."""
-    size, last = delimiter - at, tables.length - 1
-    if tables.delimiters[data[delimiter]] == TAIL:
-        if size == last:
-            faults = BAD_HEADER if _ends_frame(tables, data, delimiter + 1) else i64(0)
-        else:
-            faults = NOISE if _ALONE - 1 <= size < last else i64(0)
-        return _before_frame(tables, data, at, delimiter + 1, faults)
-    stop, end, delimiters = delimiter, i64(len(data)), tables.delimiters
-    while delimiters[data[stop]] == HEADER and stop + 1 < end and not tables.is_cmd[data[stop + 1]]:
-        # A header without a CMD starts no frame.
-        stop = _next_delimiter(tables, data, stop + 1, end)
-        if stop == end:
-            return None
-    if stop - at > _LONGEST_JUNK or delimiters[data[stop]] != HEADER:
-        return None
-    if stop > delimiter:
-        for offset in range(stop - _ALONE + 1, stop):
-            if offset <= at or delimiters[data[offset]] != 0:
-                return None
-    return _before_frame(tables, data, at, stop, NOISE)
-
-
-def _starts_frame(tables: FrameTables, data: bytes, at: i64) -> bool:
-    kind, least = kind_at(tables, data, at), tables.length - _WIDEST_CHANGE
-    return kind != NO_KIND and prefix_fit(tables, data, at, at + least, kind) == least
-
-
-def _ends_frame(tables: FrameTables, data: bytes, stop: i64) -> bool:
-    least = tables.length - _WIDEST_CHANGE
-    for kind in range(tables.kind_count):
-        if suffix_fit(tables, data, stop - least, stop, kind) == least:
-            return True
-    return False
-
-
-def _faults_of_stub(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64:
-    """Truncated; 0 if the stub and the frame after it can be one overlong frame."""
-    size = stop - at
-    named = kind_at(tables, data, at) if size > 1 else NO_KIND
-    for kind in range(tables.kind_count):
-        if not _can_be(tables, data[at], named, kind):
-            continue
-        if suffix_fit(tables, data, stop, stop + tables.length, kind) >= tables.length - size:
-            return 0
-    return TRUNCATED if size == 1 or named != NO_KIND else i64(0)
-
-
-def _faults_to_tail(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64:
-    """The faults of the bytes from a header to a tail; 0 if unclear."""
-    size = stop - at
-    named = kind_at(tables, data, at)
-    if size == tables.length:
-        clear = named == NO_KIND or ends_like_its_kind(tables, data, stop, named)
-        return framed_faults(tables, data, at) if clear else i64(0)
-    whole = min(size, tables.length)
-    head: i64 = 1
-    if named != NO_KIND:
-        head = min(prefix_fit(tables, data, at, stop - 1, named), whole - 1)
-    for kind in range(tables.kind_count):
-        if not _can_be(tables, data[at], named, kind):
-            continue
-        if head + suffix_fit(tables, data, at, stop, kind) >= whole:
-            if not ends_like_its_kind(tables, data, stop, kind):
-                return 0
-            return TRUNCATED if size < tables.length else OVERLONG
-    return 0
-
-
-def _can_be(tables: FrameTables, header: int, named: i64, kind: i64) -> bool:
-    """Whether a header can start a kind: the one that is named, or any of that header."""
-    return kind == named or (named == NO_KIND and tables.headers[kind] == header)

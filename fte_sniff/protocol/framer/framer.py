@@ -32,9 +32,7 @@ from fte_sniff.protocol.framer.decoder import (
     after_certain_frame,
     after_silence,
     at_stream_start,
-    clear_damage,
     decode,
-    decode_alone,
     in_long_noise,
     trust_calm_line,
 )
@@ -358,12 +356,6 @@ class Framer:
             return False
         frame = _NOWHERE
         if not self._pauses.any_after(self._base + at):
-            if self._state is _CERTAIN:
-                damage = clear_damage(tables, data, at)
-                if damage is not None:
-                    self._decide([damage])
-                    self._state = None
-                    return True
             frame = find_unambiguous(
                 tables, data, max(at, self._unambiguous_from), at + tables.widest
             )
@@ -407,15 +399,9 @@ class Framer:
 
     def _decode_before(self, frame: i64) -> bool:
         """Decide all before an unambiguous frame; False if that is ambiguous after all."""
-        segments: list[Segment] | None = None
-        if self._state is _CERTAIN:
-            segments = decode_alone(
-                self._tables, self._data, self._at, frame, calm=self._line.is_calm()
-            )
-        if segments is None:
-            segments = self._decode(self._posterior(frame + self._tables.length, BOUNDARY))
-            if not segments.pop().certain:
-                return False
+        segments = self._decode(self._posterior(frame + self._tables.length, BOUNDARY))
+        if not segments.pop().certain:
+            return False
         self._decide(segments)
         self._state = None
         self._not_before = 0

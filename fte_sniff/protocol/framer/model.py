@@ -420,8 +420,6 @@ class FrameTables:
         """By byte: `HEADER`, `TAIL`, or 0."""
         self.kind_of = vec[u8](frame_format.kind_codes(NO_KIND))
         """By header * 256 + CMD: the kind, or `NO_KIND`."""
-        self.is_cmd = vec[u8](_set_of(cmd for kind in kinds for cmd in kind.cmds))
-        """By byte: 1 if it is the CMD of a kind."""
         self.is_value_cmd = vec[u8](
             _set_of(cmd for kind in kinds if kind.fields for cmd in kind.cmds)
         )
@@ -770,31 +768,6 @@ def find_anchor(tables: FrameTables, data: bytes, start: i64) -> i64:
         ):
             return at
         at += 1
-
-
-# Partial matches
-
-
-def prefix_fit(tables: FrameTables, data: bytes, at: i64, end: i64, kind: i64) -> i64:
-    """How many bytes from `at`, up to `end`, are legal as the first bytes of a kind."""
-    fit: i64 = 0
-    length, row = tables.length, kind * tables.length
-    while fit < length and at + fit < end:
-        if tables.legal[(row + fit) * 256 + i64(data[at + fit])] == 0:
-            break
-        fit += 1
-    return fit
-
-
-def suffix_fit(tables: FrameTables, data: bytes, at: i64, end: i64, kind: i64) -> i64:
-    """How many bytes before `end`, back to `at`, are legal as the last bytes of a kind."""
-    fit: i64 = 0
-    length, last = tables.length, (kind + 1) * tables.length - 1
-    while fit < length and end - fit > at:
-        if tables.legal[(last - fit) * 256 + i64(data[end - 1 - fit])] == 0:
-            break
-        fit += 1
-    return fit
 
 
 def framed_faults(tables: FrameTables, data: bytes, at: i64) -> i64:

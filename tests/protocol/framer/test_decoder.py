@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from math import prod
 from pathlib import Path
 from random import Random
@@ -21,10 +20,7 @@ from fte_sniff.protocol.framer.decoder import (
     DamagedSpan,
     ForwardBackward,
     after_certain_frame,
-    clear_damage,
     decode,
-    decode_alone,
-    trust_calm_line,
 )
 from fte_sniff.protocol.framer.model import (
     BOUNDARY,
@@ -88,13 +84,9 @@ def decoded(
     ending: int,
     *,
     line: Oracle = ZERO,
-    before_frame: bool = False,
-    calm: bool = False,
 ) -> list[Part]:
-    """The segments of a span; `before_frame` if a frame is known to follow it."""
-    posterior = ForwardBackward(CandidateSet(line.tables, data), state, ending)
-    segments = decode(posterior, Segment(0, 10, True, 0, 1.0) if before_frame else None)
-    return parts_of(trust_calm_line(posterior, segments) if calm else segments)
+    """The segments of a span."""
+    return parts_of(decode(ForwardBackward(CandidateSet(line.tables, data), state, ending)))
 
 
 def candidate_scores(tables: FrameTables, data: bytes) -> dict[tuple[int, int], float]:
@@ -120,16 +112,6 @@ def candidate_scores(tables: FrameTables, data: bytes) -> dict[tuple[int, int], 
 def damaged_span(data: bytes, line: Oracle) -> list[Part]:
     """The segments of a span in which no whole frame is shown."""
     return parts_of(DamagedSpan(CandidateSet(line.tables, data), 0, len(data)).segments())
-
-
-def decoded_alone(data: bytes, end: int, line: Oracle, *, calm: bool) -> list[Part] | None:
-    segments = decode_alone(line.tables, data, 0, end, calm=calm)
-    return None if segments is None else parts_of(segments)
-
-
-def clear_damage_at(data: bytes, at: int, line: Oracle = ZERO) -> Part | None:
-    segment = clear_damage(line.tables, data, at)
-    return None if segment is None else parts_of([segment])[0]
 
 
 # Scores and segmentation
@@ -209,7 +191,7 @@ def test_a_damaged_span_gets_its_best_segmentation(data: bytes, line: Oracle) ->
     assert total == pytest.approx(_best(data, line))
 
 
-# Fast paths
+# Unambiguous frames
 
 imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F, 0x77])
 shorter_spans = st.one_of(
@@ -221,22 +203,6 @@ shorter_spans = st.one_of(
         st.integers(0, 8),
     ).filter(bool),
 )
-
-
-@examples(400)
-@given(shorter_spans, lines, st.integers(0, 10_000), st.booleans())
-def test_a_span_decoded_alone_is_decoded_as_with_the_frame_after_it(
-    span: bytes, line: Oracle, seed: int, calm: bool
-) -> None:
-    data = span + unambiguous_frame(seed, line)[:10]
-    parts = decoded_alone(data, len(span), line, calm=calm)
-    if parts is None:
-        return
-    segments = decoded(
-        data, after_certain_frame(), BOUNDARY, line=line, before_frame=True, calm=calm
-    )
-    assert segments.pop().certain
-    assert parts == segments
 
 
 @examples(400)
@@ -254,39 +220,6 @@ def test_bytes_after_an_unambiguous_frame_change_nothing_before_it(
     assert whole[start] > 0.999
     for at, probability in upto.items():
         assert whole[at] == pytest.approx(probability, abs=1e-3)
-
-
-@pytest.mark.interpreted
-@pytest.mark.parametrize("share", [0.05, 0.2])
-def test_clear_damage_gives_the_rows_of_the_full_decoding(share: float) -> None:
-    stream = FRAME * KNOWN + damaged_stream(7, 3000, share, "ordinary")[0]
-    taken = []
-    for before, row in pairwise(rows_of(stream)):
-        if not row.faults or before.faults or not isinstance(before, Frame):
-            continue
-        at = row.offset
-        part = clear_damage_at(stream, at)
-        taken.append(part is not None)
-        if part is None:
-            continue
-        assert (len(row.raw), isinstance(row, Frame), row.faults) == part[1:]
-        scored = decoded(stream[at : at + part.stop + 10], after_certain_frame(), BOUNDARY)
-        assert scored == [part, (part.stop, part.stop + 10, True, ())]
-    assert sum(taken) > len(taken) / 3
-
-
-@examples(400)
-@given(st.integers(0, 100_000), st.sampled_from(sorted(PAYLOADS)), lines, st.integers(0, 10_000))
-def test_clear_damage_is_decoded_as_by_its_scores(
-    seed: int, payload: str, line: Oracle, after: int
-) -> None:
-    data = damaged_stream(seed, 1, 1.0, payload)[0] + unambiguous_frame(after, line)
-    part = clear_damage_at(data, 0, line)
-    if part is None:
-        return
-    first, *others = decoded(data[: part.stop + 10], after_certain_frame(), BOUNDARY, line=line)
-    assert [other.certain for other in others] == [True]
-    assert first == part
 
 
 @examples(400)
@@ -320,33 +253,11 @@ def test_a_frame_after_short_noise_is_as_certain_as_by_its_scores(
         ("AA 01 07 03 E8 00 00 00 00 EE", Fault.BAD_MOTOR),
     ],
 )
-def test_plain_damage_is_clear(damage: str, fault: Fault) -> None:
+def test_plain_damage_is_named(damage: str, fault: Fault) -> None:
     raw = bytes.fromhex(damage)
     framed = fault in (Fault.UNKNOWN_CMD, Fault.BAD_MOTOR)
-    part = clear_damage_at(FRAME + raw + FRAME * 2, len(FRAME))
-    assert part == (0, len(raw), framed, (fault,))
-    assert clear_damage_at(raw + FRAME + FRAME[:3], 0) is None
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        "EE",
-        "34 EE",
-        "AA 01",
-        "12 AA 03 EE",
-        "55 77 12 34 56 78 EE",
-        "55 02 01 55 02",
-        "AA 02 04 FF 59 FF FE 00 0F EE",
-        "45 AA 02 01 FE E3 00 00 00 08 EE",
-        "2F AA 02 02 02 99 FF FF 04 0F EE",
-        "AA 03 00 00 02 00 01 03 6E 00 0F EE",
-        "AA 00 01 03 1C 00 EF 01 0F EE",
-        "3B B7 55 02 01 03 00 00 01 02 00 EE",
-    ],
-)
-def test_doubtful_damage_is_left_to_the_scores(damage: str) -> None:
-    assert clear_damage_at(bytes.fromhex(damage) + FRAME * 2, 0) is None
+    row = rows_of(FRAME + raw + FRAME * 2)[1]
+    assert (row.raw, isinstance(row, Frame), row.faults) == (raw, framed, (fault,))
 
 
 # Quality on damaged streams

@@ -40,7 +40,7 @@ from tests.protocol.streams import (
     raw_bytes,
     streams_of,
 )
-from tests.support.faults import PAYLOADS, damaged_stream, draw_frame
+from tests.support.faults import PAYLOADS, draw_frame
 
 # Named cases
 
@@ -516,15 +516,6 @@ def test_tables_of_the_same_format_are_equal(name: str) -> None:
         assert list(getattr(one, attribute)) == list(getattr(other, attribute))
 
 
-def test_noise_is_cut_at_1024_bytes() -> None:
-    rows = rows_at_once(bytes(3000))
-    assert [(len(row.raw), row.faults) for row in rows] == [
-        (1024, (Fault.NOISE,)),
-        (1024, (Fault.NOISE,)),
-        (952, (Fault.NOISE,)),
-    ]
-
-
 # Restarts
 
 SPEED_BYTES = bytes.fromhex(SPEED)
@@ -658,30 +649,3 @@ def test_decoding_starts_after_bytes_past_their_deadline(data: bytes, start: int
         while late := oracle.FRAMED.search(data, begin, max(begin, known - 1)):
             begin = late.start() + 1
         assert framer_module.lead_start(FTE_TABLES, data, start, known) == begin
-
-
-# Fast paths
-
-FAST_PATHS = {"clear_damage": lambda *_: None, "find_unambiguous": lambda *_: -1}
-"""By function: the answer that leaves the decision to the scores."""
-
-DAMAGED_STREAMS = {
-    "5 %": damaged_stream(7, 1500, 0.05, "ordinary")[0],
-    "20 %": damaged_stream(8, 1500, 0.2, "ordinary")[0],
-    "20 % hostile": damaged_stream(8, 1500, 0.2, "hostile")[0],
-    "50 % hostile": damaged_stream(9, 500, 0.5, "hostile")[0],
-    "random": Random(9).randbytes(2000),
-    "imitating": bytes(Random(11).choices(b"\xaa\x55\xee\x00\x01", k=600)),
-}
-
-
-@pytest.mark.interpreted
-@pytest.mark.parametrize("stream", DAMAGED_STREAMS)
-@pytest.mark.parametrize("without", [*((name,) for name in FAST_PATHS), tuple(FAST_PATHS)])
-def test_without_fast_paths_the_rows_are_the_same(
-    without: tuple[str, ...], stream: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quick = rows_at_once(DAMAGED_STREAMS[stream])
-    for name in without:
-        monkeypatch.setattr(framer_module, name, FAST_PATHS[name])
-    assert rows_at_once(DAMAGED_STREAMS[stream]) == quick

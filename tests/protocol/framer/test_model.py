@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from itertools import product
 from random import Random
 
 import pytest
@@ -162,7 +161,7 @@ def test_the_next_such_frame_is_found(name: str, line: Oracle) -> None:
     answers: Counter[bool] = Counter()
 
     def same(data: bytes) -> None:
-        for start in range(len(data) + 2):
+        for start in range(0, len(data) + 2, 3):
             for stop in (-5, start - 1, start + 9, start + 15, len(data) - 2, len(data), 10_000):
                 found = pattern.search(data, start, max(0, stop))
                 assert find(line.tables, data, start, stop) == (found.start() if found else -1)
@@ -281,27 +280,6 @@ def _faultless(line: Oracle) -> set[str]:
         if not any(field.fault for field in kind.fields)
         and not any(line.legal_bytes(kind)[offset] == b"\0" for offset in kind.reserved)
     }
-
-
-@for_each_line
-def test_bytes_fit_the_ends_of_a_kind_as_far_as_the_structure_shows(line: Oracle) -> None:
-    lengths = (0, 1, 6, 9, 10, 11)
-    heads: Counter[int] = Counter()
-    rests: Counter[int] = Counter()
-
-    def same(data: bytes) -> None:
-        for at, length, (number, kind) in product(range(len(data)), lengths, enumerate(KINDS)):
-            end = min(len(data), at + length)
-            head = line.prefix_fit(kind, data[at:end])
-            rest = line.suffix_fit(kind, data[at:end])
-            assert model.prefix_fit(line.tables, data, at, end, number) == head
-            assert model.suffix_fit(line.tables, data, at, end, number) == rest
-            heads[head] += 1
-            rests[rest] += 1
-
-    _on_all(same)
-    assert set(rests) == set(range(FRAME_LENGTH + 1))
-    assert set(heads) >= {0, 1, 2, FRAME_LENGTH - 1, FRAME_LENGTH}
 
 
 GIVEN = [fault for fault in Fault if fault is not Fault.LINE_ERROR]
