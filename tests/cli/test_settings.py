@@ -337,14 +337,6 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
     assert b"time UTC" not in screen.drawn
 
 
-def test_nothing_chosen_writes_nothing(environment, settings_file: Path, tmp_path: Path) -> None:
-    with terminal(environment, tmp_path, "view", CLEAN) as screen:
-        screen.until("reset")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert not settings_file.exists()
-
-
 def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.touch()
@@ -379,12 +371,14 @@ def test_colours_of_the_settings_and_what_is_wrong_with_them(
     environment, settings_file: Path, tmp_path: Path
 ) -> None:
     settings_file.write_text(
+        '[screen]\ntheme = "pink"\n'
         '[colors]\n"motor = 1" = "black on #00ff00"\n"motr = 1" = "red"\n"rpm > 1" = "reddish"\n'
     )
     with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
         screen.until(
             "the rule 'motr = 1' in [colors] of the settings is ignored: filter: unknown",
             "'reddish' is not a valid color",
+            "theme in [screen] must be one of",
         )
         screen.type("fmotor = 1\r")  # draws all rows again
         screen.until("48;5;46m")
@@ -415,20 +409,11 @@ def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
     assert line.endswith(way_on)
 
 
-def test_the_screen_shows_the_mistakes_of_the_settings_file(
-    environment, settings_file: Path, tmp_path: Path
-) -> None:
-    settings_file.write_text('[screen]\ntheme = "pink"\n')
-    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
-        screen.until("theme in [screen] must be one of")
-        screen.type("Q")
-        assert screen.ended() == 0
-
-
 def test_ports_hold_beside_a_name_that_is_none(run, settings_file: Path) -> None:
     settings_file.write_text(f'[live]\nports = ["{DOTS}"]\nfoo = 1\n')
     done = run("live", *QUICK)
     assert done.returncode == 0
+    assert done.stdout.count("\n") == 2
     assert "unknown name 'foo' in [live]" in done.stderr
 
 
@@ -442,13 +427,6 @@ def test_an_absent_file_that_was_named_is_an_error(run, environment, tmp_path: P
         done = run(command, DOTS, "--plain", *own)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (4, "", 1)
         assert "own.toml" in done.stderr
-
-
-def test_live_opens_the_ports_of_the_settings(run, settings_file: Path) -> None:
-    settings_file.write_text(f'[live]\nports = ["{DOTS}"]\n')
-    done = run("live", *QUICK)
-    assert done.returncode == 0
-    assert done.stdout.count("\n") == 2
 
 
 def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_file: Path) -> None:

@@ -77,8 +77,8 @@ def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_extents_status_and_faults(run, samples: Path, name: str) -> None:
-    reported, rows = numbers(run, samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
+def test_extents_status_and_faults(samples: Path, name: str) -> None:
+    reported, rows = fte_sniff.stats(samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
     (port,) = reported["ports"]
     for part in (reported, *reported["files"], port):
         assert (part["rows"], part["bytes"]) == (len(rows), rows["length"].sum())
@@ -102,8 +102,8 @@ def test_extents_status_and_faults(run, samples: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_lines_and_silences(run, samples: Path, name: str) -> None:
-    (port,) = numbers(run, samples / f"{name}.mcap")["ports"]
+def test_lines_and_silences(samples: Path, name: str) -> None:
+    (port,) = fte_sniff.stats(samples / f"{name}.mcap")["ports"]
     rows = read(samples / f"{name}.mcap").with_columns(
         end=pl.col("ns") + pl.col("length").cast(pl.Int64) * BYTE_NS
     )
@@ -125,8 +125,8 @@ def test_lines_and_silences(run, samples: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_streams(run, samples: Path, name: str) -> None:
-    (port,) = numbers(run, samples / f"{name}.mcap")["ports"]
+def test_streams(samples: Path, name: str) -> None:
+    (port,) = fte_sniff.stats(samples / f"{name}.mcap")["ports"]
     rows = read(samples / f"{name}.mcap").drop_nulls("kind")
     motor = pl.col("motor").is_in([1, 2, 3, 4])
     sound = rows.filter(motor | pl.col("kind").is_in(["reset", "mecanum"])).with_columns(
@@ -156,9 +156,9 @@ def test_streams(run, samples: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_motors(run, samples: Path, name: str) -> None:
+def test_motors(samples: Path, name: str) -> None:
     rows = read(samples / f"{name}.mcap").drop_nulls("kind").to_dicts()
-    for reported in numbers(run, samples / f"{name}.mcap")["motors"]:
+    for reported in fte_sniff.stats(samples / f"{name}.mcap")["motors"]:
         number, asked, delays, unanswered = reported["motor"], None, [], 0
         commands = feedback = 0
         covered = False
@@ -215,7 +215,7 @@ def test_nothing_is_measured_between_files_that_do_not_go_on(
 
 
 def test_files_together_are_the_file_that_they_were(run, samples: Path, tmp_path: Path) -> None:
-    whole = numbers(run, samples / "clean.mcap")
+    whole = fte_sniff.stats(samples / "clean.mcap")
     parts = pieces(run, samples / "clean.mcap", tmp_path / "parts")
     for named in ([tmp_path / "parts"], [tmp_path / "parts" / "*.mcap"], parts[::-1]):
         together = numbers(run, *named)
@@ -357,9 +357,9 @@ def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> No
     assert [one["rows"] for one in some["left_out"]] == [100]
 
 
-def test_the_commands_of_a_motor_add_up(run, samples: Path) -> None:
+def test_the_commands_of_a_motor_add_up(samples: Path) -> None:
     for name in NAMES:
-        for motor in numbers(run, samples / f"{name}.mcap")["motors"]:
+        for motor in fte_sniff.stats(samples / f"{name}.mcap")["motors"]:
             parts = motor["answered"], motor["unanswered"] or 0, motor["neither"]
             assert sum(parts) == motor["commands"]
 
@@ -515,9 +515,9 @@ def keys_of(value: object) -> set[str]:
     return set().union(*map(keys_of, value)) if isinstance(value, list) else set()
 
 
-def test_every_key_is_described(run, samples: Path) -> None:
+def test_every_key_is_described(samples: Path) -> None:
     described = set(re.findall(r"`(\w+)(?:\[\])?`", (ROOT / "docs/stats.md").read_text()))
     names = {f"{name}.mcap" for name in NAMES}
-    reported = set().union(*(keys_of(numbers(run, samples / name)) for name in names))
+    reported = set().union(*(keys_of(fte_sniff.stats(samples / name)) for name in names))
     rows = {"rpm", "pulses", "vx_cm_s", "vy_cm_s", "wz_mrad_s"}
     assert reported - rows <= described

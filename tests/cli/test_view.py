@@ -78,20 +78,17 @@ def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
         assert screen.ended() == 3
 
 
-def test_a_killed_screen_leaves_a_file_that_opens(run, environment, tmp_path: Path) -> None:
-    with terminal(environment, tmp_path, "live", "sim://?rate=500", "-o", "x.mcap") as screen:
-        screen.until("speed fb")
-        screen.process.kill()
-    assert run("decode", "x.mcap").returncode == 0
-
-
 @pytest.mark.parametrize("name", first(1, ["midstream.hex", "damaged.raw", "clean.mcap"]))
-def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
+def test_view_shows_files_and_writes_nothing(
+    environment, settings_file: Path, tmp_path: Path, name: str
+) -> None:
     with terminal(environment, tmp_path, "view", str(SAMPLES / name), size=(200, 60)) as screen:
         screen.until("speed_feed")
         screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
+    assert not settings_file.exists()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
