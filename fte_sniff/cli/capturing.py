@@ -50,7 +50,7 @@ from fte_sniff.cli.options import (
     row_filter,
     units_options,
 )
-from fte_sniff.cli.service import FileCommand, FinishedFiles, Service
+from fte_sniff.cli.service import FileCommand, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import STDOUT, has_no_reader, print_err
 from fte_sniff.errors import FteSniffError, UsageError, printable, quoted
@@ -511,7 +511,6 @@ def _service(plan: CapturePlan, command: FileCommand) -> list[Observer]:
     return [
         Service(command),
         Announcer(plan, f"capturing {ports}, recording to"),
-        FinishedFiles(command),
         Report(plan, follows_files=True),
     ]
 

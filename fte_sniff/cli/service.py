@@ -68,7 +68,7 @@ class ServiceManager:
 
 
 class Service(Observer):
-    """A capture as a service: messages to the service manager, SIGUSR1, commands at the end.
+    """A capture as a service: messages to the service manager, SIGUSR1, commands for files.
 
     It is the first observer: the manager hears READY once all others have printed that the capture
     began, and the wait for commands is the last thing at the end.
@@ -87,30 +87,17 @@ class Service(Observer):
             signal.signal(number, lambda *_: session.rotate())
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Report that the capture runs, or stops."""
+        """Report that the capture runs, or stops; run the command for files that are finished."""
+        self._command.update(session.state.recordings, session.state.recording)
         self._manager.notify("READY=1")
         self._manager.alive(session.received_at_s)
         if session.stopping:
             self._manager.notify("STOPPING=1")
 
     def ended(self, session: LiveSession) -> None:
-        """Wait for the commands, also if the recording failed."""
-        self._command.wait()
-
-
-class FinishedFiles(Observer):
-    """Runs a command for each finished file, the last one at the end."""
-
-    def __init__(self, command: FileCommand) -> None:
-        self._command = command
-
-    def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Run it for files that are finished."""
-        self._command.update(session.state.recordings, session.state.recording)
-
-    def ended(self, session: LiveSession) -> None:
-        """Run it for the last file."""
+        """Run the command for the last file, and wait for all, also if the recording failed."""
         self._command.update(session.state.recordings, None)
+        self._command.wait()
 
 
 def _leave(*_: object) -> None:
