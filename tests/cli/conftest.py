@@ -31,7 +31,7 @@ def environment(settings_file: Path) -> dict[str, str]:
     return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def program() -> Program:
     """The program, loaded once for all tests."""
     return loaded_program()
