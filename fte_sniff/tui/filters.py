@@ -185,9 +185,12 @@ class FilterField(PromptField):
 
     def open(self, line: str | None = None) -> None:
         """Let the user type."""
-        preload_filter()
         super().open(line)
-        # The line has no place on the screen before the next layout.
+        # The line is drawn first: the import takes long, and the list is placed at the line.
+        self.call_after_refresh(self._prepare)
+
+    def _prepare(self) -> None:
+        preload_filter()
         self.call_after_refresh(self._suggest)
 
     def close(self) -> None:

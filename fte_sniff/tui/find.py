@@ -192,8 +192,8 @@ class SearchField(PromptField):
 
     def open(self, line: str | None = None) -> None:
         """Let the user type."""
-        preload_filter()
         super().open(line)
+        self.call_after_refresh(preload_filter)
 
     def parse(self, line: str) -> Search:
         """Parse a search; raises InputTextError."""
