@@ -145,6 +145,12 @@ def test_a_recording_that_stops_is_reported_while_the_rows_go_on(
 ) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
+        feed.state = replace(feed.state, trouble="writing received data: 9 bytes left")
+        await settle(app, pilot)
+        assert "9 bytes left" in page(app)
+        feed.state = replace(feed.state, trouble=None)
+        await settle(app, pilot)
+        assert "9 bytes left" not in page(app)
         feed.state = replace(feed.state, recording=None, trouble="recording stopped: disk full")
         await settle(app, pilot)
         assert "recording stopped: disk full" in page(app)

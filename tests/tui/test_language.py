@@ -45,7 +45,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.inputs import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.cells import event_text, landmark_text
-from fte_sniff.tui.commands import COMMANDS, KEY_NAMES, SECTIONS, Mode, short_text
+from fte_sniff.tui.commands import COMMANDS, KEY_NAMES, SECTIONS, Mode, action_of, short_text
 from fte_sniff.tui.i18n import CATALOGUES, _, error_text, language_of, set_language
 from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.options import StartOptions
@@ -147,6 +147,10 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "question_mark")
         assert "按键与符号" in page(app)
+        drawn = app.screen.query_one("#help Static", Static)
+        wanted = help_text(drawn.size.width, DARK).plain.split("\n")
+        found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
+        assert found == [line.rstrip() for line in wanted]
 
     play_chinese(feed, scenario)
 
@@ -160,21 +164,6 @@ def test_the_key_line_is_in_chinese_in_every_mode(mode: Mode) -> None:
         one for one in COMMANDS.values() if one.show and short_text(one, mode) == english[one.run]
     ]
     assert same == []
-
-
-@pytest.mark.parametrize(("language", "width"), [("en", 40), ("zh", 80)])
-def test_the_help_is_drawn_as_it_was_broken_into_lines(
-    feed: Any, language: str, width: int
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "question_mark")
-        await settle(app, pilot)
-        drawn = app.screen.query_one("#help Static", Static)
-        wanted = help_text(drawn.size.width, DARK).plain.split("\n")
-        found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
-        assert found == [line.rstrip() for line in wanted]
-
-    play(feed, scenario, (width, 24), options=StartOptions(language=language))
 
 
 def test_mistakes_examples_and_keys_are_chinese_and_names_stay(feed: Any) -> None:
@@ -315,13 +304,7 @@ AMBIGUOUS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 """A position frame that can also be two truncated frames."""
 
 
-@pytest.mark.parametrize(
-    ("language", "words"),
-    [("en", "probability {share}: {reading}"), ("zh", "概率 {share}：{reading}")],
-)
-def test_the_detail_names_both_readings_with_their_probabilities(
-    feed: Any, language: str, words: str
-) -> None:
+def test_the_detail_names_both_readings_with_their_probabilities(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         framer = Framer("p")
         feed.give(framer.feed(Chunk("p", NOON_NS, AMBIGUOUS)) + framer.flush())
@@ -334,9 +317,11 @@ def test_the_detail_names_both_readings_with_their_probabilities(
                 ("90.90 %", "position AA 02 03 EE 55 02 01 03 E8 EE"),
                 ("9.09 %", "truncated AA 02 03 EE + truncated 55 02 01 03 E8 EE"),
             ):
-                assert words.format(share=share, reading=reading) in page(app)
+                assert f"probability {share}: {reading}" in page(app)
+        await app.run_action(action_of("app.language"))
+        assert "概率 90.90 %：position AA 02" in page(app)
 
-    play(feed, scenario, options=StartOptions(language=language))
+    play(feed, scenario)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from textual.widgets import Input
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.time_text import ClockTime
 from fte_sniff.errors import FilterError, InputTextError
-from fte_sniff.protocol import Gap, GapKind, Row
+from fte_sniff.protocol import Damage, Fault, Gap, GapKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui import filters
@@ -400,15 +400,11 @@ def test_the_short_names_of_the_table_lead_to_those_of_a_filter(short: str, name
 
 def test_history_goes_back_and_returns_to_what_was_typed() -> None:
     history = History()
+    assert history.go(-1, "half") == history.go(1, "half") == "half"
     for line in ("a", "b", "a", ""):
         history.append(line)
     assert [history.go(-1, "half") for _ in range(3)] == ["a", "b", "b"]
     assert [history.go(1, "half") for _ in range(3)] == ["a", "half", "half"]
-
-
-def test_history_without_lines_keeps_what_is_typed() -> None:
-    history = History()
-    assert history.go(-1, "half") == history.go(1, "half") == "half"
 
 
 def test_keys_typed_into_a_field_are_text_and_ctrl_c_copies_what_is_selected(feed: Any) -> None:
@@ -527,22 +523,43 @@ def test_a_saved_recording_names_its_gaps(feed: Any, tmp_path: Path) -> None:
         assert selection.rows == rows
 
 
-def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
+def test_the_rows_that_are_shown_or_selected_are_saved(feed: Any, tmp_path: Path) -> None:
+    pages, write = [], SaveJob.write
+
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10_000))
+        def written(job: SaveJob, rows: Sequence[Row]) -> None:
+            pages.append(page(app))
+            write(job, rows)
+
         await enter_line(app, pilot, "f", "motor = 1")
         await settle(app, pilot)
         path = tmp_path / "rows.csv"
-        await save_to(app, pilot, path)
-        await until(app, pilot, path.exists)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(SaveJob, "write", written)
+            await save_to(app, pilot, path)
+            await until(app, pilot, path.exists)
+        assert "saving to" in pages[0]
+        assert "would be saved" not in pages[0]
         text = path.read_text().splitlines()
         assert len(text) == 2501
         assert [int(line.split(",")[8]) for line in text[1:]] == list(range(0, 10_000, 4))
         assert "saved 2,500 rows to" in page(app)
         await save_to(app, pilot, path)
         await until(app, pilot, lambda: "exists already; name another" in page(app))
+        await press(app, pilot, "escape", "g", "v", "down", "down")
+        await save_to(app, pilot, tmp_path / "few.hex")
+        await until(app, pilot, (tmp_path / "few.hex").exists)
+        few = (tmp_path / "few.hex").read_text().splitlines()
+        assert [line[12:14] for line in few] == ["00", "04", "08"]
+        feed.give([Damage("p", 0, b"\x01", None, (Fault.NOISE,))])
+        await settle(app, pilot)
+        await press(app, pilot, "F")
+        await save_to(app, pilot, tmp_path / "rows.mcap")
+        await until(app, pilot, lambda: app.export.job is None)
+        assert "has no time since 1970" in " ".join(page(app).split())
+        assert sorted(one.name for one in tmp_path.glob("*.*")) == ["few.hex", "rows.csv"]
 
-    play(feed, scenario, (140, 24))
+    play(feed, scenario, (140, 24), rows=10_000)
 
 
 def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
@@ -561,18 +578,6 @@ def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_pa
         assert path.read_text() == "mine"
 
     play(feed, scenario, (200, 24))
-
-
-def test_the_selected_rows_are_saved_and_nothing_else(feed: Any, tmp_path: Path) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        table(app).jump(100)
-        await press(app, pilot, "v", "down", "down")
-        path = tmp_path / "rows.hex"
-        await save_to(app, pilot, path)
-        await until(app, pilot, path.exists)
-        assert [line[12:14] for line in path.read_text().splitlines()] == ["64", "65", "66"]
-
-    play(feed, scenario, rows=1000)
 
 
 def test_a_picture_of_the_screen_is_saved(
@@ -628,41 +633,6 @@ def test_a_save_is_ended_by_esc_and_with_the_screen_and_leaves_nothing(
 
     play(feed, scenario, (140, 24), rows=50_000)
     assert not list(tmp_path.glob("rows*"))
-
-
-def test_the_begin_of_a_save_is_shown_at_once(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        await settle(app, pilot)
-        reported = []
-        write = SaveJob.write
-
-        def seen(saving: SaveJob, rows: Sequence[Row]) -> None:
-            reported.append(page(app))
-            write(saving, rows)
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(SaveJob, "write", seen)
-            await save_to(app, pilot, tmp_path / "rows.csv")
-            await until(app, pilot, lambda: app.export.job is None)
-        assert "saving to" in reported[0]
-        assert "would be saved" not in reported[0]
-
-    play(feed, scenario, (140, 24))
-
-
-def test_rows_without_times_make_no_recording(
-    feed: Any, odd_rows: list[Row], tmp_path: Path
-) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(odd_rows)
-        await settle(app, pilot)
-        await save_to(app, pilot, tmp_path / "rows.mcap")
-        await until(app, pilot, lambda: app.export.job is None)
-        assert "has no time since 1970" in page(app)
-        assert not list(tmp_path.glob("rows*"))
-
-    play(feed, scenario, (200, 24))
 
 
 def test_the_name_of_a_file_is_judged_when_enter_ends_it(feed: Any) -> None:

@@ -61,20 +61,6 @@ from tests.tui.conftest import (
 )
 from tests.waiting import BOUND_S
 
-
-def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any) -> None:
-    def footer(app: SniffApp) -> str:
-        return lines(app)[-1].replace(" ", "")
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        for width in (40, 60, 80):
-            await pilot.resize_terminal(width, 12)
-            # Textual sets the footer's keys a few rounds after the screen opens.
-            await until(app, pilot, lambda: "?HelpqQuit" in footer(app))
-
-    play(feed, scenario)
-
-
 PAGES = {
     "question_mark": ("Keys and signs", "esc Back", "down Down", "G End"),
     "ctrl+p": ("type to find", "enter Pick", "esc Back", "up Up"),
@@ -275,19 +261,20 @@ def test_every_width_shows_the_malformed(share: float, shown: str) -> None:
         assert shown in status_text(replace(NUMBERS, malformed_share=share), width)
 
 
-def test_the_numbers_at_forty_cells() -> None:
-    assert status_text(NUMBERS, 40) == "1,234,567 rows     12 bad <0.1%  1,152/s"
+@pytest.mark.parametrize(
+    ("width", "line"),
+    [
+        (40, "1,234,567 rows     12 bad <0.1%  1,152/s"),
+        (80, "1,234,567 rows   1,152 frames/s      12 malformed <0.01%  row 1,234,567"),
+    ],
+)
+def test_the_numbers_of_a_width(width: int, line: str) -> None:
+    assert status_text(NUMBERS, width).rstrip() == line
 
 
 def test_where_there_are_no_times_there_is_no_rate() -> None:
     for width in (40, 80):
         assert "/s" not in status_text(replace(NUMBERS, frames_per_s=None), width)
-
-
-def test_the_numbers_at_eighty_cells() -> None:
-    assert status_text(NUMBERS, 80).rstrip() == (
-        "1,234,567 rows   1,152 frames/s      12 malformed <0.01%  row 1,234,567"
-    )
 
 
 def test_the_numbers_fill_their_width() -> None:
@@ -374,18 +361,6 @@ def test_line_errors_are_summed_from_port_events() -> None:
 
 
 WITHOUT_EVENT_LINES = StartOptions(choices=Choices(events=False), zone=UTC)
-
-
-def test_port_events_are_shown_and_dismissed(feed: Any) -> None:
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.emit(PortEvent(0, "/dev/ttyUSB0", PortEventKind.LOST, "it was pulled out"))
-        await settle(app, pilot)
-        assert "! 00:00:00.000  /dev/ttyUSB0 lost: it was pulled out" in page(app)
-        await press(app, pilot, "escape")
-        await pilot.pause()
-        assert "pulled out" not in page(app)
-
-    play(feed, scenario, options=WITHOUT_EVENT_LINES)
 
 
 async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
@@ -538,19 +513,6 @@ def test_on_a_low_terminal_the_answer_comes_first(feed: Any) -> None:
         assert WORRIES[0] in page(app)
 
     play(feed, scenario, (80, 12))
-
-
-def test_trouble_with_the_recording_goes_when_it_is_over(feed: Any) -> None:
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.state = replace(feed.state, trouble="writing received data: 9 bytes left")
-        await settle(app, pilot)
-        assert "9 bytes left" in page(app)
-        feed.state = replace(feed.state, trouble=None)
-        await settle(app, pilot)
-        assert not app.query_one(NoticeLine).display
-
-    play(feed, scenario)
 
 
 LONG = (

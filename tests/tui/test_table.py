@@ -440,69 +440,34 @@ def window(count: int = 100, height: int = 10) -> Viewport:
     return view
 
 
-def test_follows_from_the_start() -> None:
+@pytest.mark.parametrize(
+    ("steps", "following", "top", "cursor"),
+    [
+        ([], True, 90, 99),
+        ([("come", 50)], True, 140, 149),
+        ([("move", -1), ("come", 400)], False, 90, 98),
+        ([("move", -3), ("move", 3)], True, 90, 99),
+        ([("move", -3), ("follow", 0)], True, 90, 99),
+        ([("pause", 0), ("move", -3), ("move", 3)], False, 90, 99),
+        # A far jump is in the middle, a near one moves the window no more than it must.
+        ([("jump", 20)], False, 15, 20),
+        ([("jump", 92)], False, 90, 92),
+        # The window moves with the cursor's row when older rows leave.
+        ([("jump", 50), ("leave", 20)], False, 25, 30),
+        # The wheel takes the cursor along only as far as it must, and ends at the end.
+        ([("scroll", 85)], False, 85, 94),
+        ([("scroll", 85), ("scroll", 88)], False, 88, 94),
+        ([("scroll", 85), ("scroll", 90)], True, 90, 99),
+    ],
+)
+def test_steps_lead_to_a_window(
+    steps: list[tuple[str, int]], following: bool, top: int, cursor: int
+) -> None:
     view = window()
-    assert (view.top, view.cursor, view.below) == (90, 99, 0)
-    view.refit(150, view.cursor, 0)
-    assert (view.top, view.cursor) == (140, 149)
-
-
-def test_up_leaves_the_end_and_rows_that_come_do_not_move_the_window() -> None:
-    view = window()
-    view.move(-1)
-    view.refit(500, view.cursor, 0)
-    assert (view.following, view.top, view.cursor, view.below) == (False, 90, 98, 400)
-
-
-@pytest.mark.parametrize("way", ["down", "wheel", "follow"])
-def test_the_end_is_followed_again(way: str) -> None:
-    view = window()
-    view.move(-3)
-    if way == "down":
-        view.move(3)
-    elif way == "wheel":
-        view.scroll(80)
-        assert not view.following
-        view.scroll(90)
-    else:
-        view.follow()
-    assert view.following
-
-
-def test_a_paused_view_is_not_followed_by_moving_down() -> None:
-    view = window()
-    view.paused = True
-    view.move(-3)
-    view.move(3)
-    assert not view.following
-
-
-def test_the_window_moves_with_the_cursors_row_when_older_rows_leave() -> None:
-    view = window()
-    view.jump(50)
-    offset = view.cursor - view.top
-    view.refit(80, 30, 0)
-    assert (view.cursor, view.cursor - view.top) == (30, offset)
-
-
-def test_a_far_jump_stands_in_the_middle() -> None:
-    view = window()
-    view.jump(20)
-    assert (view.top, view.cursor) == (15, 20)
-
-
-def test_a_near_jump_moves_the_window_no_more_than_it_must() -> None:
-    view = window()
-    view.jump(92)
-    assert (view.top, view.cursor) == (90, 92)
-
-
-def test_the_wheel_takes_the_cursor_along_only_as_far_as_it_must() -> None:
-    view = window()
-    view.scroll(85)
-    assert (view.top, view.cursor) == (85, 94)
-    view.scroll(88)
-    assert (view.top, view.cursor) == (88, 94)
+    for step in steps:
+        act(view, step)
+    assert (view.following, view.top, view.cursor) == (following, top, cursor)
+    assert view.below == view.count - top - view.height
 
 
 INDICES = st.lists(st.integers(0, 30), max_size=40)

@@ -29,7 +29,6 @@ from fte_sniff.tui.painter import (
     SHADES,
     BarSign,
     Colors,
-    Palette,
     ReadableColors,
     Sign,
     over_line,
@@ -193,31 +192,16 @@ def test_row_under_the_cursor_is_reversed_where_there_are_few_colours(
         assert shown.bgcolor == (style.bgcolor or line.bgcolor)
 
 
-def looks(palette: Palette, kind: str) -> list[tuple[object, ...]]:
-    """Attributes of the bytes without their colours, by byte."""
-    styles = [style.without_color for style in palette.of_bytes(FRAMES[kind])]
-    return [(one.bold, one.dim, one.underline, one.reverse) for one in styles]
-
-
-@pytest.mark.parametrize("kind", FRAMES)
-def test_adjacent_fields_differ_without_colours(kind: str) -> None:
-    found = looks(palette_of(ALL_THEMES["textual-dark"], Colors.NONE), kind)
-    names = byte_names(FRAMES[kind].kind)  # type: ignore[arg-type]
-    framing = {"header", "tail", "num", "reserve"}
-    for (name, look), (other, next_look) in pairwise(zip(names, found, strict=True)):
-        if name != other and not {name, other} <= framing:
-            assert look != next_look, (name, other)
-
-
 @pytest.mark.parametrize("kind", FRAMES)
 @pytest.mark.parametrize("theme", ["textual-dark", "textual-light"])
-def test_adjacent_fields_differ_in_16_colours(kind: str, theme: str) -> None:
-    palette = palette_of(ALL_THEMES[theme], Colors.SIXTEEN)
+@pytest.mark.parametrize("colors", [Colors.SIXTEEN, Colors.NONE])
+def test_adjacent_fields_differ_with_few_colours(kind: str, theme: str, colors: Colors) -> None:
+    styles = palette_of(ALL_THEMES[theme], colors).of_bytes(FRAMES[kind])
+    if colors is Colors.NONE:
+        styles = [style.without_color for style in styles]
     names = byte_names(FRAMES[kind].kind)  # type: ignore[arg-type]
     framing = {"header", "tail", "num", "reserve"}
-    for (name, style), (other, next_style) in pairwise(
-        zip(names, palette.of_bytes(FRAMES[kind]), strict=True)
-    ):
+    for (name, style), (other, next_style) in pairwise(zip(names, styles, strict=True)):
         if name != other and not {name, other} <= framing:
             assert style != next_style, (name, other)
 

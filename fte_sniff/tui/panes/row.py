@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, tzinfo
+from functools import lru_cache
 from itertools import groupby, takewhile
 
 from rich.cells import cell_len
@@ -34,6 +35,7 @@ from fte_sniff.protocol.dissect import (
     readings,
 )
 from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.i18n import _, later
@@ -268,8 +270,14 @@ def _with_readings(context: PaneContext) -> Row | None:
     row, index = context.row, context.index
     if row is None or index is None or not is_doubtful(row.faults):
         return row
-    rows = neighbours(context.store, index, LEARNED, CONTEXT)
-    return replace(row, readings=readings(rows, rows.index(row)))
+    rows = tuple(neighbours(context.store, index, LEARNED, CONTEXT))
+    return replace(row, readings=_readings(rows, rows.index(row)))
+
+
+@lru_cache(maxsize=16)
+def _readings(rows: tuple[Row, ...], at: int) -> tuple[Reading, ...]:
+    """The readings of a row among its neighbours; a pane is drawn several times a second."""
+    return readings(rows, at)
 
 
 CONTEXT_LINES = 6
