@@ -23,6 +23,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.commands import action_of
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes import switcher
 from fte_sniff.tui.panes.statistics import POINTER, StatisticsPane
@@ -79,10 +80,46 @@ def test_a_file_opens_with_its_findings_and_enter_leads_to_their_rows(
         assert app.filters.current == ""
         assert table(app).viewport.cursor == 0
         assert "findings: 1" in page(app)
+        await go_to_unanswered_commands(app, pilot)
+        await enter_from_the_top_view(app, pilot)
         await press(app, pilot, "exclamation_mark")
-        assert "findings: 1" not in page(app)
+        assert "motor 3 answered" in page(app)
+        await app.run_action(action_of("app.language"))
+        assert "电机3应答了" in page(app).replace(" ", "")
+        assert "motor 3 answered" not in page(app)
+        await press(app, pilot, "exclamation_mark")
+        assert "电机3应答了" not in page(app).replace(" ", "")
 
     play(feed, scenario, size)
+
+
+async def go_to_unanswered_commands(app: SniffApp, pilot: Pilot[None]) -> None:
+    """Walk through the unanswered commands of the first finding, and its list stays closed."""
+    await press(app, pilot, "escape", "g", "right_curly_bracket")
+    row = table(app).cursor_row
+    assert row is not None
+    assert row.unanswered
+    assert row.t_ns == NOON_NS + LOST.start * SECOND_NS + SECOND_NS // 10
+    await press(app, pilot, "R")
+    assert "unanswered: the motor's next command, or the deadline, came first" in page(app)
+    first = table(app).viewport.cursor
+    await press(app, pilot, "right_curly_bracket")
+    assert table(app).viewport.cursor > first
+    await press(app, pilot, "left_curly_bracket")
+    assert table(app).viewport.cursor == first
+    await press(app, pilot, "left_curly_bracket")
+    assert "no command without an answer above this row" in page(app)
+
+
+async def enter_from_the_top_view(app: SniffApp, pilot: Pilot[None]) -> None:
+    """Enter is about the finding while its list is open, else about the line of the top view."""
+    await press(app, pilot, "exclamation_mark", "T", "enter")
+    await settle(app, pilot)
+    assert app.filters.current == "unanswered AND motor = 3"
+    assert table(app).display
+    await press(app, pilot, "T", "enter")
+    await settle(app, pilot)
+    assert app.filters.current.endswith("kind = 'speed' AND motor = 3")
 
 
 def test_backspace_returns_to_the_chosen_finding(feed: Any) -> None:
@@ -132,30 +169,6 @@ def test_the_list_names_what_could_not_be_examined(
     play(feed, scenario, (120, 24), options=StartOptions(language=language, zone=UTC))
 
 
-def test_keys_go_to_unanswered_commands(feed: Any) -> None:
-    feed.state = replace(feed.state, live=False, running=False, recording=None)
-    feed.give(session(THIRD))
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "findings: 1" in page(app))
-        await press(app, pilot, "escape", "right_curly_bracket")
-        row = table(app).cursor_row
-        assert row is not None
-        assert row.unanswered
-        assert row.t_ns == NOON_NS + LOST.start * SECOND_NS + SECOND_NS // 10
-        await press(app, pilot, "R")
-        assert "unanswered: the motor's next command, or the deadline, came first" in page(app)
-        first = table(app).viewport.cursor
-        await press(app, pilot, "right_curly_bracket")
-        assert table(app).viewport.cursor > first
-        await press(app, pilot, "left_curly_bracket")
-        assert table(app).viewport.cursor == first
-        await press(app, pilot, "left_curly_bracket")
-        assert "no command without an answer above this row" in page(app)
-
-    play(feed, scenario)
-
-
 @pytest.mark.parametrize("key", first(1, ["h", "l"]))
 def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
     feed: Any, key: str
@@ -193,23 +206,6 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
     play(feed, scenario)
 
 
-def test_enter_in_the_top_view_leads_to_the_finding_of_the_open_list(feed: Any) -> None:
-    feed.state = replace(feed.state, live=False, running=False, recording=None)
-    feed.give(session(THIRD))
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "findings: 1" in page(app))
-        await press(app, pilot, "T", "enter")
-        await settle(app, pilot)
-        assert app.filters.current == "unanswered AND motor = 3"
-        assert table(app).display
-        await press(app, pilot, "T", "enter")
-        await settle(app, pilot)
-        assert app.filters.current.endswith("kind = 'speed' AND motor = 3")
-
-    play(feed, scenario)
-
-
 def test_without_faults_the_statistics_offer_no_times(feed: Any) -> None:
     feed.state = replace(feed.state, live=False, running=False, recording=None)
     rows = session()
@@ -227,29 +223,6 @@ def test_without_faults_the_statistics_offer_no_times(feed: Any) -> None:
         assert table(app)._header.render_line(0).text != head, "the key scrolls the table"
 
     play(feed, scenario)
-
-
-def test_a_single_row_has_no_share_of_the_time(feed: Any) -> None:
-    feed.state = replace(feed.state, live=False, running=False, recording=None)
-    feed.give(session(THIRD)[:1])
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await press(app, pilot, "S")
-        await until(app, pilot, lambda: "too few rows for rates" in page(app))
-        assert "of the time used" not in page(app)
-
-    play(feed, scenario)
-
-
-def test_a_finding_is_shown_in_chinese(feed: Any) -> None:
-    feed.state = replace(feed.state, live=False, running=False, recording=None)
-    feed.give(session(THIRD))
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "电机3应答了" in page(app).replace(" ", ""))
-        assert "answered" not in page(app)
-
-    play(feed, scenario, options=StartOptions(language="zh", zone=UTC))
 
 
 def test_a_finding_of_a_capture_is_one_line_once(

@@ -563,6 +563,12 @@ def test_without_feedback_no_flags_are_shown(speed_rows: Rows) -> None:
     assert "ONLINE" not in _page(speed_rows(10), 100).text.plain
 
 
+def test_a_single_row_has_no_share_of_the_time() -> None:
+    text = _page([feedback(0, 1)], 80).text.plain
+    assert "too few rows for rates" in text
+    assert "of the time used" not in text
+
+
 def test_without_times_no_rates_are_shown() -> None:
     text = _page([Damage("p", 0, b"x", None, (Fault.NOISE,))], 100, None).text.plain
     assert "no times" in text

@@ -17,9 +17,9 @@ from fte_sniff.protocol.rows import Codebook
 from fte_sniff.tui import options as start_options
 from fte_sniff.tui import view_model
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.i18n import set_language
 from fte_sniff.tui.panes import switcher
-from fte_sniff.tui.view_model import PollInterval
+from fte_sniff.tui.view_model import PollInterval, ViewModel
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
@@ -109,18 +109,19 @@ def test_port_events_of_a_file_are_reported_once_and_calmly(feed: Any, speed_row
     play(feed, scenario, size=(120, 40))
 
 
-def test_what_every_recording_has_is_worth_no_word(feed: Any, speed_rows: Rows) -> None:
+@pytest.mark.parametrize(("kind", "count"), [("LOST", 1), ("OPENED", 0), ("CLOSED", 0)])
+def test_port_events_that_not_every_recording_has_are_counted(
+    feed: Any, kind: str, count: int
+) -> None:
     feed.state = replace(feed.state, live=False)
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.OPENED, ""))
-        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.CLOSED, ""))
-        feed.end("")
-        await settle(app, pilot)
-        assert "port events" not in page(app)
-
-    play(feed, scenario, size=(120, 40))
+    feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind[kind], ""))
+    model = ViewModel(feed, None, RowStore())
+    model.poll(0)
+    assert model.events_text.count("lost 1") == count
+    set_language("zh")
+    assert bool(model.events_text) == bool(count)
+    assert "lost" not in model.events_text
+    set_language("en")
 
 
 def test_keys_come_before_the_rows_of_a_file(
@@ -157,19 +158,6 @@ def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
         assert len(app._model.store) == 10
 
     play(feed, scenario)
-
-
-def test_port_events_of_a_file_are_shown_in_chinese(feed: Any, speed_rows: Rows) -> None:
-    feed.state = replace(feed.state, live=False)
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give(speed_rows(10))
-        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
-        feed.end("")
-        await settle(app, pilot)
-        assert "lost" not in page(app)
-
-    play(feed, scenario, size=(120, 40), options=StartOptions(language="zh"))
 
 
 def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
