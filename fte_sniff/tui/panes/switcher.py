@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Final
 
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
+from textual.worker import WorkType
 
 from fte_sniff.analysis.feed import FeedState, StreamChange
 from fte_sniff.analysis.findings import Cause, Finding
@@ -48,7 +50,6 @@ CLOSED_BUDGET_S: Final = 0.015
 CLOSED_BATCH_ROWS: Final = 4_096
 """Rows that are collected for a step while no pane is open: fewer steps cost less."""
 
-
 HEALTH_NS: Final = 10_000_000_000
 """Time before the cursor of which the health of the motors is shown."""
 
@@ -56,7 +57,6 @@ HEALTH_EVERY_NS: Final = 1_000_000_000
 """Shortest time between two updates of it: each costs a step of the models."""
 
 HEALTH: Final = {Health.SOUND: "●", Health.TROUBLED: "◐", Health.SILENT: "○"}
-
 
 FINDINGS_EVERY_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings; each takes some tenths of a second in a
@@ -167,19 +167,15 @@ class PaneSwitcher(Container):
         """Make the open pane larger (`by` 1) or smaller (-1)."""
         if self.open is None or not self.size:
             return
-        layout, beside, size, whole = (
-            self.pane_layout,
-            self._beside,
-            self.open.outer_size,
-            self.size,
-        )
+        layout, beside = self.pane_layout, self._beside
         share = layout.width if beside else layout.height
         if share is None:
+            size, whole = self.open.outer_size, self.size
             part = size.width / whole.width if beside else size.height / whole.height
             share = round(part * 100)
         share = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
-        beside_one, below_one = replace(layout, width=share), replace(layout, height=share)
-        self.pane_layout = beside_one if beside else below_one
+        wider, taller = replace(layout, width=share), replace(layout, height=share)
+        self.pane_layout = wider if beside else taller
         self._place()
 
     def action_switch(self, name: str) -> None:
@@ -332,18 +328,19 @@ class PaneSwitcher(Container):
             return
         self._searching, self._searched = True, known
         self._next_search_ns = now_ns + FINDINGS_EVERY_NS
-        self.run_worker(self._find(state), group=SEARCH)
+        work: WorkType[None] = partial(self._find, state)
+        self.run_worker(work, group=SEARCH)
 
     async def _find(self, state: FeedState) -> None:
+        models = self.models  # playback may begin others meanwhile
         try:
             # Of a copy: more rows are observed meanwhile.
-            findings = self.models.findings.copy()
+            findings = models.findings.copy()
             findings.grows = state.running
             search = findings.found_and_recent
             found, recent = await asyncio.to_thread(search, RECENT_NS if state.live else 0)
         finally:
             self._searching = False
-        models = self.models
         models.found, models.coverage = tuple(found), tuple(findings.coverage(found))
         self.redraw_open()
         if state.live:
