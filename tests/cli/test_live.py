@@ -182,7 +182,9 @@ def test_unplugged_keeps_all_that_came_before(run, environment, tmp_path: Path) 
     assert rows[-1]["raw"] == FRAME[:4].hex().upper()
 
 
-@pytest.mark.parametrize("form", first(1, [(), ("--format", "jsonl"), ("--format", "csv")]))
+@pytest.mark.parametrize(
+    "form", first(1, [((),), (("--format", "jsonl"),), (("--format", "csv"),)])
+)
 def test_rows_that_nobody_reads_any_more_end_a_recording_with_the_reason(
     run, environment, tmp_path: Path, form: tuple[str, ...]
 ) -> None:
