@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.counters import PER_OCTAVE, Durations, Keep, Rate, RecentValues, Series
 from fte_sniff.analysis.tally import RowCount, Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
+from fte_sniff.protocol import rows as rows_module
 from fte_sniff.protocol.rows import Rows
 from tests.analysis.pieces import state_of
 
@@ -108,46 +109,41 @@ def test_a_rate_is_none_before_two_values_and_0_after_the_last(
 
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
-MANY = st.tuples(ROWS, st.sampled_from([1, 8])).map(lambda drawn: drawn[0] * drawn[1])
-"""Few rows, or so many that they are counted as arrays."""
 
 
-@given(MANY)
-def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
-    tally = Tally()
-    tally.observe(Rows.from_rows(rows))
+def count_by_hand(rows: list[Row]) -> RowCount:
     times = [row.t_ns for row in rows if row.t_ns is not None]
-    frames = [row for row in rows if isinstance(row, Frame)]
-    assert tally.rows == len(rows)
-    assert tally.frames == len(frames)
-    assert tally.bytes == sum(len(row.raw) for row in rows)
+    size = sum(len(row.raw) for row in rows)
+    return RowCount(len(rows), size, min(times, default=None), max(times, default=None))
+
+
+@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=ROWS, cut=st.integers(0, 12))
+def test_a_tally_equals_a_count_by_hand(
+    few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row], cut: int
+) -> None:
+    monkeypatch.setattr(rows_module, "FEW", few)
+    monkeypatch.setattr(rows_module, "_FEWEST", few)
+    tally, later = Tally(), Tally()
+    tally.observe(Rows.from_rows(rows[:cut]))
+    later.observe(Rows.from_rows(rows[cut:]).select(slice(None)))
+    tally.merge(later)
+    assert type(tally.bytes) is int  # which JSON can hold
+    assert vars(count_by_hand(rows)).items() <= vars(tally).items()
+    assert tally.frames == sum(isinstance(row, Frame) for row in rows)
     assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
-    for status in Status:
-        assert tally.by_status()[status].rows == sum(row.status is status for row in rows)
-    for fault in Fault:
-        own = [row for row in rows if fault in row.faults]
-        assert (tally.by_fault().get(fault) or RowCount()).rows == len(own)
     assert tally.ports == tuple(dict.fromkeys(row.port for row in rows))
-    for port in tally.ports:
-        here = [row for row in rows if row.port == port]
-        bytes_ = dict.fromkeys(Status, 0)
-        for row in here:
-            bytes_[row.status] += len(row.raw)
-        found = tally.by_status(port)
-        assert {status: count.bytes for status, count in found.items()} == bytes_
-    assert tally.first_ns == min(times, default=None)
-    assert tally.last_ns == max(times, default=None)
-    assert tally.duration_ns == (max(times) - min(times) if times else None)
-
-
-@given(MANY, st.data())
-def test_batches_of_any_size_give_the_same_tally(rows: list[Row], data: st.DataObject) -> None:
-    cut = data.draw(st.integers(0, len(rows)))
-    once, parts = Tally(), Tally()
-    once.observe(Rows.from_rows(rows))
-    parts.observe(Rows.from_rows(rows[:cut]))
-    parts.observe(Rows.from_rows(rows[cut:]))
-    assert parts == once
+    for port in (None, *tally.ports):
+        own = [row for row in rows if port in (None, row.port)]
+        assert tally.by_status(port) == {
+            status: count_by_hand([row for row in own if row.status is status]) for status in Status
+        }
+        assert tally.by_fault(port) == {
+            fault: count_by_hand(having)
+            for fault in Fault
+            if (having := [row for row in own if fault in row.faults])
+        }
 
 
 def test_the_malformed_share_is_of_all_rows() -> None:

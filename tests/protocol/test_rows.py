@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import astuple
 from itertools import compress, pairwise
@@ -13,7 +12,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import (
     KINDS,
     VALUE_FIELDS,
@@ -87,8 +85,14 @@ def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
     assert facts(batch) == facts(one + two)
 
 
-@given(ROWS)
-def test_the_bytes_of_a_batch_are_those_of_its_rows(rows: list[Row]) -> None:
+@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=ROWS)
+def test_the_bytes_of_a_batch_are_those_of_its_rows(
+    few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row]
+) -> None:
+    monkeypatch.setattr(rows_module, "FEW", few)
+    monkeypatch.setattr(rows_module, "_FEWEST", few)
     batch = Rows.from_rows(rows)
     assert batch.tobytes() == b"".join(row.raw for row in rows)
     assert batch[1:].tobytes() == b"".join(row.raw for row in rows[1:])
@@ -99,29 +103,6 @@ def test_rows_cross_a_pipe(rows: list[Row]) -> None:
     batch = pickle.loads(pickle.dumps(Rows.from_rows(rows)))
     assert facts(batch) == facts(rows)
     assert facts(Rows.concat([batch, Rows.from_rows(rows)])) == facts(rows + rows)
-
-
-@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(rows=ROWS)
-def test_rows_are_counted(few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row]) -> None:
-    monkeypatch.setattr(rows_module, "FEW", few)
-    monkeypatch.setattr(rows_module, "_FEWEST", few)
-    found, frames = Tally(), [row for row in rows if isinstance(row, Frame)]
-    found.observe(Rows.from_rows(rows).select(slice(None)))
-    assert type(found.bytes) is int  # which JSON can hold
-    times = [row.t_ns for row in rows if row.t_ns is not None]
-    assert (found.rows, found.frames) == (len(rows), len(frames))
-    assert found.bytes == sum(len(row.raw) for row in rows)
-    assert found.times == ((min(times), max(times)) if times else None)
-    assert set(found.ports) == {row.port for row in rows}
-    for port in (None, *found.ports):
-        own = [row for row in rows if port in (None, row.port)]
-        counts = {status: count.rows for status, count in found.by_status(port).items()}
-        assert Counter(counts) == Counter(row.status for row in own)
-        counts = {fault: count.rows for fault, count in found.by_fault(port).items()}
-        assert counts == Counter(fault for row in own for fault in set(row.faults))
-    assert Rows.from_rows(rows).tobytes() == b"".join(row.raw for row in rows)
 
 
 @given(ROWS)
