@@ -118,7 +118,7 @@ from pathlib import Path
 from fte_sniff.session.notes import Note, Notes
 notes = Notes([Path(sys.argv[1])])
 sys.stdin.readline()
-for number in range(60):
+for number in range(20):
     notes.set(Note(None, sys.argv[2], number, "x"))
     assert notes.save() is None
 """
@@ -135,7 +135,7 @@ def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
             writer.stdin.write(b"go\n")
             writer.stdin.flush()
         assert [writer.wait(BOUND_S) for writer in writers] == [0, 0, 0]
-    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(60)}
+    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(20)}
     assert [path.name for path in recording.parent.glob("*run*")] == [beside(recording).name]
 
 
