@@ -139,14 +139,7 @@ class JsonlWriter(_LineWriter):
         lines = BytesIO()
         texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
         texts.select(self._columns).write_ndjson(lines)
-        # Only a port's name can have other characters than ASCII.
-        is_ascii = all(port.isascii() for port in frame.get_column("port").unique())
-        buffer = getattr(self._stream, "buffer", None) if is_ascii else None
-        if buffer is None:
-            self._stream.write(printable_json(lines.getvalue().decode()))
-        else:
-            self._stream.flush()
-            buffer.write(lines.getbuffer())
+        self._stream.write(printable_json(lines.getvalue().decode()))
 
 
 def _line(row: Row, columns: Sequence[str]) -> str:

@@ -887,10 +887,7 @@ class RecordingReader:
             self._all_metadata = []
             with self._open() as stream:
                 records = RecordStream(stream, self._summary, None, self._found, chunks=False)
-                for record in records:
-                    if record.opcode == Opcode.METADATA:
-                        with suppress(RecordError):
-                            self._all_metadata.append(parse(Metadata, record.body))
+                self._collect_metadata(records)
         return self._all_metadata
 
     @property
@@ -953,9 +950,9 @@ class RecordingReader:
         """Find the complete records of a growing file, and the metadata in them."""
         self._complete = self._indexed_stop()
         self._all_metadata = []
-        for record in RecordStream(stream, self._summary, chunks=False, stop=self._complete):
-            if record.opcode == Opcode.METADATA:
-                self._read_metadata(record.body)
+        self._collect_metadata(
+            RecordStream(stream, self._summary, chunks=False, stop=self._complete)
+        )
         self._advance(stream)
         self._is_followed = True
 
@@ -1016,8 +1013,7 @@ class RecordingReader:
                 body = read_at(descriptor, length, position + HEAD.size)
                 if opcode == Opcode.CHUNK and not _is_intact(body):
                     break
-                if opcode == Opcode.METADATA:
-                    self._read_metadata(body)
+                self._collect_metadata([RawRecord(position, opcode, body)])
             position = stop
             if opcode not in DEFINITIONS:  # they can belong to the tail
                 complete = position
@@ -1027,9 +1023,11 @@ class RecordingReader:
             self._check(stream)
         self._complete, self._edge = complete, edge
 
-    def _read_metadata(self, body: bytes) -> None:
-        with suppress(RecordError):
-            self.all_metadata.append(parse(Metadata, body))
+    def _collect_metadata(self, records: Iterable[RawRecord]) -> None:
+        for record in records:
+            if record.opcode == Opcode.METADATA:
+                with suppress(RecordError):
+                    self.all_metadata.append(parse(Metadata, record.body))
 
     def _known_channels(self) -> ChannelReaders:
         """The definitions in the summary, if a checksum protects it."""

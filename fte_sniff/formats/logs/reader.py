@@ -232,6 +232,8 @@ class OwnLog(LogForm):
 
 _SAMPLE_LINES: Final = tuple(2**power for power in range(12))
 """Lines of a sample of a stream."""
+_AT_ONCE: Final = 64
+"""Lines of the first one, if they are there: enough to be certain."""
 
 
 class _Skipped:
@@ -383,11 +385,15 @@ class LogReader:
         self._stream = self._stream or path.open("rb")
         blocks, seen, lines = text_blocks(self._stream), list[TextBlock](), list[bytes]()
         self._blocks = lambda: chain(seen, blocks)
-        for count in _SAMPLE_LINES:
-            while len(lines) < count and (block := next(blocks, None)):
+        size = 0
+        for least in _SAMPLE_LINES:
+            if least <= size:
+                continue
+            while len(lines) < least and (block := next(blocks, None)):
                 seen.append(block)
                 lines += map(first_words, block.lines[: _SAMPLE_LINES[-1]])
-            yield lines[:count], len(lines) < count or count == _SAMPLE_LINES[-1]
+            size = max(least, min(len(lines), _AT_ONCE))
+            yield lines[:size], len(lines) < least or least == _SAMPLE_LINES[-1]
 
     def explain(self) -> Iterator[str]:
         """Where it has its bytes, times and directions; of a refused log, what comes near.
