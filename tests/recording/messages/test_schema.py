@@ -14,7 +14,6 @@ from fte_sniff.protocol import (
     Field,
     Frame,
     FrameKind,
-    Row,
     encode,
 )
 from fte_sniff.recording.messages.encode import encode_row, topic_of
@@ -97,15 +96,6 @@ def test_a_message_holds_the_values_and_nan_for_fields_of_other_kinds(row: Frame
     others = set(FIELDS[schema_name(topic)]) - set(ROW) - set(own)
     assert all(math.isnan(values[name]) for name in others)  # type: ignore[arg-type]
     assert set(values) == set(FIELDS[schema_name(topic)]) - {"faults", "time_ns", "order_uncertain"}
-
-
-def test_a_speed_frame_plots_no_pulses() -> None:
-    kind = next(kind for kind in KINDS if kind.name == "speed")
-    row: Row = Frame("port", 0, encode(kind, {"motor": 1, "rpm": 0}), 5)
-    values = _decoded(topic_of(row), encode_row(topic_of(row), row, 5))
-    assert values["rpm"] == 0
-    assert math.isnan(values["pulses"])  # type: ignore[arg-type]
-    assert values["kind"] == 2
 
 
 def _frame(kind_name: str, num: int = 1, faults: tuple[Fault, ...] = ()) -> Frame:
