@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -107,6 +108,11 @@ def test_each_message_gives_the_row_that_protobuf_gives(
         channel, time, data = messages[at]
         messages[at] = channel, random.choice([time, 2**63 + 5]), _changed(data, random)
     random.shuffle(messages)
+    _check(messages)
+
+
+def _check(messages: list[Message]) -> None:
+    """Each message gives the row that protobuf gives, or is lost as there."""
     expected, lost = [], 0
     for channel, time, data in messages:
         try:
@@ -122,12 +128,28 @@ def test_each_message_gives_the_row_that_protobuf_gives(
     assert found.losses.total() == lost
 
 
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_any_changed_byte_of_a_message_gives_what_protobuf_gives(uncertain: bool) -> None:
+    raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
+    channel, time, data = _message(Frame("p", 10, raw, 1_000, (), 5, uncertain))
+    changed = [
+        data[:at] + bytes([data[at] ^ bits]) + data[at + 1 :]
+        for at in range(len(data))
+        for bits in (1, 0x80, 0xFF)
+    ]
+    _check([(channel, time, one) for one in changed])
+
+
 def test_rows_without_faults_fit_a_template(make_rows: Callable[..., list[Row]]) -> None:
     rows = [row for row in make_rows(300, "p") if isinstance(row, Frame) and not row.faults]
+    rows = [replace(row, order_uncertain=at % 3 == 0) for at, row in enumerate(rows)]
     messages = [_message(row) for row in rows]
-    found = _decoded(messages, ParseBudget([10**6], [0]))
-    assert list(found.columns) == rows
-    assert not found.losses
+    decoded = _decoded(messages, ParseBudget([10**6], [0]))
+    found = list(decoded.columns)
+    assert found == rows
+    for name in ("order_uncertain", "read_delay_ns"):
+        assert [getattr(row, name) for row in found] == [getattr(row, name) for row in rows]
+    assert not decoded.losses
 
 
 def test_a_chunk_spends_its_own_budget_only(make_rows: Callable[..., list[Row]]) -> None:
