@@ -8,6 +8,7 @@ import pty
 import select
 import signal
 import struct
+import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -138,7 +139,7 @@ def terminal(
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
     if program is None and needs_start(environment):
-        program = PROGRAM
+        program = PROGRAM if code is None else (sys.executable, "-c", code)
     with ExitStack() as stack:
         opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
         process: Process = stack.enter_context(

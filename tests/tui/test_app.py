@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import random
 import re
 import signal
-import sys
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from datetime import UTC
@@ -27,6 +25,7 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.table import RowTable
+from tests.cli.forked import plain_environment
 from tests.cli.terminals import Terminal, controlling_terminal, terminal
 from tests.slow import first
 from tests.tui.conftest import (
@@ -493,10 +492,8 @@ def idle(folder: Path, **asked: str) -> AbstractContextManager[Terminal]:
 
     A file `stopped` in the folder says that its feed was stopped.
     """
-    environment = {**os.environ, "TERM": "xterm-256color"}
-    environment.pop("NO_COLOR", None)
-    program = (sys.executable, "-c", PROGRAM)
-    return terminal(environment | asked, folder, program=program, session=controlling_terminal)
+    environment = plain_environment() | asked
+    return terminal(environment, folder, code=PROGRAM, session=controlling_terminal)
 
 
 WAYS = ["Q", signal.SIGTERM, signal.SIGHUP, signal.SIGINT, "\x11", "\x03"]
