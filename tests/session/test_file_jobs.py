@@ -190,7 +190,7 @@ def test_memory_does_not_grow_with_the_number_of_files(
 
 
 def test_ctrl_c_in_a_step_that_fails_is_raised_and_delayed_no_more() -> None:
-    interrupts = DelayedInterrupt()
+    interrupts, before = DelayedInterrupt(), signal.getsignal(signal.SIGINT)
 
     def fail(*, interrupted: bool) -> None:
         with interrupts.held():
@@ -205,6 +205,7 @@ def test_ctrl_c_in_a_step_that_fails_is_raised_and_delayed_no_more() -> None:
             fail(interrupted=False)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_no_more_jobs_wait_than_allowed(tmp_path: Path) -> None:
