@@ -45,6 +45,7 @@ from fte_sniff.protocol.framer.decoder import (
     damage_fault,
     in_long_noise,
 )
+from fte_sniff.protocol.framer.framer import SETTLING_NS
 from fte_sniff.protocol.framer.model import (
     BOUNDARY,
     CLOSED,
@@ -61,7 +62,6 @@ from fte_sniff.protocol.framer.model import (
     framed_faults,
     noise_to_end,
 )
-from fte_sniff.protocol.framer.segments import SETTLING_NS
 from fte_sniff.protocol.rows import NO_ROWS, Damage, Frame, Reading, Row, Rows
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,

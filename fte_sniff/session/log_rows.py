@@ -25,7 +25,7 @@ from fte_sniff.protocol import (
     Fault,
     Framer,
 )
-from fte_sniff.protocol.framer.segments import PAUSE_BYTES
+from fte_sniff.protocol.framer.framer import PAUSE_BYTES
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.protocol.spec import DIRECTION_OF_HEADER, TAIL, byte_time_ns
 

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pprint import pformat
 from typing import Final
 
-from fte_sniff.protocol.framer.segments import SETTLING_NS
+from fte_sniff.protocol.framer.framer import SETTLING_NS
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DEFAULT_BAUD,

@@ -3,9 +3,8 @@
 Certain frames become rows at once. Anything else, a disputed span, is decoded with a hidden
 semi-Markov model; `docs/framer.md` explains it with an example. Modules:
 
-    framer       Framer: feed chunks, get rows; decides when enough bytes have arrived.
+    framer       Framer: feed chunks, get rows; decides when enough bytes have arrived; times.
     decoder      Decoding of a disputed span: candidates, posterior probabilities, segmentation.
-    segments     Decided segments, their times, the health of the line, and rows made of them.
     model        What bytes a frame may have, how probable they are, and the reserve of a line.
 
 The code is written for mypyc: machine integers (`i64`), arrays (`vec[float]`), and loops over

@@ -62,7 +62,6 @@ from fte_sniff.protocol.framer.model import (
     kind_at,
     noise_to_end,
 )
-from fte_sniff.protocol.framer.segments import Segment
 from fte_sniff.protocol.spec import NUM_OFFSET
 
 # Candidates
@@ -667,6 +666,33 @@ def _shares(scores: vec[float], start: i64, total: float) -> vec[float]:
 
 
 # Segmentation
+
+
+@final
+@mypyc_attr(acyclic=True, free_list_len=1)
+class Segment:
+    """A segment of a decoded span: one row, except that adjacent noise becomes one row."""
+
+    def __init__(
+        self, start: i64, stop: i64, framed: bool, faults: i64, probability: float
+    ) -> None:
+        self.start = start
+        self.stop = stop
+        self.framed = framed
+        self.faults = faults
+        """An index of `FAULT_SETS`."""
+        self.probability = probability
+        """Of a frame that is legal but for an unusual reserve (0-1); 0 for any other segment."""
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is a frame without any fault, `ambiguous` included."""
+        return self.framed and self.faults == 0
+
+    def with_faults(self, faults: i64) -> Segment:
+        """This segment with other faults."""
+        return Segment(self.start, self.stop, self.framed, faults, self.probability)
+
 
 _NOISE_SCORE: Final = -1.0
 """In place of a candidate's score: the segment is noise."""

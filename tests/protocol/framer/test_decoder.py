@@ -19,6 +19,7 @@ from fte_sniff.protocol.framer.decoder import (
     CandidateSet,
     DamagedSpan,
     ForwardBackward,
+    Segment,
     after_certain_frame,
     decode,
 )
@@ -36,7 +37,6 @@ from fte_sniff.protocol.framer.model import (
     OPEN,
     find_unambiguous,
 )
-from fte_sniff.protocol.framer.segments import Segment
 from tests.examples import examples
 from tests.protocol import oracle
 from tests.protocol.oracle import LINES, UNLEARNED, ZERO, Oracle
