@@ -83,6 +83,14 @@ def quoted(text: str) -> str:
     return repr(shortened(text))
 
 
+def size_text(size: int) -> str:
+    """A size with three digits: `1.5 GB`."""
+    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
+        if size >= unit:
+            return f"{size / unit:.3g} {name}"
+    return f"{size} bytes"
+
+
 class FteSniffError(Exception):
     """Base of all errors that a user can cause; the text is one line for the terminal."""
 

@@ -135,6 +135,8 @@ def chosen(count: int, seed: int, paths: Sequence[str]) -> Iterator[Mutant]:
         if path.name != "__init__.py"
     ]
     modules = [one for one in modules if not paths or str(one).startswith(tuple(paths))]
+    if not modules:
+        raise SystemExit(f"no module of {PACKAGE}/ begins with {' or '.join(paths)}")
     sizes = [(ROOT / PACKAGE / module).stat().st_size for module in modules]
     numbers = {module: sum(1 for _ in _all(module)) for module in modules}
     for module in rng.choices(modules, sizes, k=count):
@@ -221,7 +223,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Mutants that the tests should notice.")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--of", nargs="*", default=[], metavar="PATH", help="in the package")
+    parser.add_argument("--of", nargs="*", default=[], metavar="PATH", help="in fte_sniff/")
     options = parser.parse_args()
     verdicts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:

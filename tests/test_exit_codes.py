@@ -72,7 +72,7 @@ def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path
 
 
 @pytest.mark.parametrize("megabytes", first(2, [200, 300, 260, 280, 330]))
-def test_a_low_limit_of_memory_is_no_verdict(tmp_path: Path, megabytes: int) -> None:
+def test_a_low_limit_of_memory_is_not_a_verdict(tmp_path: Path, megabytes: int) -> None:
     limit = f"import resource\nresource.setrlimit(resource.RLIMIT_AS, ({megabytes} << 20,) * 2)"
     done = run_with(tmp_path, limit, *CHECK)
     assert (done.code, done.output) == (70, b"")

@@ -162,6 +162,6 @@ def test_limits_are_found(source: str) -> None:
         "assert 1 < count",
     ],
 )
-def test_what_is_no_limit_is_not_found(source: str) -> None:
+def test_what_is_not_a_limit_is_not_found(source: str) -> None:
     tree = ast.parse(source)
     assert not [*limits_in(tree), *processor_times_in(tree), *endless_waits_in(tree)]

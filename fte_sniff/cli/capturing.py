@@ -53,7 +53,7 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.service import FileCommand, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import STDOUT, has_no_reader, print_err
-from fte_sniff.errors import FteSniffError, UsageError, printable, quoted
+from fte_sniff.errors import FteSniffError, UsageError, printable, quoted, size_text
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
@@ -64,7 +64,6 @@ from fte_sniff.recording.retention import (
     OnFull,
     RecordingOptions,
     TriggerWindow,
-    size_text,
 )
 
 if TYPE_CHECKING:

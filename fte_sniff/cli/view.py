@@ -36,9 +36,8 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
-from fte_sniff.errors import FileError, FilterError, UsageError, printable
+from fte_sniff.errors import FileError, FilterError, UsageError, printable, size_text
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.recording.retention import size_text
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import Input, RecordingInput
 

@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
+from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text, unwritable
 from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
 from fte_sniff.recording.output_file import Existing, FileIdentity, file_names, is_stream
@@ -266,14 +266,6 @@ def _numbered(path: Path) -> Path | None:
     """The first existing file of a sequence of this name."""
     pattern = f"{escape(path.stem)}_[0-9][0-9][0-9][0-9][0-9]{path.suffix}"
     return min(path.parent.glob(pattern), default=None)
-
-
-def size_text(size: int) -> str:
-    """A size with three digits: `1.5 GB`."""
-    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
-        if size >= unit:
-            return f"{size / unit:.3g} {name}"
-    return f"{size} bytes"
 
 
 MAX_WAITING_ROWS = 500_000

@@ -281,7 +281,7 @@ def running_programs(root: Path = _ROOT) -> frozenset[str]:
 
 
 def adapter_findings(root: Path = _ROOT) -> Iterator[Diagnosis]:
-    """Check for adapters that are no port, and for programs that open adapters."""
+    """Check for adapters without a port, and for programs that open adapters."""
     for stray in stray_adapters(root / "sys/bus/usb/devices"):
         yield stray_finding(stray, root)
     found = INTERFERING_PROGRAMS.keys() & running_programs(root)

@@ -208,7 +208,7 @@ class _LogWire:
         whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
         whole &= np.isin(text[stops - sizes], [*HEADERS.values()])
         silences = passed - (took + log.resolution_ns)
-        if not new.first:  # silence between two frames is no news, but for own rows
+        if not new.first:  # silence between two frames is not news, except for rows of our own
             silences[1:][whole[1:] & whole[:-1]] = 0
         at = np.flatnonzero(silences >= log.pause_ns)
         return dict(zip((stops - sizes)[at].tolist(), silences[at].tolist(), strict=True))

@@ -22,10 +22,9 @@ from textual.timer import Timer
 from textual.widget import Widget
 
 from fte_sniff.analysis.feed import FeedState
-from fte_sniff.errors import printable
+from fte_sniff.errors import printable, size_text
 from fte_sniff.formats.cell_text import ELLIPSIS, fit, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.recording.retention import size_text
 from fte_sniff.tui.cells import event_text
 from fte_sniff.tui.commands import Mode, key_names, rank_of, short_text
 from fte_sniff.tui.i18n import _, later

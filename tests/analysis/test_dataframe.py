@@ -65,7 +65,7 @@ def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.Dat
     assert SCHEMA[column] == dtype
 
 
-def test_a_port_name_that_is_no_text_is_shown_with_a_mark() -> None:
+def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:
     frame = row_frame(Rows.from_rows([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))]))
     assert frame["port"].to_list() == ["/dev/?"]
 

@@ -664,7 +664,7 @@ def test_what_a_program_sets_is_seen_and_nothing_else_is_changed(pty):
     assert before[6] == after[6]
 
 
-def test_a_hang_up_is_no_speed(pty):
+def test_a_hang_up_is_not_a_speed(pty):
     attributes = termios.tcgetattr(pty.near)
     attributes[4] = attributes[5] = termios.B0
     termios.tcsetattr(pty.near, termios.TCSANOW, attributes)

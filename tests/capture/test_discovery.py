@@ -30,7 +30,7 @@ def test_a_port_is_listed_with_its_ids_and_its_lasting_name(pty, tmp_path):
 def test_a_port_that_is_not_usb_has_no_ids(pty, tmp_path):
     (listed,) = listings([found(pty.device)], tmp_path / "none")
     assert (listed.usb_ids, listed.by_id, listed.serial_number) == (None, None, None)
-    assert listed.description is None  # what pyserial says then, "n/a", is no description
+    assert listed.description is None  # what pyserial says then, "n/a", is not a description
 
 
 def test_the_ports_of_this_machine_are_devices():

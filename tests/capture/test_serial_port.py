@@ -216,7 +216,7 @@ def test_the_kinds_of_ports_are_found_not_written_down():
     assert "cp2110" not in known_schemes()
 
 
-def test_too_many_open_files_are_no_unknown_kind_of_port():
+def test_too_many_open_files_are_not_an_unknown_kind_of_port():
     # The lowest free descriptor is the first that may not be opened.
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     free = os.dup(0)

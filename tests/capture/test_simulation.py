@@ -420,7 +420,7 @@ def test_a_position_past_the_field_wraps_as_a_counter_does(controller):
     assert reported(controller, 1).values["pulses"] == -(2**31) + 5
 
 
-def test_frames_that_are_no_commands_change_nothing(controller):
+def test_frames_that_are_not_commands_change_nothing(controller):
     before = [controller.feedback(motor) for motor in MOTORS]
     obey(controller, "speed", motor=9, rpm=100)
     obey(controller, "speed_feedback", motor=1, rpm=100, error=0, online=15)

@@ -261,7 +261,7 @@ def test_ports_as_json_lines_hold_all_that_is_known(run: Run) -> None:
     assert len(table) == (len(done.stdout.splitlines()) + 1 if done.stdout else 0)
 
 
-def test_seconds_that_are_no_number_are_refused(run: Run) -> None:
+def test_seconds_that_are_not_a_number_are_refused(run: Run) -> None:
     done = run("doctor", "sim://", "--seconds", "nan")
     assert (done.returncode, done.stdout) == (2, "")
     assert "not a number of seconds" in done.stderr

@@ -134,7 +134,7 @@ def test_a_capture_that_was_killed_is_not_taken_for_one_that_ended(
     assert f"x.mcap: the program that recorded it {words}" in errors
 
 
-def test_a_recording_that_ended_at_its_limit_is_no_loss(environment, tmp_path: Path) -> None:
+def test_a_recording_that_ended_at_its_limit_is_not_a_loss(environment, tmp_path: Path) -> None:
     """The capture itself goes on, so its port is never closed in the file."""
     live = ("live", "sim://?rate=1000", "--headless", "--max-size", "100kB", "-o", "x.mcap")
     with started(environment, tmp_path, *live) as writer:
@@ -226,7 +226,7 @@ def test_without_a_lock_it_ends_when_nothing_grows(environment, tmp_path: Path) 
     assert "copy.mcap: nothing was written to it for 10 s" in errors
 
 
-def test_bytes_that_arrive_one_part_after_the_other_are_no_damage(
+def test_bytes_that_arrive_one_part_after_the_other_are_not_damage(
     environment, tmp_path: Path
 ) -> None:
     whole = recorded(tmp_path / "made.mcap", 8)

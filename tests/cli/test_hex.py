@@ -142,7 +142,7 @@ def test_readings_are_shown_with_their_probabilities(run) -> None:
     assert "why" not in run("hex", frames, "--format", "jsonl").stdout
 
 
-def test_a_long_paste_that_is_no_hex(run) -> None:
+def test_a_long_paste_that_is_not_hex(run) -> None:
     for paste in ("A" * 1001, "Z" * 1001):
         done = run("hex", paste)
         assert done.returncode == 2

@@ -78,7 +78,7 @@ def test_only_a_time_before_the_last_row_needs_the_last_time() -> None:
         time_range(None, "-1s", [(FIRST, LAST), (FIRST + 1, None)])
 
 
-def test_no_text_is_no_span() -> None:
+def test_an_empty_text_is_not_a_span() -> None:
     assert time_range(None, None, [(FIRST, LAST)]) is None
 
 
@@ -104,7 +104,7 @@ def test_no_text_is_no_span() -> None:
         (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
     ],
 )
-def test_what_is_no_span_is_refused(
+def test_what_is_not_a_span_is_refused(
     since: str | None, until: str | None, times: tuple[int, int | None] | None, reported: str
 ) -> None:
     with pytest.raises(FteSniffError) as caught:

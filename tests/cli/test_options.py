@@ -48,7 +48,7 @@ def test_the_command_is_that_of_the_environment(
         ("--resolution", "many"),
     ],
 )
-def test_a_ratio_alone_and_what_is_no_number_above_0_are_refused(
+def test_a_ratio_alone_and_what_is_not_a_number_above_0_are_refused(
     run, options: tuple[str, str]
 ) -> None:
     done = run("live", "sim://", "--no-record", "--count", "1", *options)

@@ -157,7 +157,7 @@ def script(tmp_path: Path) -> Callable[[str], None]:
     return make
 
 
-def test_a_file_whose_name_begins_with_a_hyphen_is_no_option(
+def test_a_file_whose_name_begins_with_a_hyphen_is_not_an_option(
     environment, tmp_path: Path, script
 ) -> None:
     script('printf "%s\\n" "$@" >> done.txt')

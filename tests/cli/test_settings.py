@@ -153,7 +153,7 @@ def test_what_is_right_beside_it_holds(file: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["[screen", "a = " + "[" * 5_000])
-def test_what_is_no_toml_is_one_line(file: Path, text: str) -> None:
+def test_what_is_not_toml_is_one_line(file: Path, text: str) -> None:
     with pytest.raises(FileError) as caught:
         read_settings(written(file, text))
     assert str(file) in str(caught.value)
@@ -163,7 +163,7 @@ def test_what_is_no_toml_is_one_line(file: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("content", "line"), [(b"\xff\xfe\x00", 1), ("[screen]\n# 电机".encode("gbk"), 2)]
 )
-def test_bytes_that_are_no_utf_8_are_one_line(file: Path, content: bytes, line: int) -> None:
+def test_bytes_that_are_not_utf_8_are_one_line(file: Path, content: bytes, line: int) -> None:
     written(file, "").write_bytes(content)
     for use in (read_settings, partial(save_screen, settings={"theme": "nord"}, filters={})):
         with pytest.raises(FileError, match=f":{line} is not UTF-8; save the file as UTF-8"):
@@ -193,7 +193,7 @@ def large(file: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, zero, large])
-def test_what_is_no_settings_file_is_not_read(file: Path, make: Callable[[Path], None]) -> None:
+def test_what_is_not_a_settings_file_is_not_read(file: Path, make: Callable[[Path], None]) -> None:
     file.parent.mkdir()
     make(file)
     with pytest.raises(FileError, match=r"is (not a regular file|larger than 1 MB);") as caught:

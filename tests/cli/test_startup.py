@@ -186,7 +186,7 @@ def test_nothing_is_loaded_before_ctrl_c_is_seen_to() -> None:
     assert done.stdout.strip() == "['fte_sniff', 'fte_sniff.__main__']"
 
 
-def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> None:
+def test_ctrl_c_while_it_loads_is_not_a_traceback(environment, tmp_path: Path) -> None:
     # A library that takes for ever to load, in the place of the first that is loaded.
     (tmp_path / "click.py").write_text("print('loading', flush=True)\ninput()\n")
     with running(

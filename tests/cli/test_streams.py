@@ -401,7 +401,7 @@ with signals.ending_signals(lambda: None):
 """
 
 
-def test_an_end_that_takes_long_is_no_death_by_alarm(environment) -> None:
+def test_an_end_that_takes_long_is_not_a_death_by_alarm(environment) -> None:
     done = subprocess.run(
         [sys.executable, "-c", SLOW_EXIT],
         stdin=subprocess.DEVNULL,

@@ -54,7 +54,7 @@ def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) ->
     assert b"recorded to x.mcap" in screen.drawn
 
 
-def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path: Path) -> None:
+def test_standard_error_in_a_file_is_not_part_of_the_screen(environment, tmp_path: Path) -> None:
     reported = tmp_path / "err.log"
     arguments = ("live", "sim://?rate=500", "-o", "x.mcap")
     with terminal(environment, tmp_path, *arguments, errors=reported) as screen:

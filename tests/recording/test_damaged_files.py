@@ -621,7 +621,7 @@ def _refusal(path: Path) -> str:
     return text
 
 
-def test_files_that_are_no_recordings(tmp_path: Path) -> None:
+def test_files_that_are_not_recordings(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "hex.mcap").write_text("AA 01 01 03 E8 00 00 00 00 EE\n")
     (tmp_path / "short.mcap").write_bytes(b"\x89MCA")

@@ -100,7 +100,7 @@ def test_the_next_number_is_taken_where_that_was_asked_for(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("existing", Existing)
-def test_a_path_that_is_no_regular_file_is_refused(tmp_path: Path, existing: Existing) -> None:
+def test_a_path_that_is_not_a_regular_file_is_refused(tmp_path: Path, existing: Existing) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "socket"))
     (tmp_path / "target").write_bytes(b"precious")

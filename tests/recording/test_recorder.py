@@ -557,7 +557,7 @@ def test_rows_that_wait_for_a_trigger_are_limited(
         {"to": "1999-01-01T00:00:00.000000000Z"},
     ],
 )
-def test_metadata_that_makes_no_sense_is_no_gap(changed: dict[str, str]) -> None:
+def test_metadata_that_makes_no_sense_is_not_a_gap(changed: dict[str, str]) -> None:
     gap = Gap(GapKind.WRITE_ERROR, 3, START, START + 5, "why")
     items = gap_to_metadata(gap)
     assert gap_from_metadata(GAP_NAME, items) == gap

@@ -284,7 +284,7 @@ def test_a_wire_like_another_that_carries_both_directions_is_pointed_out_as_mixe
 
 
 @pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
-def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
+def test_what_is_doubtful_is_not_a_cause(faults: tuple[Fault, ...]) -> None:
     watch = WiringWatch(["a", "b"])
     look(watch, "a", COMMAND, SETTLED)
     assert look(watch, "a", FEEDBACK, 100, faults=faults) == []

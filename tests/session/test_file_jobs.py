@@ -137,7 +137,7 @@ def two_wires(lost: range, seconds: int = 10) -> list[Row | PortEvent]:
 
 
 @pytest.mark.parametrize("cuts", [[], [7], [4, 11], [5, 8, 10], [3, 3, 20]])
-def test_the_time_of_a_lost_port_is_no_gap_and_leaves_no_command_unanswered(
+def test_the_time_of_a_lost_port_is_not_a_gap_and_leaves_no_command_unanswered(
     tmp_path: Path, cuts: list[int]
 ) -> None:
     """Commands are seen while the wire of their answers is lost, for five seconds."""

@@ -165,7 +165,7 @@ def test_an_unwritable_output_is_reported_before(
         SaveTarget.parse(name)
 
 
-def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
+def test_what_is_not_a_regular_file_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").symlink_to("/dev/null")
     with pytest.raises(FileError, match="is not a regular file; name another"):
         SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")

@@ -113,7 +113,7 @@ def test_a_language_that_is_not_spoken_is_one_line() -> None:
         language_of("tlh", {})
 
 
-def test_no_text_is_no_text_in_any_language() -> None:
+def test_empty_text_stays_empty_in_any_language() -> None:
     set_language("zh")
     assert _("") == ""
 

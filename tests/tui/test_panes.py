@@ -476,7 +476,7 @@ def test_what_the_store_does_not_have_is_dots() -> None:
     assert re.search(r"··(·|\s)+··<AA", text)
 
 
-def test_rows_of_other_ports_are_no_neighbours() -> None:
+def test_rows_of_other_ports_are_not_neighbours() -> None:
     rows = _rows([10] * 40, "pq")
     near = neighbours(_store(rows), 20, 30, 30)
     assert {row.port for row in near} == {"p"}
@@ -825,7 +825,7 @@ def test_an_unknown_value_is_a_dash() -> None:
     assert " 0 RPM" not in page
 
 
-def test_a_rate_that_is_not_known_is_no_dash_before_the_commands() -> None:
+def test_a_rate_that_is_not_known_is_not_a_dash_before_the_commands() -> None:
     view = replace(_look(_drive(), 9.97), states=_look(_drive(), None).states)
     page = grid(view, 199, 37, DARK).plain
     assert "100 commands, last 10 s: 0 of 100 unanswered" in page
@@ -913,7 +913,7 @@ def test_a_value_that_swings_faster_than_the_columns_is_drawn_in_full() -> None:
     assert not {"▲", "▼"} & set("".join(lines))
 
 
-def test_a_step_and_a_target_that_is_sent_once_are_no_outliers() -> None:
+def test_a_step_and_a_target_that_is_sent_once_are_not_outliers() -> None:
     step = _curves(
         {n: (0, 0) if n < 36 else (900, 900) for n in range(40)}, {0: (0, 0), 35: (900, 900)}
     )

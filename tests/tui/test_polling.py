@@ -160,7 +160,7 @@ def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
     play(feed, scenario)
 
 
-def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
+def test_a_gap_in_a_file_is_not_silence(feed: Any, speed_rows: Rows) -> None:
     """What stands between rows gets to the numbers, whatever came before."""
     feed.state = replace(feed.state, live=False)
 

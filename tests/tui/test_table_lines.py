@@ -58,7 +58,7 @@ def cells(app: SniffApp) -> list[RowCell]:
     return [line.cell for line in table(app)._lines if isinstance(line.cell, RowCell)]
 
 
-def test_port_events_have_lines_that_are_no_rows(feed: Any, speed_rows: Rows) -> None:
+def test_port_events_have_lines_that_are_not_rows(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(5))
         feed.emit(PortEvent(NOON_NS + 2_500_000, "/dev/ttyUSB0", PortEventKind.LOST, "out"))

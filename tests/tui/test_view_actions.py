@@ -196,7 +196,7 @@ def test_columns_are_chosen_and_ordered(feed: Any) -> None:
     play(feed, scenario, rows=5)
 
 
-def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any) -> None:
+def test_no_column_at_all_is_not_a_choice_and_a_single_one_is(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         count = len(table(app).columns)
         await press(app, pilot, "C", *(["space", "down"] * count), "enter")

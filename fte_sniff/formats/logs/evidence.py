@@ -631,7 +631,7 @@ class Lane:
         return [run.start for run in self.runs]
 
     def cut(self) -> Lane:
-        """The lane without numbers that are no data, if 80 % of the others are in frames."""
+        """The lane without numbers that are not data, if 80 % of the others are in frames."""
         found = [self]
         for cut in _CUTS if self.outside >= len(self.runs) > 1 else ():
             data = b"".join([run.data[cut] for run in self.runs])

@@ -316,7 +316,7 @@ def without_bytes(line: bytes, found: Sequence[Found]) -> bytes:
 
 
 def left_out(cut: slice) -> str:
-    """Which numbers of a run are no data."""
+    """Which numbers of a run are not data."""
     first, last = cut.start or 0, -(cut.stop or 0)
     return f" without the first {first} and the last {last} numbers" if first or last else ""
 
@@ -378,11 +378,11 @@ class EvidenceLog(LogForm):
         self.clock = LogClock(self.layout.times, options, self._count)
         self.rank, self.is_certain = found[0].rank, len(found[0].frames) >= _CERTAIN
         self.single, self.share = not self.layout.streams, found[0].share
-        if self._paste:  # one direction, or a second column, is no second wire
+        if self._paste:  # a direction, or a second column, is not a second wire
             self.single = len(self.layout.streams) < 2 or self.layout.labels == "lane"
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
-        self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
+        self._notes = [f"lines are read{cut}, which are not data" for cut in sorted(cuts)]
         if self.layout.is_woven:
             self._notes.append(
                 "its bytes are of two wires without a label; their frames show which"
@@ -731,7 +731,7 @@ def likely_form(
 
 
 def _unread_words(line: bytes, found: Sequence[Found], *, single: bool) -> str:
-    """The words before and between the bytes of a line that are no time.
+    """The words before and between the bytes of a line that are not a time.
 
     Directions before the first bytes are left out; those between, if the log is not `single`.
     """

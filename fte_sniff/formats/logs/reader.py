@@ -431,7 +431,7 @@ class LogReader:
         if best is None and not is_text(b"\n".join(lines)):
             raise FileError(f"{self.where}{_not_text(lines)}")
         if best is None and not options.whole:
-            return PlainLog()  # which names the first character that is no hex
+            return PlainLog()  # which names the first character that is not hex
         if best is None or (options.whole and best.is_chance):
             raise InputTextError(_nothing_found(lines))
         return best

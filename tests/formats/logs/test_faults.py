@@ -111,7 +111,7 @@ TWICE = {
 
 @pytest.mark.parametrize("seed", first(1, [1, 0, 2]))
 @pytest.mark.parametrize("name", CHARACTERS)
-def test_a_character_beside_a_byte_is_no_byte(name: str, seed: int) -> None:
+def test_a_character_beside_a_byte_is_not_a_byte(name: str, seed: int) -> None:
     log = a_log(seed, 60 if seed < 2 else 400)
     rows, _ = rows_of(CHARACTERS[name](log).encode())
     assert found_in(rows) == frames_of(log)
@@ -157,7 +157,7 @@ def test_bytes_that_a_record_has_twice_are_read_once(name: str, seed: int) -> No
         "<data/>{spaced}<data>",
     ],
 )
-def test_a_lone_word_that_frames_contradict_is_no_direction(form: str) -> None:
+def test_a_lone_word_that_frames_contradict_is_not_a_direction(form: str) -> None:
     log = a_log(0, 60)
     rows, notes = rows_of(line(form)(log).encode())
     assert found_in(rows) == frames_of(log)

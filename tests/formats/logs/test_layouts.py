@@ -199,7 +199,7 @@ def test_a_line_with_a_wrong_character_is_read_up_to_there(wrong: str) -> None:
 
 
 @pytest.mark.parametrize("tail", ["", "..", " ...", " +6 more"])
-def test_words_of_a_heading_are_no_bytes_of_the_lines_below_it(tail: str) -> None:
+def test_words_of_a_heading_are_not_bytes_of_the_lines_below_it(tail: str) -> None:
     log = a_log(0)
     rows, _ = rows_of(
         "".join(
@@ -221,7 +221,7 @@ def test_labels_that_separate_streams_are_better_than_a_lone_one(words: str) -> 
     assert len({row.port for row in rows}) == 2
 
 
-def test_headings_without_a_time_are_no_lines_without_one() -> None:
+def test_headings_without_a_time_are_not_lines_without_one() -> None:
     log = a_log(0)
     lines = [
         f"way {one.way}\n12:00:0{at % 10}.5 {one.data.hex(' ')}\n" for at, one in enumerate(log)
@@ -231,7 +231,7 @@ def test_headings_without_a_time_are_no_lines_without_one() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 3, 9, 20])
-def test_network_addresses_among_numbered_lines_are_no_bytes(count: int) -> None:
+def test_network_addresses_among_numbered_lines_are_not_bytes(count: int) -> None:
     log = a_log(1)
     lines = ONE_LINE["number before"](log).splitlines()
     for at in range(count):
@@ -315,7 +315,7 @@ def test_random_hex_is_refused_as_chance(tmp_path: Path, separator: str) -> None
     assert sum(isinstance(row, Frame) and not row.faults for row in rows) <= 3
 
 
-def test_plain_hex_whose_first_bytes_are_no_frames_is_read(tmp_path: Path) -> None:
+def test_plain_hex_whose_first_bytes_are_not_frames_is_read(tmp_path: Path) -> None:
     data = bytes(5000) + frame_of(KINDS[1], random.Random(1)) * 2000
     path = tmp_path / "idle.hex"
     path.write_text(data.hex(" "))
@@ -354,7 +354,7 @@ def test_a_form_and_a_regular_expression_locate_the_bytes() -> None:
 
 
 @pytest.mark.parametrize(("base", "form"), [("o", "{:06o}"), ("o", "{:04x}"), ("x", "{:04x}")])
-def test_the_byte_that_fills_the_last_word_of_a_dump_is_no_data(base: str, form: str) -> None:
+def test_the_byte_that_fills_the_last_word_of_a_dump_is_not_data(base: str, form: str) -> None:
     data = b"".join(sent.data for sent in a_log(2)) + b"\xaa\x01\x01"
     words = [int.from_bytes(data[at : at + 2], "little") for at in range(0, len(data), 2)]
     lines = [
@@ -406,7 +406,7 @@ def test_two_channels_of_an_analyser_are_two_ports(name: str) -> None:
 
 
 @pytest.mark.parametrize("foreign", ["0x3ffb4280", "port opened"])
-def test_an_arrow_behind_a_prefix_is_no_part_of_plain_hex(foreign: str) -> None:
+def test_an_arrow_behind_a_prefix_is_not_part_of_plain_hex(foreign: str) -> None:
     log = a_log(0)
     arrow = {"tx": "-->", "rx": "<--"}
     lines = [f"[] {arrow[one.way]} {' '.join(f'${b:02X}' for b in one.data)}" for one in log]

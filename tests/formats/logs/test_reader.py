@@ -176,7 +176,7 @@ F = "55 01 01 00 64 00 00 00 0F EE"
         (f"{A} ответ {F}", "ответ"),
     ],
 )
-def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) -> None:
+def test_words_beside_frames_are_not_bytes_and_reported(text: str, words: str) -> None:
     notes: list[str] = []
     reader = LogReader("x", LogOptions(whole=False), BytesIO(text.encode()))
     rows = [row for rows in rows_of_log(reader, notes.append) for row in rows]
@@ -200,6 +200,6 @@ def test_comments_with_directions_or_times_make_it_another_log(
     assert (PlainLog.by_sample(lines) is not None) == is_plain
 
 
-def test_lines_without_a_digit_are_no_plain_hex() -> None:
+def test_lines_without_a_digit_are_not_plain_hex() -> None:
     with pytest.raises(InputTextError, match="no frames found in 3 lines"):
         list(rows_of_log(LogReader("x", stream=BytesIO(b"[\n-\n]\n")), lambda _note: None))

@@ -190,7 +190,7 @@ def test_dates_that_do_not_exist_are_reported() -> None:
 
 
 @pytest.mark.parametrize("number", [2**63 // 10**9, 8 * 10**9, 10**20])
-def test_numbers_that_no_clock_reaches_are_no_times(number: int) -> None:
+def test_numbers_that_no_clock_reaches_are_not_times(number: int) -> None:
     assert times_of("".join(f"{number}.99{n} RX: {BYTES}\n" for n in range(5))) == [None] * 5
 
 
@@ -266,7 +266,7 @@ def test_silence_below_the_resolution_of_the_stamps_is_none() -> None:
 
 
 @pytest.mark.parametrize("text", ["31.1.2026", "2026-02-31", ""])
-def test_what_is_no_day(text: str) -> None:
+def test_what_is_not_a_day(text: str) -> None:
     with pytest.raises(InputTextError, match=r"--date: .* is not a day; write it as 2026-01-31"):
         day_of(text)
 
@@ -280,7 +280,7 @@ def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["Beijing", "+99:99", "", "../etc", "+24", "+08:60", "+23:59:59.5", "+8:", "8", "+٨"]
 )
-def test_what_is_no_zone(text: str) -> None:
+def test_what_is_not_a_zone(text: str) -> None:
     with pytest.raises(InputTextError, match=r"--zone: .* is not a time zone; write \+08:00"):
         zone_of(text)
 

@@ -252,7 +252,7 @@ def test_silence_decides_the_undecidable_stream(shift: int) -> None:
 @pytest.mark.parametrize("flags", USUAL_FLAGS, ids=bytes.hex)
 @pytest.mark.parametrize("apart_ns", [None, 900_000, 5_000_000, 30_000_000])
 def test_a_calm_line_may_repeat_a_frame_for_ever(flags: bytes, apart_ns: int | None) -> None:
-    """A target whose last bytes are another kind's flags is no reason for doubt each time."""
+    """A target whose last bytes are another kind's flags is not a reason for doubt each time."""
     frame = b"\xaa\x02\x01\x03\xe8\x00\x00" + flags + b"\xee"
     framer, rows = Framer("p"), []
     for number in range(300):

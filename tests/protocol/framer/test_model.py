@@ -128,7 +128,7 @@ def test_a_frame_has_the_stated_shape(name: str, line: Oracle) -> None:
 
 
 @given(near_frames)
-def test_what_is_cut_off_is_no_calm_frame(data: bytes) -> None:
+def test_what_is_cut_off_is_not_a_calm_frame(data: bytes) -> None:
     for at in range(max(0, len(data) - FRAME_LENGTH + 1), len(data) + 2):
         assert model.is_clear(FTE_TABLES, data, at) is False
 

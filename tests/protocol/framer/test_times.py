@@ -87,7 +87,9 @@ def test_after_damage_a_frame_waits_for_the_end_of_an_overlong_one() -> None:
 
 @examples(30)
 @given(st.integers(0, 10_000))
-def test_junk_right_before_a_frame_is_no_reason_for_doubt_where_the_line_pauses(seed: int) -> None:
+def test_junk_right_before_a_frame_gives_no_doubt_where_the_line_pauses(
+    seed: int,
+) -> None:
     random, framer = Random(seed), Framer("p")
     rows: list[Row] = []
     for number in range(100):
@@ -323,7 +325,7 @@ def test_silence_ends_a_run_of_noise() -> None:
 
 @pytest.mark.parametrize("lead", range(30, 140, 3))
 def test_long_noise_byte_by_byte_stays_noise(lead: int) -> None:
-    """A lone header in it is no beginning of a frame, however the noise is cut."""
+    """A lone header in it does not begin a frame, however the noise is cut."""
     noise = bytes(lead) + b"\x55" + bytes(60)
     parts = drained([Chunk("p", None, piece) for piece in cut(noise, 1)])
     assert [(len(row.raw), row.faults) for row in rows_of(parts)] == [(len(noise), NOISE)]

@@ -112,7 +112,7 @@ def test_more_records_than_allowed_are_an_error(opcode: int) -> None:
         index_messages(data, None, 9)
 
 
-def test_bytes_of_opcode_zero_are_no_record() -> None:
+def test_bytes_of_opcode_zero_are_not_a_record() -> None:
     with pytest.raises(RecordError, match="no MCAP record"):
         index_messages(bytes(9), None, MOST)
 
