@@ -342,8 +342,10 @@ class RowTable(ScrollView):
         self._draw()
 
     def sync(self) -> None:
-        """Draw the rows that the store shows now; the cursor stays on its row."""
+        """Draw the rows that the store shows now; the cursor stays on its row and in view."""
         shown, viewport = self._store.view, self.viewport
+        if viewport.height != self.scrollable_size.height:
+            viewport.resize(self.scrollable_size.height)
         count = shown.position_of(self._pause_index if viewport.paused else self._store.next)
         viewport.refit(count, shown.position_of(self.last_index), shown.count - count)
         if viewport.following:
@@ -535,6 +537,9 @@ class RowTable(ScrollView):
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """Lines of a part of the window."""
+        # Textual sends no Resize if the table is scrolled while the layout changes.
+        if self.viewport.height != self.scrollable_size.height:
+            self.call_later(self.sync)
         # Once for all lines: `rich_style` combines all styles of the parents at each call.
         painter, self._base = self._painter, self.rich_style
         if painter is not self._line_painter:
@@ -575,8 +580,7 @@ class RowTable(ScrollView):
         return self.get_component_rich_style(f"row-table--{name}")
 
     def on_resize(self, event: events.Resize) -> None:
-        """Keep the cursor in view."""
-        self.viewport.resize(self.scrollable_size.height)
+        """Draw as many rows as fit now."""
         self.sync()
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:

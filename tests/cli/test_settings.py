@@ -375,11 +375,7 @@ def test_colours_of_the_settings_and_what_is_wrong_with_them(
         '[colors]\n"motor = 1" = "black on #00ff00"\n"motr = 1" = "red"\n"rpm > 1" = "reddish"\n'
     )
     with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
-        screen.until(
-            "the rule 'motr = 1' in [colors] of the settings is ignored: filter: unknown",
-            "'reddish' is not a valid color",
-            "theme in [screen] must be one of",
-        )
+        screen.until("'motr", "'reddish'", "'pink'")  # where lines break depends on the folder
         screen.type("fmotor = 1\r")  # draws all rows again
         screen.until("48;5;46m")
         screen.type("Q")

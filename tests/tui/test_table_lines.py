@@ -26,6 +26,7 @@ from fte_sniff.tui.commands import SECTIONS, action_of
 from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.painter import EVENT_SIGN, SHADES, RowCell, Sign
 from fte_sniff.tui.panes.row import DetailPane
+from fte_sniff.tui.table import RowTable
 from tests.slow import first
 from tests.tui.conftest import NOON_NS, Rows, lines, page, play, press, settle, table
 
@@ -56,6 +57,22 @@ def events_in(app: SniffApp) -> list[tuple[int, str]]:
 
 def cells(app: SniffApp) -> list[RowCell]:
     return [line.cell for line in table(app)._lines if isinstance(line.cell, RowCell)]
+
+
+def test_rows_fit_into_the_window_though_textual_sends_no_resize(
+    monkeypatch: pytest.MonkeyPatch, feed: Any
+) -> None:
+    """It sends none if the table is scrolled while the layout changes."""
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        monkeypatch.delattr(RowTable, "on_resize")
+        await pilot.press("S")
+        await pilot.pause()
+        assert table(app).scrollable_size.height < 20
+        assert table(app).viewport.height == table(app).scrollable_size.height
+        assert table(app)._lines[-1].position == 99
+
+    play(feed, scenario, rows=100, frames=True)
 
 
 def test_port_events_have_lines_that_are_not_rows(feed: Any, speed_rows: Rows) -> None:
