@@ -129,7 +129,7 @@ def measure(
                 _merge(results, merger, measured, interrupts)
         except KeyboardInterrupt:
             measured.interrupted = True
-    if not merger.files and reading.unreadable:
+    if merger.is_empty and reading.unreadable:
         raise reading.unreadable[0]
     return merger.model, measured
 

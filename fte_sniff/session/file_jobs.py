@@ -223,8 +223,12 @@ class FileMerger(Generic[Model]):
 
     def __init__(self, model: Model, reading: InputReading) -> None:
         self.model, self._reading = model, reading
-        self.files = 0
         self._before: FileResult[Model] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no file was added."""
+        return self._before is None
 
     def add(self, job: FileJob[Model], result: FileResult[Model]) -> None:
         """Add the next file."""
@@ -241,7 +245,6 @@ class FileMerger(Generic[Model]):
         self.model.merge(result.model)
         self._reading.include(result.counts)
         self._before = replace(result, model=self.model)
-        self.files += 1
 
 
 def _bauds_in_force(before: FileResult[Any], result: FileResult[Any]) -> dict[str, int]:

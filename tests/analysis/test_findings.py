@@ -140,6 +140,18 @@ def test_a_flag_in_three_frames_in_a_row_is_a_finding(
         assert ("bit 2 of ONLINE (taken as motor 3)" in one.text) == (cause is Cause.OFFLINE)
 
 
+def test_a_finding_about_most_motors_leaves_the_others_as_they_are() -> None:
+    def changes(n: int, motor: int) -> dict[str, int]:
+        first = 20 * (30 if motor < 4 else 80)
+        return {"error": 4 if first <= n < first + 100 else 0}
+
+    found = find(polled(120, changes))
+    assert {(one.cause, one.motor, one.events) for one in found} == {
+        (Cause.ERROR_FLAG, None, 300),
+        (Cause.ERROR_FLAG, 4, 100),
+    }
+
+
 def test_flipped_bits_in_flags_are_not_a_finding() -> None:
     rows = polled(600, lambda n, motor: {"error": 1 << n % 8 if n % 40 < 4 else 0})
     assert find(rows) == []
