@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import date
-from io import BytesIO
+from io import BytesIO, StringIO
 from string import ascii_lowercase
 
 import pytest
@@ -14,6 +14,7 @@ import pytest
 from fte_sniff.errors import FteSniffError, InputTextError
 from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.logs.text import LogOptions
+from fte_sniff.formats.writers import CsvWriter
 from fte_sniff.protocol import HEADERS, Direction, Frame, Row
 from tests.formats.logs.layouts import Layout, Sent, clock, line, shown, spaced
 from tests.formats.logs.test_layouts import a_log, found_in, frames_of, rows_of
@@ -278,6 +279,12 @@ def explained(content: bytes) -> list[str]:
     with suppress(FteSniffError):
         lines.extend(reader.explain())
     return lines
+
+
+def test_rows_of_the_program_are_explained_as_such() -> None:
+    written = StringIO()
+    CsvWriter(written).write([Frame("p", 0, bytes.fromhex(CONTROL), 0)])
+    assert explained(written.getvalue().encode()) == ["rows that fte-sniff wrote as CSV"]
 
 
 def test_an_explanation_marks_bytes_and_time_of_two_lines() -> None:
