@@ -74,7 +74,7 @@ class Dropdown(LineList):
         self.styles.width = cells
         self.styles.height = min(lines, len(candidates))
         self.styles.offset = (max(0, min(left, width - cells)), -min(lines, len(candidates)))
-        # Without colours there is no background that separates it from the rows.
+        # Without colours, no background separates it from the rows.
         side = "│" if self.app.no_color else " "
         self.set_options(list_line(side + one.text, one.right + side) for one in candidates)
         self.highlighted = None

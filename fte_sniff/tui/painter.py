@@ -101,7 +101,7 @@ class Palette:
     """The bytes of the cursor's row among others."""
     framing: Style
     few_colors: bool = False
-    """Whether fields differ by underline and bold too, since there are no or 16 colours."""
+    """Whether fields also differ by underline and bold: the terminal has at most 16 colours."""
 
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
