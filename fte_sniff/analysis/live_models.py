@@ -22,7 +22,7 @@ from fte_sniff.analysis.plots import Traces
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics, Streams, StreamStats
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import Rows
 
 CHECKPOINT_ROWS: Final = 32_768
@@ -46,14 +46,16 @@ class LiveModels:
         self._applied = 0
         self.known = 0
         """Index after the last row whose facts were observed."""
-        self.findings = Findings.of_facts()
+        self._findings = Findings.of_facts()
         self.found: tuple[Finding, ...] = ()
         """The findings of the last search."""
         self.coverage: tuple[TranslatableText, ...] | None = None
         """What that search could not examine, or if it found nothing, what it examined; None
         before the first one."""
         self._fact_changes: list[StreamChange] = []
-        """Changes that `findings` has not observed yet."""
+        """Changes that the findings have not observed yet."""
+        self._events: list[PortEvent] = []
+        """Port events that were not observed yet."""
         self.motors = Motors()
         self.traces = Traces()
         self.events = MotorEvents()
@@ -70,6 +72,7 @@ class LiveModels:
     def step(self, budget_rows: int) -> bool:
         """Observe the next rows, at most `budget_rows`; True if none is left."""
         self._skip_missed()
+        self._observe_events()
         end = min(self.observed + budget_rows, self._store.next)
         while self.observed < end:
             self._apply_changes()
@@ -100,13 +103,27 @@ class LiveModels:
             changes = [one for one in self._fact_changes if one.index < end]
             del self._fact_changes[: len(changes)]
             places = [StreamChange(max(0, one.index - start), one.what) for one in changes]
-            self.findings.observe(rows, changes=places)
+            self._findings.observe(rows, changes=places)
             start = end
 
-    def add_changes(self, changes: Sequence[StreamChange]) -> None:
-        """Add changes before rows that were not observed yet, by rising index in the store."""
+    def add(self, events: Sequence[PortEvent] = (), changes: Sequence[StreamChange] = ()) -> None:
+        """Add port events, and changes by rising index in the store, for the next step.
+
+        The rows at the indices were not observed yet.
+        """
+        self._events += events
         self._changes += changes
         self._fact_changes += changes
+
+    def _observe_events(self) -> None:
+        events, self._events = self._events, []
+        self.statistics.observe_events(events)
+        self._findings.observe_events(events)
+
+    def copy_findings(self) -> Findings:
+        """The findings as of now, to be searched while more rows are observed."""
+        self._observe_events()
+        return self._findings.copy()
 
     def _apply_changes(self) -> None:
         while self._applied < len(self._changes):

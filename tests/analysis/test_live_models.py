@@ -14,7 +14,17 @@ from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Gap, GapKind, Row, encode
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Direction,
+    Frame,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.protocol.rows import Codebook, Rows
 
 MILLISECOND = 1_000_000
@@ -125,8 +135,8 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
     following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 9):
         gaps = [place for place in places if start <= place < start + 9]
-        following.add_changes(
-            [StreamChange(at, Gap(GapKind.PORT, port_lost=lost[at])) for at in gaps]
+        following.add(
+            changes=[StreamChange(at, Gap(GapKind.PORT, port_lost=lost[at])) for at in gaps]
         )
         store.append(Rows.from_rows(rows[start : start + 9]))
         following.step(budget)
@@ -165,10 +175,22 @@ def test_utilization_uses_the_recorded_baud() -> None:
     store = RowStore(100)
     following = LiveModels(store, LineSetup())
     bauds = [(0, 9600), (3, 57_600)]
-    following.add_changes([StreamChange(at, BaudChange("p", baud)) for at, baud in bauds])
+    following.add(changes=[StreamChange(at, BaudChange("p", baud)) for at, baud in bauds])
     store.append(Rows.from_rows(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 9600
     store.append(Rows.from_rows(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 57_600
+
+
+def test_port_events_need_no_rows_after_them() -> None:
+    store = RowStore(100)
+    following = LiveModels(store, LineSetup())
+    store.append(Rows.from_rows(_rows(3)))
+    following.step(100)
+    following.add([PortEvent(2 * MILLISECOND, "p", PortEventKind.LOST, "")])
+    assert following.copy_findings().events.lost == [("p", 2 * MILLISECOND, None)]
+    assert following.step(100)
+    (port,) = following.statistics.ports()
+    assert [event.count for event in port.events] == [1]

@@ -856,9 +856,8 @@ def viewed(paths: list[Path]) -> LiveModels:
     models = LiveModels(store, LineSetup())
     inputs = [RecordingInput(RecordingReader(path)) for path in paths]
     for read in InputReading(inputs):
-        models.add_changes(shifted(read.changes, store.next))
+        models.add(read.events, shifted(read.changes, store.next))
         store.append(read.rows)
-        models.statistics.observe_events(read.events)
     while not models.step(1000):
         pass
     return models

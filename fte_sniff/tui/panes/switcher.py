@@ -283,9 +283,7 @@ class PaneSwitcher(Container):
         """Add port events, and gaps and baud changes between rows, to the models."""
         if events:
             self._forget_drawn()
-        self.models.statistics.observe_events(events)
-        self.models.findings.observe_events(events)
-        self.models.add_changes(changes)
+        self.models.add(events, changes)
 
     def restart(self, events: Sequence[PortEvent], changes: Sequence[StreamChange]) -> None:
         """Begin the models anew, with these events and changes."""
@@ -334,8 +332,7 @@ class PaneSwitcher(Container):
     async def _find(self, state: FeedState) -> None:
         models = self.models  # playback may begin others meanwhile
         try:
-            # Of a copy: more rows are observed meanwhile.
-            findings = models.findings.copy()
+            findings = models.copy_findings()
             findings.grows = state.running
             search = findings.found_and_recent
             found, recent = await asyncio.to_thread(search, RECENT_NS if state.live else 0)
