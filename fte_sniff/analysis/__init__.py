@@ -7,13 +7,13 @@ Modules:
     events        Events of trouble, counted by window of time.
     facts         Facts of rows that depend on other rows: answers, the motor of damage, the frame
                   before.
-    feed          Follow a growing store; gaps and baud changes.
+    feed          The feed of a view: rows as they come, and the state of their source.
     filter        The filter language: SQL boolean expressions over the row columns.
     findings      Findings: the spans of time in which something is wrong.
     line_condition  Condition of a line: sound, damaged, silent, low, text, unreadable.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
-    model         What all models share: observe, merge, copy.
+    model         Changes between rows; what all models share; counts of rows by port and fault.
     motors        The motors: state, statistics, and events over time.
     plots         The data of plots: targets and feedback of the motors, and their usual range.
     relations     Streams of frames, and what changed between them; commands and their answers.
@@ -21,6 +21,5 @@ Modules:
     rules         Rules about rows, and their verdicts: pass, fail, or not covered.
     search        Search in a store: the next matching row, and a counter.
     statistics    Statistics of ports, streams, faults and motors, over one or more inputs.
-    tally         Counts of rows by port and faults.
     time_text     Times and durations that a user types.
 """

@@ -21,8 +21,7 @@ import numpy as np
 
 from fte_sniff.analysis.counters import Keep
 from fte_sniff.analysis.facts import ANSWERABLE, NAMES_MOTOR, motor_rows
-from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.model import Model
+from fte_sniff.analysis.model import BaudChange, Model
 from fte_sniff.protocol import (
     KINDS,
     MOTORS,

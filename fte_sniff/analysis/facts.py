@@ -23,8 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
-from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.model import Model
+from fte_sniff.analysis.model import Model, StreamChange
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,

@@ -33,10 +33,8 @@ from fte_sniff.analysis.events import (
     least_of,
 )
 from fte_sniff.analysis.facts import DEADLINE_NS, MOST_HELD, Facts, first_feedback
-from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.model import Model, RowModel
-from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.model import BaudChange, Model, RowCount, RowModel
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (
     FAULT_MEANINGS,

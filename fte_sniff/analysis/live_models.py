@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.facts import motor_rows
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.findings import Finding, Findings
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.motors import FlagCounts, MotorEvents, Motors
 from fte_sniff.analysis.plots import Traces
 from fte_sniff.analysis.row_store import RowStore

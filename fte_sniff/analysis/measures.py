@@ -19,8 +19,7 @@ import numpy as np
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.facts import Pairing, motor_rows
 from fte_sniff.analysis.findings import Finding, Findings
-from fte_sniff.analysis.model import Ends, Model
-from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.model import Ends, Model, RowCount
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KINDS,

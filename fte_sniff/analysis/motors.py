@@ -30,8 +30,7 @@ from fte_sniff.analysis.facts import (
     Pairing,
     motor_rows,
 )
-from fte_sniff.analysis.model import Ends, Model
-from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.model import Ends, Model, RowCount
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind, Gap
 from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows

@@ -15,8 +15,7 @@ import numpy as np
 
 from fte_sniff.analysis.counters import EnvelopeColumns, Floats, Keep, Series
 from fte_sniff.analysis.facts import motor_rows
-from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.model import Model
+from fte_sniff.analysis.model import Model, StreamChange
 from fte_sniff.protocol import KINDS, MOTORS, Direction, Fault, FrameKind, Gap, Row
 from fte_sniff.protocol.rows import Bools, Ints, Rows
 from fte_sniff.protocol.spec import Role, motor_bit

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row, Status, status_of
 from fte_sniff.protocol.rows import NO_TIME, Codebook, Codes, Ints, Rows, no_facts
 

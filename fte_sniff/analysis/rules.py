@@ -24,14 +24,12 @@ import numpy as np
 
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.filter.parser import Token, TokenReader, TokenType, parse, tokens
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
 from fte_sniff.analysis.findings import Finding, Findings
 from fte_sniff.analysis.measures import MEASURES, OPERATORS, Argument, RowPosition, Rule
-from fte_sniff.analysis.model import RowModel
-from fte_sniff.analysis.tally import RowCount
+from fte_sniff.analysis.model import BaudChange, RowCount, RowModel
 from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, ColumnType, Gap, GapKind, PortEvent

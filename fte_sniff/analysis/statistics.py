@@ -17,12 +17,10 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.counters import Counts, Durations, RecentValues, Series
 from fte_sniff.analysis.facts import motor_rows
-from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.findings import Findings
-from fte_sniff.analysis.model import Ends, Model, RowModel
+from fte_sniff.analysis.model import BaudChange, Ends, Model, RowCount, RowModel, Tally
 from fte_sniff.analysis.motors import Answers, FlagCounts
 from fte_sniff.analysis.relations import KEYS_PER_PORT, NO_STREAM, STREAMS, by_stream, stream_keys
-from fte_sniff.analysis.tally import RowCount, Tally
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     HEADERS,

@@ -83,7 +83,7 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.analysis.tally import Tally
+    from fte_sniff.analysis.model import Tally
     from fte_sniff.formats.logs.text import LogOptions
     from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.file_jobs import FileJob, Model

@@ -34,9 +34,9 @@ from fte_sniff.protocol.look import LOOKS
 from fte_sniff.session.stats_json import COUNTED, MOTOR, statistics_json
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.model import RowCount
     from fte_sniff.analysis.motors import AnswerStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StatisticsSummary, StreamStats
-    from fte_sniff.analysis.tally import RowCount
     from fte_sniff.session.inputs import InputReading
 
 

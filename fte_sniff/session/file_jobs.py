@@ -22,8 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, ParamSpec, TypeVar
 
-from fte_sniff.analysis.feed import BaudChange, StreamChange
-from fte_sniff.analysis.model import RowModel
+from fte_sniff.analysis.model import BaudChange, RowModel, StreamChange
 from fte_sniff.errors import FileError, FteSniffError, RecordingWarning, printable
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.inputs import (

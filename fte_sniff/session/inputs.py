@@ -19,8 +19,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.feed import GapDetector, StreamChange, rising_times, shifted
-from fte_sniff.analysis.tally import Tally
+from fte_sniff.analysis.model import GapDetector, StreamChange, Tally, rising_times, shifted
 from fte_sniff.errors import (
     FileError,
     FteSniffError,

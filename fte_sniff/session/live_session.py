@@ -10,7 +10,8 @@ from functools import reduce
 from pathlib import Path
 from subprocess import TimeoutExpired
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, GapDetector, StreamChange, shifted
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.model import GapDetector, StreamChange, shifted
 from fte_sniff.errors import TOO_MANY_FILES, FileError, FteSniffError, PortError, TranslatableText
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows

@@ -15,9 +15,9 @@ from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
     from fte_sniff.analysis.findings import Finding
+    from fte_sniff.analysis.model import RowCount
     from fte_sniff.analysis.motors import AnswerStats, FlagStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StatisticsSummary, StreamStats
-    from fte_sniff.analysis.tally import RowCount
     from fte_sniff.session.inputs import InputReading
 
 

@@ -24,8 +24,8 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from fte_sniff.analysis.feed import Feed
+from fte_sniff.analysis.model import Tally
 from fte_sniff.analysis.row_store import BlockSource
-from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text

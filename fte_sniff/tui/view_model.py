@@ -11,17 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.counters import Rate
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.analysis.feed import (
-    Feed,
-    FeedState,
-    FeedUpdate,
-    StaticFeed,
-    StreamChange,
-    shifted,
-)
+from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate, StaticFeed
+from fte_sniff.analysis.model import StreamChange, Tally, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
-from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import listed
 from fte_sniff.protocol import PortEvent, PortEventKind, Rows
 from fte_sniff.protocol.rows import NO_ROWS

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.model import BaudChange, StreamChange
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,

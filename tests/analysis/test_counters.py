@@ -9,14 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.counters import PER_OCTAVE, Durations, Keep, Rate, RecentValues, Series
-from fte_sniff.analysis.tally import RowCount, Tally
-from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
-from fte_sniff.protocol import rows as rows_module
-from fte_sniff.protocol.rows import Rows
 from tests.analysis.pieces import state_of
 
 
@@ -106,53 +102,6 @@ def test_a_rate_is_none_before_two_values_and_0_after_the_last(
     recent = RecentValues()
     recent.observe(np.array([int(time * SECOND) for time in times], np.int64))
     assert recent.per_second(int(now * SECOND)) == (rate and pytest.approx(rate))
-
-
-ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
-
-
-def count_by_hand(rows: list[Row]) -> RowCount:
-    times = [row.t_ns for row in rows if row.t_ns is not None]
-    size = sum(len(row.raw) for row in rows)
-    return RowCount(len(rows), size, min(times, default=None), max(times, default=None))
-
-
-@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(rows=ROWS, cut=st.integers(0, 12))
-def test_a_tally_equals_a_count_by_hand(
-    few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row], cut: int
-) -> None:
-    monkeypatch.setattr(rows_module, "FEW", few)
-    monkeypatch.setattr(rows_module, "_FEWEST", few)
-    tally, later = Tally(), Tally()
-    tally.observe(Rows.from_rows(rows[:cut]))
-    later.observe(Rows.from_rows(rows[cut:]).select(slice(None)))
-    tally.merge(later)
-    assert type(tally.bytes) is int  # which JSON can hold
-    assert vars(count_by_hand(rows)).items() <= vars(tally).items()
-    assert tally.frames == sum(isinstance(row, Frame) for row in rows)
-    assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
-    assert tally.ports == tuple(dict.fromkeys(row.port for row in rows))
-    for port in (None, *tally.ports):
-        own = [row for row in rows if port in (None, row.port)]
-        assert tally.by_status(port) == {
-            status: count_by_hand([row for row in own if row.status is status]) for status in Status
-        }
-        assert tally.by_fault(port) == {
-            fault: count_by_hand(having)
-            for fault in Fault
-            if (having := [row for row in own if fault in row.faults])
-        }
-
-
-def test_the_malformed_share_is_of_all_rows() -> None:
-    tally = Tally()
-    assert tally.malformed_share == 0
-    noise = Damage("port", 0, b"\0", None, (Fault.NOISE,))
-    suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
-    tally.observe(Rows.from_rows([noise, suspect, suspect, suspect]))
-    assert tally.malformed_share == 0.25
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.facts import ANSWERABLE, DEADLINE_NS, MOST_HELD, Facts
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import (
     KIND_BY_NAME,

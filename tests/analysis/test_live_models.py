@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.model import BaudChange, StreamChange
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.plots import ALL_MOTORS, Points, Timeline, limits, medians, points_of_median
 from fte_sniff.protocol import (
     KIND_BY_NAME,

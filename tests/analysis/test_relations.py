@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.relations import (
     MOST_SEARCHED,
     UNCHANGED,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
 from fte_sniff.analysis.search import (
     Bools,

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import GapDetector
+from fte_sniff.analysis.model import GapDetector
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup, Statistics, StatisticsSummary
 from fte_sniff.protocol import (

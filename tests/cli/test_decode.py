@@ -20,8 +20,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from fte_sniff.analysis.feed import BaudChange, shifted
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.model import BaudChange, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.cli.input_files import InputQuery

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from fte_sniff.analysis.facts import Facts
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer

@@ -17,7 +17,8 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from docs.picture import PictureApp, idle
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.protocol import (
     KIND_BY_NAME,

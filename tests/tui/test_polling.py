@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.feed import BaudChange, FeedUpdate, StreamChange
+from fte_sniff.analysis.feed import FeedUpdate
+from fte_sniff.analysis.model import BaudChange, StreamChange
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row

@@ -9,7 +9,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Frame,

@@ -30,8 +30,8 @@ import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.facts import PreviousFrames
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.filter.parser import in_zone, parse
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.errors import FilterError, TranslatableText, printable
 from fte_sniff.protocol import (
     COLUMNS,

@@ -13,9 +13,10 @@ from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import WorkType
 
-from fte_sniff.analysis.feed import FeedState, StreamChange
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FteSniffError
