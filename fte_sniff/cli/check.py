@@ -21,7 +21,7 @@ from fte_sniff.cli.options import FileName, format_option
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.protocol import Status, iso_time, spaced_hex
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.session.stats_json import MOTOR, finding_json
 
 if TYPE_CHECKING:

@@ -54,7 +54,7 @@ from fte_sniff.protocol import (
     status_of,
     zone_at,
 )
-from fte_sniff.protocol.look import LOOKS, Ground
+from fte_sniff.protocol.columns import LOOKS, Ground
 from fte_sniff.protocol.spec import FIELD_BY_NAME, online_bit_text
 from fte_sniff.tui.i18n import _
 

@@ -30,7 +30,7 @@ from fte_sniff.formats.cell_text import (
     span_text,
 )
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Fault, Status, iso_time, status_of
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.session.stats_json import COUNTED, MOTOR, statistics_json
 
 if TYPE_CHECKING:

@@ -26,16 +26,13 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
+from fte_sniff.protocol.columns import LOOKS, mark_of
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain, explain_readings
-from fte_sniff.protocol.look import LOOKS
 
 if TYPE_CHECKING:
     import polars as pl
     from rich.console import Console
 
-
-ORDER_MARK = "~"
-"""The mark of an `ok` row whose order with rows of another port is uncertain."""
 
 GAP = "  "
 
@@ -123,13 +120,6 @@ class TextLayout:
         if not self.times:
             del padded[0]
         return padded
-
-
-def mark_of(row: Row) -> str:
-    """One character for the status of a row, or an uncertain order."""
-    if row.order_uncertain and row.status is Status.OK:
-        return ORDER_MARK
-    return LOOKS[row.status].mark
 
 
 def kind_text(row: Row) -> str:

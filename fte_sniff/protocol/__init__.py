@@ -4,8 +4,7 @@ Modules:
 
     dissect     Explain a row: its bytes field by field, and the readings of damage.
     framer      The framer: chunks in, rows out.
-    columns     The column table; time formats.
-    look        Signs and colours of each status.
+    columns     The column table; values as text; signs and colours of each status.
     rows        Rows: the one container; a row.
     items       Chunks, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.

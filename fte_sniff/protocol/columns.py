@@ -1,17 +1,19 @@
-"""The column table: each column of a row, with its type, unit, values and look.
+"""The column table, and how rows look: values as text, the signs and colours of a status.
 
 Filters, CSV, JSON lines, Parquet, the screen's table, measures of `check`, help and docs derive
-from `COLUMNS`: a new column is one entry there.
+from `COLUMNS`: a new column is one entry there. Plain text, the screen and pages derive their signs
+and colours from `LOOKS`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from enum import StrEnum
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 from fte_sniff.protocol.rows import NO_FACT, Frame, Row
@@ -278,6 +280,86 @@ PREVIOUS = {field.name: _previous_column(field) for field in VALUE_FIELDS}
 
 DERIVED = frozenset(column.name for column in (*COLUMNS, *PREVIOUS.values()) if column.derived)
 """The columns that `analysis.facts` computes."""
+
+
+class Ground(StrEnum):
+    """What text is shown on."""
+
+    DARK = "dark"
+    LIGHT = "light"
+    DARK_16 = "dark, 16 colours"
+    LIGHT_16 = "light, 16 colours"
+
+
+class Ink(NamedTuple):
+    """Colours on one ground, as `#rrggbb`."""
+
+    text: str
+    sign: str
+    """Colour of a sign that has its own background."""
+    sign_ground: str
+
+
+class Look(NamedTuple):
+    """How a status is shown."""
+
+    mark: str
+    """Sign in front of a row; colour must never be the only difference."""
+    color: str = "green"
+    """Colour on a terminal whose ground is unknown, by its ANSI name."""
+    bold: bool = False
+    plot: str = "#3a7bd5"
+    """Colour in plots, on light and dark ground."""
+    inks: Mapping[Ground, Ink] = MappingProxyType({})
+    """The colours by ground; empty for those of plain text."""
+
+    @property
+    def style(self) -> str:
+        """Style on a terminal whose ground is unknown, as rich writes it."""
+        return f"bold {self.color}" if self.bold else self.color
+
+
+LOOKS: Mapping[Status, Look] = MappingProxyType(
+    {
+        Status.OK: Look(" "),
+        Status.SUSPECT: Look(
+            "?",
+            "yellow",
+            plot="#d9822b",
+            inks={
+                Ground.DARK: Ink("#f0e442", "#101010", "#f0e442"),
+                Ground.LIGHT: Ink("#6b5e00", "#101010", "#e0d030"),
+                Ground.DARK_16: Ink("#ffff55", "#000000", "#ffff55"),
+                # The nearest of the 16 to the colour of a light theme is not seen on white.
+                Ground.LIGHT_16: Ink("#aa00aa", "#000000", "#ffff55"),
+            },
+        ),
+        Status.MALFORMED: Look(
+            "!",
+            "red",
+            bold=True,
+            plot="#d03b3b",
+            inks={
+                Ground.DARK: Ink("#ff8f50", "#ffffff", "#b84a00"),
+                Ground.LIGHT: Ink("#a33c00", "#ffffff", "#b84a00"),
+                Ground.DARK_16: Ink("#ff5555", "#ffffff", "#aa0000"),
+                Ground.LIGHT_16: Ink("#aa0000", "#ffffff", "#aa0000"),
+            },
+        ),
+    }
+)
+"""The look of each status, its only definition."""
+
+
+ORDER_MARK = "~"
+"""The mark of an `ok` row whose order with rows of another port is uncertain."""
+
+
+def mark_of(row: Row) -> str:
+    """One character for the status of a row, or an uncertain order."""
+    if row.order_uncertain and row.status is Status.OK:
+        return ORDER_MARK
+    return LOOKS[row.status].mark
 
 
 def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:

@@ -25,7 +25,6 @@ from fte_sniff.analysis.motors import Health
 from fte_sniff.analysis.relations import UNCHANGED
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
@@ -34,8 +33,7 @@ from fte_sniff.protocol import (
     VALUE_FIELDS,
     status_of,
 )
-from fte_sniff.protocol.columns import short_names_of
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS, ORDER_MARK, short_names_of
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.cells import (
     DELTA,

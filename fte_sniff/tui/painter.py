@@ -32,7 +32,6 @@ from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.formats.cell_text import fit
-from fte_sniff.formats.text_table import mark_of
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,
@@ -48,8 +47,8 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
+from fte_sniff.protocol.columns import LOOKS, Ground, mark_of
 from fte_sniff.protocol.dissect import byte_names, dissect
-from fte_sniff.protocol.look import LOOKS, Ground
 from fte_sniff.protocol.spec import FIELD_BY_NAME
 from fte_sniff.tui.cells import (
     DELTA,

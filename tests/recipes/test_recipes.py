@@ -669,7 +669,7 @@ def test_filter_function(recipe: Recipe) -> None:
 
 @pytest.mark.slow
 def test_look_of_a_status(recipe: Recipe) -> None:
-    look = "fte_sniff/protocol/look.py"
+    look = "fte_sniff/protocol/columns.py"
     for old, new in (('"!"', '"§"'), ('"#d03b3b"', '"#123456"')):
         recipe.replace(look, old, new)
     with recipe.program() as copy:

@@ -15,8 +15,8 @@ from textual.color import rgb_to_lab
 from textual.theme import BUILTIN_THEMES, Theme
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
+from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.dissect import byte_names
-from fte_sniff.protocol.look import LOOKS
 from fte_sniff.tui.cells import RAISED_MARK
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.painter import (

@@ -20,7 +20,6 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
-from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,
@@ -33,7 +32,7 @@ from fte_sniff.protocol import (
     encode,
     record,
 )
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.cells import DELTA, ORDER, VALUES, TableView, layout_for, short_kind, value_parts
 from fte_sniff.tui.painter import DARK, LIGHT, Painter, Palette, RowCell

@@ -30,7 +30,7 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role, online_bit_text
 from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text

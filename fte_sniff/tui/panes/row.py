@@ -21,8 +21,8 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
-from fte_sniff.formats.text_table import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
+from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.dissect import (
     CONTEXT,
     LEARNED,
@@ -34,7 +34,6 @@ from fte_sniff.protocol.dissect import (
     is_doubtful,
     readings,
 )
-from fte_sniff.protocol.look import LOOKS
 from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text

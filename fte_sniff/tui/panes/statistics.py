@@ -30,7 +30,7 @@ from fte_sniff.formats.cell_text import (
     wrap,
 )
 from fte_sniff.protocol import KINDS, Direction, status_of
-from fte_sniff.protocol.look import LOOKS
+from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.tui.cells import RAISED_MARK, event_words, span_text
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.painter import BOLD, Palette
