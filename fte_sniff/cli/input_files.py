@@ -56,27 +56,23 @@ from fte_sniff.errors import (
     shortened,
     unreadable,
 )
-from fte_sniff.formats.input_kind import (
-    KIND_OF_SUFFIX,
-    InputKind,
-    clocked,
-    kind_of_content,
-    kind_of_file,
-    raw_chunks,
-    raw_stream_chunks,
-)
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
 from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.inputs import (
+    KIND_OF_SUFFIX,
     STDIN_NAME,
     Input,
+    InputKind,
     InputReading,
     LogInput,
     ParquetInput,
     Progress,
     RecordingInput,
+    kind_of_content,
+    kind_of_file,
 )
+from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
@@ -655,9 +651,9 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
             raise UsageError(f"{name}: parquet is not read in sequence; name a file")
         return ParquetInput(ParquetRows(path), name)
     if kind is InputKind.RAW:
-        chunks = raw_chunks(path) if stream is None else raw_stream_chunks(stream, name)
-        timed = clocked(chunks, query.start_ns(), query.baud)
-        return LogInput(timed, name, lambda: stream is not None, query.start_ns, query.baud)
+        baud = query.baud or DEFAULT_BAUD
+        chunks = raw_chunks(stream or path, name, query.start_ns(), baud)
+        return LogInput(chunks, name, lambda: stream is not None, query.start_ns, baud)
     from fte_sniff.formats.logs.reader import LogReader
 
     return LogInput(LogReader(name, query.log_options(), stream), name)

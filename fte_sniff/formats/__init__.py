@@ -4,7 +4,6 @@ Modules:
 
     cell_text    Text fitted to terminal cells; times and numbers in few characters (rich).
     decoders     Decoders for other tools, generated from the frame table.
-    input_kind   The format of an input; chunks of raw bytes.
     logs         Logs of any form: plain hex, own rows, and those of other tools.
     parquet      Write Parquet files (polars).
     pcapng       Write pcapng files, for Wireshark.

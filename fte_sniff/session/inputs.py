@@ -14,9 +14,11 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
+from enum import StrEnum
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.model import GapDetector, StreamChange, Tally, rising_times, shifted
@@ -26,7 +28,9 @@ from fte_sniff.errors import (
     InputTextError,
     TranslatableText,
     UsageError,
+    unreadable,
 )
+from fte_sniff.formats.logs.text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -52,6 +56,77 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
     from fte_sniff.session.merge import Slice, Taken
+
+
+# The format of an input
+
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+"""The first bytes of an MCAP file."""
+
+_PARQUET_MAGIC = b"PAR1"
+"""The first bytes of a Parquet file."""
+
+_FIRST = 4096
+"""Bytes that show the format of a file."""
+
+
+class InputKind(StrEnum):
+    """The format of an input."""
+
+    MCAP = "mcap"
+    RAW = "raw"
+    HEX = "hex"
+    PARQUET = "parquet"
+
+
+KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
+    {
+        ".mcap": InputKind.MCAP,
+        ".bin": InputKind.RAW,
+        ".raw": InputKind.RAW,
+        ".hex": InputKind.HEX,
+        ".txt": InputKind.HEX,
+        ".log": InputKind.HEX,
+        ".csv": InputKind.HEX,
+        ".jsonl": InputKind.HEX,
+        ".parquet": InputKind.PARQUET,
+    }
+)
+"""By file name suffix, in lower case."""
+
+
+def kind_of_file(path: Path) -> InputKind:
+    """Return the format of a file by its suffix, or by its first bytes if it is MCAP or text.
+
+    Raises FileError if it cannot be read, UsageError if its format is unknown.
+    """
+    named = KIND_OF_SUFFIX.get(path.suffix.lower())
+    if named is not None:
+        return named
+    try:
+        with path.open("rb") as file:
+            first = file.read(_FIRST)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    found = kind_of_content(first)
+    if first and found is not InputKind.RAW:
+        return found
+    names = ", ".join(KIND_OF_SUFFIX)
+    raise UsageError(
+        f"{path}: its name does not show its format ({names}); use --input {'|'.join(InputKind)}"
+    )
+
+
+def kind_of_content(first: bytes) -> InputKind:
+    """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
+    if first.startswith(_MCAP_MAGIC):
+        return InputKind.MCAP
+    if first.startswith(_PARQUET_MAGIC):
+        return InputKind.PARQUET
+    return InputKind.HEX if is_text(first) else InputKind.RAW
+
+
+# An input
 
 
 @dataclass(slots=True)
@@ -373,17 +448,17 @@ class LogInput(Input):
         name: str,
         drained: Callable[[], bool] = lambda: False,
         first_ns: Callable[[], int | None] = lambda: None,
-        baud: int | None = None,
+        baud: int = DEFAULT_BAUD,
     ) -> None:
         """Read nothing yet of a log, or of the chunks of one port.
 
         Of chunks, `drained` is whether the next one has to be waited for, `first_ns` the time of
-        the first one, which it may read separately, `baud` bits per second; None for the default.
+        the first one, which it may read separately, `baud` bits per second.
         """
         super().__init__(name)
         from fte_sniff.formats.logs.reader import LogReader
 
-        self._drained, self._first_ns, self._baud = drained, first_ns, baud or DEFAULT_BAUD
+        self._drained, self._first_ns, self._baud = drained, first_ns, baud
         self._log = source if isinstance(source, LogReader) else None
         self._chunks = () if isinstance(source, LogReader) else source
         self.size = size_of(Path(name))

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from fte_sniff.errors import FileError, FteSniffError, InputTextError
+from fte_sniff.errors import FileError, FteSniffError, InputTextError, unreadable
 from fte_sniff.formats.logs.text import LATEST_NS, NO_TIME, StreamBytes
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -35,6 +37,29 @@ if TYPE_CHECKING:
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded, unless a reader waits for them."""
+
+
+_BLOCK: Final = 1 << 19
+"""Bytes of one read at most; a pipe or terminal returns what is available."""
+
+
+def raw_chunks(
+    source: Path | BinaryIO, port: str, start_ns: int | None = None, baud: int = DEFAULT_BAUD
+) -> Iterator[Chunk]:
+    """Read a file of raw bytes, or an open stream such as standard input, as chunks.
+
+    If the first byte began at `start_ns`, chunks have the times that the baud gives. Raises
+    FileError if the file cannot be read.
+    """
+    size, byte_ns = 0, byte_time_ns(baud)
+    try:
+        with source.open("rb") if isinstance(source, Path) else nullcontext(source) as stream:
+            read = getattr(stream, "read1", stream.read)
+            while block := read(_BLOCK):
+                size += len(block)
+                yield Chunk(port, None if start_ns is None else start_ns + size * byte_ns, block)
+    except OSError as error:
+        raise unreadable(port, error) from error
 
 
 def rows_of_chunks(

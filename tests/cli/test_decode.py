@@ -26,7 +26,6 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.errors import FileError
-from fte_sniff.formats.input_kind import InputKind
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -45,7 +44,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.inputs import InputReading, RecordingInput
+from fte_sniff.session.inputs import InputKind, InputReading, RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.forked import Program

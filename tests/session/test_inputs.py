@@ -20,7 +20,7 @@ from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.cli.input_files import InputQuery
-from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import (
     KINDS,
@@ -46,10 +46,12 @@ from fte_sniff.session import save
 from fte_sniff.session.inputs import (
     FactStage,
     InputBatch,
+    InputKind,
     InputReading,
     LogInput,
     RecordingInput,
     TimedInput,
+    kind_of_file,
     merged_by_time,
 )
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
@@ -62,6 +64,18 @@ from tests.support.recorded_rows import write_recording
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 CUT = ["f: ends in the middle of a frame (4 of 10 bytes)"]
+
+
+def test_the_first_bytes_decide_the_format_where_the_name_does_not(tmp_path: Path) -> None:
+    path = tmp_path / "minicom.cap"
+    path.write_text("[12:00:01] RX: 55 01 01 03 E8 00 00 00 0F EE\n")
+    assert kind_of_file(path) is InputKind.HEX
+    path.write_bytes(MAGIC)
+    assert kind_of_file(path) is InputKind.MCAP
+    for unknown in (b"", bytes.fromhex("55 01 01 03 E8 00 00 00 0F EE")):
+        path.write_bytes(unknown)
+        with pytest.raises(UsageError, match="its name does not show its format"):
+            kind_of_file(path)
 
 
 def rows_of(log: LogInput, notes: list[str], span: TimeRange | None = None) -> list[list[Row]]:

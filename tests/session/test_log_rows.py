@@ -16,11 +16,18 @@ from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.logs.text import LogOptions
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, byte_time_ns, encode
 from fte_sniff.session import log_rows
-from fte_sniff.session.log_rows import rows_of_log
+from fte_sniff.session.log_rows import raw_chunks, rows_of_log
 from tests.examples import examples
 
 TX = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
 RX = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 7, "error": 0, "online": 15})
+
+
+@given(st.binary(max_size=300_000))
+def test_raw_bytes_come_as_they_are(data: bytes) -> None:
+    chunks = list(raw_chunks(BytesIO(data), "f"))
+    assert b"".join(chunk.data for chunk in chunks) == data
+    assert all(chunk.t_ns is None and chunk.port == "f" for chunk in chunks)
 
 
 def line(way: str, us: int, data: bytes) -> str:

@@ -16,7 +16,6 @@ import pytest
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import (
@@ -37,7 +36,7 @@ from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
-from fte_sniff.session.log_rows import rows_of_log
+from fte_sniff.session.log_rows import raw_chunks, rows_of_log
 from fte_sniff.session.save import ExportSource, FileExport, SaveJob, SaveTarget
 from tests.recording.conftest import entries_in
 
@@ -93,7 +92,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             data = path.read_bytes()
             assert all(row.raw in data for row in taken)
         case _:
-            assert b"".join(chunk.data for chunk in raw_chunks(path)) == whole
+            assert b"".join(chunk.data for chunk in raw_chunks(path, "p")) == whole
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
