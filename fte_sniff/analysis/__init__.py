@@ -2,7 +2,7 @@
 
 Modules:
 
-    counters      Numbers over rows: durations, recent values, rates, series over time.
+    counters      Numbers over rows: durations, recent values, series over time.
     dataframe     Rows to polars DataFrame, and a search for text in it.
     events        Events of trouble, counted by window of time.
     facts         Facts of rows that depend on other rows: answers, the motor of damage, the frame
@@ -13,7 +13,7 @@ Modules:
     line_condition  Condition of a line: sound, damaged, silent, low, text, unreadable.
     live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
-    model         Changes between rows; what all models share; counts of rows by port and fault.
+    model         Changes between rows; what all models share; counts and rates of rows.
     motors        The motors: state, statistics, and events over time.
     plots         The data of plots: targets and feedback of the motors, and their usual range.
     relations     Streams of frames, and what changed between them; commands and their answers.

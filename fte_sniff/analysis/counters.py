@@ -1,4 +1,4 @@
-"""Numbers over rows: histogram of durations, recent values, rates, and series over time.
+"""Numbers over rows: histogram of durations, recent values, and series over time.
 
 The histogram of durations has logarithmic bins, 1024 in an octave:
 
@@ -19,7 +19,6 @@ gives the series of a single pass, however the rows were divided between them.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -28,7 +27,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.model import Model
+from fte_sniff.analysis.model import RATE_WINDOW_NS, Model
 from fte_sniff.protocol.rows import Ints
 
 PER_OCTAVE: Final = 1024
@@ -138,9 +137,6 @@ def _middles(bins: Ints) -> _Floats:
 
 RECENT: Final = 256
 
-RATE_WINDOW_NS: Final = 2_000_000_000
-"""Window of a rate, nanoseconds."""
-
 
 class RecentValues(Model):
     """Ring buffer of the latest values."""
@@ -182,37 +178,6 @@ class RecentValues(Model):
 def extent(t_ns: Ints) -> tuple[int, int] | None:
     """The earliest and the latest of some times; None without times."""
     return (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
-
-
-class Rate:
-    """Rate per second in a sliding window."""
-
-    def __init__(self, window_ns: int = RATE_WINDOW_NS) -> None:
-        """`window_ns` is more than 0."""
-        self._window_ns = window_ns
-        self._counts: deque[tuple[int, int]] = deque()
-        self._sum = 0
-        self._since_ns: int | None = None
-
-    def observe(self, count: int, t_ns: int) -> None:
-        """Add a count at a time; times must not fall."""
-        if self._since_ns is None:
-            self._since_ns = t_ns
-        self._counts.append((t_ns, count))
-        self._sum += count
-        self._expire(t_ns)
-
-    def per_second(self, now_ns: int) -> float:
-        """The rate in the window that ends now; at first, since the first update."""
-        self._expire(now_ns)
-        if self._since_ns is None:
-            return 0.0
-        span_ns = min(self._window_ns, now_ns - self._since_ns)
-        return self._sum * 1e9 / span_ns if span_ns > 0 else 0.0
-
-    def _expire(self, now_ns: int) -> None:
-        while self._counts and self._counts[0][0] <= now_ns - self._window_ns:
-            self._sum -= self._counts.popleft()[1]
 
 
 Floats: TypeAlias = npt.NDArray[np.float64]

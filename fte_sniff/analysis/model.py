@@ -1,4 +1,4 @@
-"""What models observe and share: changes between rows; observe, merge and copy; counts of rows.
+"""What models observe and share: changes between rows; observe, merge, copy; counts and rates.
 
 Numpy is loaded on first use, so that commands count the rows of a short log without it.
 """
@@ -263,7 +263,7 @@ class RowModel(Model, ABC):
         """Add the rows that follow, as if they had been observed here."""
 
 
-# Counts of rows by port and fault
+# Counts and rates of rows
 
 
 @dataclass
@@ -400,3 +400,38 @@ class Tally(RowCount):
     def malformed_share(self) -> float:
         """Share of malformed rows, 0 to 1."""
         return self.malformed / self.rows if self.rows else 0.0
+
+
+RATE_WINDOW_NS: Final = 2_000_000_000
+"""Window of a rate, nanoseconds."""
+
+
+class Rate:
+    """Rate per second in a sliding window."""
+
+    def __init__(self, window_ns: int = RATE_WINDOW_NS) -> None:
+        """`window_ns` is more than 0."""
+        self._window_ns = window_ns
+        self._counts: deque[tuple[int, int]] = deque()
+        self._sum = 0
+        self._since_ns: int | None = None
+
+    def observe(self, count: int, t_ns: int) -> None:
+        """Add a count at a time; times must not fall."""
+        if self._since_ns is None:
+            self._since_ns = t_ns
+        self._counts.append((t_ns, count))
+        self._sum += count
+        self._expire(t_ns)
+
+    def per_second(self, now_ns: int) -> float:
+        """The rate in the window that ends now; at first, since the first update."""
+        self._expire(now_ns)
+        if self._since_ns is None:
+            return 0.0
+        span_ns = min(self._window_ns, now_ns - self._since_ns)
+        return self._sum * 1e9 / span_ns if span_ns > 0 else 0.0
+
+    def _expire(self, now_ns: int) -> None:
+        while self._counts and self._counts[0][0] <= now_ns - self._window_ns:
+            self._sum -= self._counts.popleft()[1]

@@ -11,9 +11,8 @@ from functools import lru_cache
 from math import isfinite
 from typing import Final, Protocol
 
-from fte_sniff.analysis.counters import Rate
 from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate
-from fte_sniff.analysis.model import StreamChange, Tally, shifted
+from fte_sniff.analysis.model import Rate, StreamChange, Tally, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent

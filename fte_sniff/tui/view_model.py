@@ -9,10 +9,9 @@ from functools import partial
 from time import monotonic, monotonic_ns, thread_time
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.counters import Rate
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate, StaticFeed
-from fte_sniff.analysis.model import StreamChange, Tally, shifted
+from fte_sniff.analysis.model import Rate, StreamChange, Tally, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.errors import listed

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.counters import PER_OCTAVE, Durations, Keep, Rate, RecentValues, Series
+from fte_sniff.analysis.counters import PER_OCTAVE, Durations, Keep, RecentValues, Series
 from tests.analysis.pieces import state_of
 
 
@@ -102,28 +102,6 @@ def test_a_rate_is_none_before_two_values_and_0_after_the_last(
     recent = RecentValues()
     recent.observe(np.array([int(time * SECOND) for time in times], np.int64))
     assert recent.per_second(int(now * SECOND)) == (rate and pytest.approx(rate))
-
-
-@pytest.mark.parametrize(
-    ("fed", "now", "rate"),
-    [
-        ([], 5.0, 0.0),
-        ([(10, 0.0)], 0.0, 0.0),
-        ([(0, 0.0), (10, 1.0)], 1.0, 10.0),
-        ([(0, 0.0), (10, 1.0), (10, 2.0)], 2.0, 10.0),
-        ([(0, 0.0), (50, 1.0), (10, 2.0), (20, 3.0)], 3.0, 15.0),
-        ([(0, 0.0), (10, 1.0)], 2.5, 5.0),
-        ([(0, 0.0), (10, 1.0)], 3.0, 0.0),
-        ([(0, 0.0), (10, 1.0)], 9.0, 0.0),
-    ],
-)
-def test_a_rate_looks_back_two_seconds(
-    fed: list[tuple[int, float]], now: float, rate: float
-) -> None:
-    meter = Rate(2 * SECOND)
-    for count, at in fed:
-        meter.observe(count, int(at * SECOND))
-    assert meter.per_second(int(now * SECOND)) == pytest.approx(rate)
 
 
 TIMES = st.lists(st.integers(-(10**6), 10**6), min_size=1, max_size=60).map(sorted)

@@ -1,4 +1,4 @@
-"""Gaps and baud changes between rows, the same in batches of any size; counts of rows."""
+"""Gaps and baud changes between rows, the same in batches of any size; counts and rates of rows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.model import BaudChange, GapDetector, RowCount, StreamChange, Tally, shifted
+from fte_sniff.analysis.model import (
+    BaudChange,
+    GapDetector,
+    Rate,
+    RowCount,
+    StreamChange,
+    Tally,
+    shifted,
+)
 from fte_sniff.protocol import (
     Damage,
     Fault,
@@ -25,6 +33,7 @@ from fte_sniff.protocol.rows import Rows
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))
 TIMES = st.lists(st.integers(0, 50), max_size=30).map(sorted)
+SECOND = 1_000_000_000
 GAPS = st.lists(st.tuples(st.integers(0, 50), st.integers(0, 9)), max_size=4)
 
 
@@ -156,3 +165,25 @@ def test_the_malformed_share_is_of_all_rows() -> None:
     suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
     tally.observe(Rows.from_rows([noise, suspect, suspect, suspect]))
     assert tally.malformed_share == 0.25
+
+
+@pytest.mark.parametrize(
+    ("fed", "now", "rate"),
+    [
+        ([], 5.0, 0.0),
+        ([(10, 0.0)], 0.0, 0.0),
+        ([(0, 0.0), (10, 1.0)], 1.0, 10.0),
+        ([(0, 0.0), (10, 1.0), (10, 2.0)], 2.0, 10.0),
+        ([(0, 0.0), (50, 1.0), (10, 2.0), (20, 3.0)], 3.0, 15.0),
+        ([(0, 0.0), (10, 1.0)], 2.5, 5.0),
+        ([(0, 0.0), (10, 1.0)], 3.0, 0.0),
+        ([(0, 0.0), (10, 1.0)], 9.0, 0.0),
+    ],
+)
+def test_a_rate_looks_back_two_seconds(
+    fed: list[tuple[int, float]], now: float, rate: float
+) -> None:
+    meter = Rate(2 * SECOND)
+    for count, at in fed:
+        meter.observe(count, int(at * SECOND))
+    assert meter.per_second(int(now * SECOND)) == pytest.approx(rate)
