@@ -59,6 +59,7 @@ def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> Non
     RecordingWriter(path, [PORT], host_facts(0) | {"host": "bench"}).close()
     statistics = _statistics(path)
     assert (statistics.message_count, statistics.chunk_count) == (0, 0)
+    assert (statistics.message_start_time, statistics.message_end_time) == (0, 0)
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()

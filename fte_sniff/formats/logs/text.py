@@ -34,8 +34,10 @@ BLOCK_BYTES: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
 LONGEST_LINE: Final = 16 << 20
 """Bytes of a line that is read as a whole; a longer one comes in segments."""
+_SAMPLES: Final = 4
+"""Blocks of a sample of a file."""
 _SAMPLE_BYTES: Final = 10 << 10
-"""Bytes of each of the four blocks of a sample of a file."""
+"""Bytes of each block of a sample of a file."""
 _LONGEST_SAMPLED: Final = 4096
 _SNIFFED: Final = 4096
 """Bytes that show the encoding."""
@@ -205,21 +207,22 @@ class _Lines:
 
 
 def sample(path: Path) -> list[bytes]:
-    """Lines of four blocks of a file, without what is cut; all of a small one."""
+    """Lines of evenly spaced blocks of a file, without what is cut; all of a small one."""
     found, size = list[bytes](), path.stat().st_size
     with path.open("rb") as file:
         first = _skip_nuls(file)
         encoding = _encoding_of(file.read(_SNIFFED))
         file.seek(0)
-        if size <= 4 * _SAMPLE_BYTES:
+        if size <= _SAMPLES * _SAMPLE_BYTES:
             return _lines_of(file.read(), encoding)
-        for number in range(4):
-            at = first + max(0, size - first - _SAMPLE_BYTES) * number // 3
+        last = _SAMPLES - 1
+        for number in range(_SAMPLES):
+            at = first + max(0, size - first - _SAMPLE_BYTES) * number // last
             file.seek(at & ~1)  # even, for UTF-16
             _skip_nuls(file)
             lines = _lines_of(file.read(_SAMPLE_BYTES), encoding)
             if len(lines) > 2:
-                lines = lines[number > 0 : len(lines) - (number < 3)]
+                lines = lines[number > 0 : len(lines) - (number < last)]
             elif number and lines:  # within a very long line
                 lines[:1] = lines[0].split(None, 1)[-1:]
             found += map(first_words, lines)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import tracemalloc
 from functools import cache
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given
@@ -115,3 +117,13 @@ def test_a_block_of_nul_takes_no_more_memory_than_lines(hostile: bytes) -> None:
 )
 def test_a_very_long_line_takes_no_more_memory_than_another(unit: bytes) -> None:
     assert peak_of(unit * (SIZE // len(unit))) < 3 * peak_of_lines(b"x")
+
+
+def test_a_sample_has_whole_lines_from_four_evenly_spaced_blocks(tmp_path: Path) -> None:
+    path = tmp_path / "long.txt"
+    path.write_text("".join(f"{number:09}\n" for number in range(30_001)))
+    found = [int(line) for line in log_text.sample(path)]
+    starts = [found[0], *(later for one, later in pairwise(found) if later != one + 1)]
+    assert [round(start / 30_001, 1) for start in starts] == [0, 0.3, 0.6, 1]
+    assert found[-1] == 30_000
+    assert len(found) == pytest.approx(4 * 1024, abs=8)
