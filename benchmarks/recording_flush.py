@@ -21,8 +21,7 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from fte_sniff.recording.messages.encode import encode_row, topic_of
-from fte_sniff.recording.messages.schema import TOPICS, schema_data, schema_name
+from fte_sniff.recording.messages import TOPICS, encode_row, schema_data, schema_name, topic_of
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import in_columns

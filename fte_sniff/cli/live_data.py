@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol.rows import Rows
-    from fte_sniff.recording.messages.schema import Topic
+    from fte_sniff.recording.messages import Topic
     from fte_sniff.session.capture_process import CapturePlan
     from fte_sniff.session.live_session import LiveSession
     from fte_sniff.session.replay import Playback, PlayRequest
@@ -120,8 +120,7 @@ def datagram(entry: Row | PortEvent) -> bytes:
     `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that a row does
     not have are left out.
     """
-    from fte_sniff.recording.messages.encode import topic_of
-    from fte_sniff.recording.messages.schema import EVENTS
+    from fte_sniff.recording.messages import EVENTS, topic_of
 
     values: dict[str, object]
     if isinstance(entry, PortEvent):
@@ -502,7 +501,7 @@ class ServedChannels:
 
     def advertise(self) -> None:
         """Advertise every topic of every port."""
-        from fte_sniff.recording.messages.schema import TOPICS
+        from fte_sniff.recording.messages import TOPICS
 
         for port in self._ports:
             for topic in TOPICS:
@@ -510,8 +509,7 @@ class ServedChannels:
 
     def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send the rows and port events that viewers subscribed to, in order of time."""
-        from fte_sniff.recording.messages.encode import encode_event, encode_row, topic_of
-        from fte_sniff.recording.messages.schema import EVENTS
+        from fte_sniff.recording.messages import EVENTS, encode_event, encode_row, topic_of
 
         messages = list[tuple[int, int, bytes]]()
         for entry in in_order(rows, events):
@@ -540,8 +538,7 @@ class ServedChannels:
     def _channel(self, port: str, topic: Topic) -> int:
         found = self._channels.get((port, topic.name))
         if found is None:
-            from fte_sniff.recording.messages.encode import encodable
-            from fte_sniff.recording.messages.schema import schema_data, schema_name
+            from fte_sniff.recording.messages import encodable, schema_data, schema_name
 
             found = self._channels[port, topic.name] = self.server.add_channel(
                 topic.name,

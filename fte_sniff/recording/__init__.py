@@ -4,7 +4,7 @@ Modules:
 
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
-    messages       Rows as protobuf messages and back.
+    messages       Rows as protobuf messages and back: schemas, channels, encoder, decoder.
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    The file of a recording: path, lock, identity, pipes, refusals.
     reader         RecordingReader: read one recording, in passes, also while it grows.

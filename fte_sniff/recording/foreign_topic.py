@@ -34,7 +34,7 @@ from fte_sniff.recording.mcap.reader import (
     records_in,
     unpack,
 )
-from fte_sniff.recording.messages.schema import message_class
+from fte_sniff.recording.messages import message_class
 
 Payload = Callable[[bytes], bytes]
 """Extracts the serial bytes from a message; raises ValueError if there are none."""

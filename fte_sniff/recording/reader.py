@@ -67,8 +67,9 @@ from fte_sniff.recording.mcap.reader import (
     records_in,
     unpack,
 )
-from fte_sniff.recording.messages.decode import (
+from fte_sniff.recording.messages import (
     NOTHING,
+    TOPIC_BY_NAME,
     ChannelReaders,
     DecodedColumns,
     Definitions,
@@ -78,7 +79,6 @@ from fte_sniff.recording.messages.decode import (
     decode_columns,
     lost_definitions,
 )
-from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
     END_NAME,

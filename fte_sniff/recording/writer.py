@@ -31,8 +31,7 @@ from fte_sniff.recording.mcap.writer import (
     PackedChunk,
     packed,
 )
-from fte_sniff.recording.messages.encode import Channels, ColumnPacker, encodable_items
-from fte_sniff.recording.messages.schema import Topic, table_crc
+from fte_sniff.recording.messages import Channels, ColumnPacker, Topic, encodable_items, table_crc
 from fte_sniff.recording.metadata import (
     EARLY_NAME,
     PORTS_NAME,

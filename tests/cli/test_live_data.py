@@ -34,8 +34,7 @@ from fte_sniff.cli.live_data import (
 )
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import Damage, Fault, Rows, iso_time
-from fte_sniff.recording.messages.encode import topic_of
-from fte_sniff.recording.messages.schema import EVENTS, TOPICS, message_class
+from fte_sniff.recording.messages import EVENTS, TOPICS, message_class, topic_of
 from fte_sniff.recording.reader import RecordingReader
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT, decoded

@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from hashlib import sha256
 
 from fte_sniff.protocol import Frame, PortEvent, Row
-from fte_sniff.recording.messages.encode import topic_of
-from fte_sniff.recording.messages.schema import EVENTS, MALFORMED
+from fte_sniff.recording.messages import EVENTS, MALFORMED, topic_of
 
 
 def expected_lines(rows: Iterable[Row], events: Iterable[PortEvent]) -> list[str]:

@@ -10,7 +10,7 @@ import pytest
 from fte_sniff.cli.live_data import ServedChannels
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.messages.schema import TOPICS
+from fte_sniff.recording.messages import TOPICS
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder

@@ -12,8 +12,7 @@ from mcap.reader import make_reader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import NO_TIME
-from fte_sniff.recording.messages.decode import MessageReader
-from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
+from fte_sniff.recording.messages import TOPIC_BY_NAME, MessageReader
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter

@@ -20,8 +20,7 @@ from mcap.writer import Writer
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap.reader import LARGEST, keep_freed_memory
-from fte_sniff.recording.messages.encode import encode_event, encode_row
-from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
+from fte_sniff.recording.messages import TOPIC_BY_NAME, encode_event, encode_row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Chunk
 from fte_sniff.recording.foreign_topic import topic_chunks
-from fte_sniff.recording.messages.schema import message_class
+from fte_sniff.recording.messages import message_class
 
 STREAM = bytes.fromhex("AA010103E800000000EE550101000400000000EE") * 3
 PARTS = [STREAM[:7], STREAM[7:20], b"", STREAM[20:]]

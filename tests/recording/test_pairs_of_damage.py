@@ -19,7 +19,7 @@ from fte_sniff.protocol import Row
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.mcap.writer import McapFile
-from fte_sniff.recording.messages.decode import MessageReader
+from fte_sniff.recording.messages import MessageReader
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader

@@ -20,7 +20,7 @@ from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap import writer as mcap_file
 from fte_sniff.recording.mcap.reader import parse
-from fte_sniff.recording.messages.schema import TOPICS, table_crc
+from fte_sniff.recording.messages import TOPICS, table_crc
 from fte_sniff.recording.metadata import (
     PORTS_NAME,
     PortFacts,
