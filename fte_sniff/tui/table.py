@@ -287,7 +287,6 @@ class RowTable(ScrollView):
         self._lines: Sequence[TableLine] = ()
         self._latest_painter: Painter | None = None
         self._drawn: tuple[object, ...] = ()
-        self._line_painter: Painter | None = None
         self._strips: Mapping[tuple[RowCell, Style], Strip] = {}
         """Rows as they were drawn last; most are the same after a key, or with few new rows."""
         self._new_strips: dict[tuple[RowCell, Style], Strip] = {}
@@ -525,7 +524,7 @@ class RowTable(ScrollView):
         palette = self.palette
         painter = Painter(layout, palette, width, self._hidden, self.search)
         if painter != self._latest_painter:
-            self._latest_painter = painter
+            self._latest_painter, self._strips = painter, {}
         return self._latest_painter
 
     @property
@@ -540,10 +539,9 @@ class RowTable(ScrollView):
         # Textual sends no Resize if the table is scrolled while the layout changes.
         if self.viewport.height != self.scrollable_size.height:
             self.call_later(self.sync)
-        # Once for all lines: `rich_style` combines all styles of the parents at each call.
-        painter, self._base = self._painter, self.rich_style
-        if painter is not self._line_painter:
-            self._line_painter, self._strips = painter, {}
+        # Once for all lines: `rich_style` combines all styles of the parents at each call, and the
+        # width and the palette are as expensive.
+        self._base, self._line_painter = self.rich_style, self._painter
         self._new_strips = {}
         lines = super().render_lines(crop)
         self._strips = self._new_strips
@@ -551,8 +549,8 @@ class RowTable(ScrollView):
 
     def render_line(self, y: int) -> Strip:
         """A row, an event, a blank line, or the text of an empty table."""
-        width, base, painter = self.scrollable_size.width, self._base, self._line_painter
-        if painter is not None and y < len(self._lines):
+        base, painter = self._base, self._line_painter
+        if y < len(self._lines):
             cell = self._lines[y].cell
             if isinstance(cell, str):
                 return painter.event(cell, base)
@@ -560,13 +558,14 @@ class RowTable(ScrollView):
             self._new_strips[key] = self._strips.get(key) or painter.row(*key)
             return self._new_strips[key]
         if not self.viewport.count and y == self.viewport.height // 2:
-            indent = " " * ((width - cell_len(self._empty_text)) // 2)
-            return Strip([Segment(fit(indent + self._empty_text, width), base)], width)
-        return Strip.blank(width, base)
+            indent = " " * ((painter.width - cell_len(self._empty_text)) // 2)
+            text = fit(indent + self._empty_text, painter.width)
+            return Strip([Segment(text, base)], painter.width)
+        return Strip.blank(painter.width, base)
 
     def _line_style(self, line: TableLine) -> Style:
         # Among 16 colours, backgrounds would equal one another and hide colours of text.
-        few_colors = self.palette.few_colors
+        few_colors = self._line_painter.palette.few_colors
         if line.position != self.viewport.cursor:
             sign = line.cell.sign if isinstance(line.cell, RowCell) else Sign.NONE
             if few_colors or sign not in (Sign.SELECTED, Sign.PAIRED):
