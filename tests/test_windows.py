@@ -22,7 +22,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from fte_sniff import platform
 from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.capture.reconnect import SameName, identity_of
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.input_files import FileName
 from fte_sniff.recording import output_file
 from fte_sniff.recording.output_file import Existing, OutputPath
 from tests.beside import Work, running, server_socket

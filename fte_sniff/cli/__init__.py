@@ -23,9 +23,9 @@ What several commands share:
 
     main          The group of commands, and the message and exit code of each error.
     streams       Standard streams, signals, progress: what ends or delays a command.
-    options       Click options and parameter types.
+    options       Click options and parameter types that do not concern files.
     settings      Settings file and environment.
-    input_files   FILE arguments and their options, inputs, and the summary at the end.
+    input_files   Names of files, FILE arguments, filter and times, inputs, the summary.
     measuring     Measure files here, in worker processes, or on a cluster; print the results.
     capturing     Options, plan and observers of a capture.
     capture_loop  The loop of a capture, for all its observers.

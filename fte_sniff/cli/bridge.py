@@ -9,7 +9,8 @@ import click
 
 from fte_sniff.cli.capturing import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
-from fte_sniff.cli.options import FileName, require_pseudo_terminals
+from fte_sniff.cli.input_files import FileName
+from fte_sniff.cli.options import require_pseudo_terminals
 from fte_sniff.cli.settings import load_settings
 
 if TYPE_CHECKING:

@@ -27,7 +27,14 @@ from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.check import read_rules, verdict_lines
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.cli.input_files import InputQuery, print_saved, summary
+from fte_sniff.cli.input_files import (
+    FileName,
+    InputQuery,
+    filter_option,
+    print_saved,
+    row_filter,
+    summary,
+)
 from fte_sniff.cli.live_data import (
     Datagrams,
     FoxgloveServer,
@@ -37,17 +44,14 @@ from fte_sniff.cli.live_data import (
 )
 from fte_sniff.cli.options import (
     DURATION_EXAMPLE,
-    FileName,
     Seconds,
     alert_of,
     alert_option,
     all_of,
-    filter_option,
     format_option,
     keep_rows_option,
     line_setup,
     parse_seconds,
-    row_filter,
     units_options,
 )
 from fte_sniff.cli.service import FileCommand, Service

@@ -15,9 +15,9 @@ from xml.etree import ElementTree as ET
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure, print_json
-from fte_sniff.cli.options import FileName, format_option
+from fte_sniff.cli.options import format_option
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.protocol import Status, iso_time, spaced_hex

@@ -17,10 +17,11 @@ from fte_sniff.cli.input_files import (
     exit_if_unreadable,
     follow_options,
     input_options,
+    output_options,
     print_notes,
     summary,
 )
-from fte_sniff.cli.options import output_options, rows_format_option
+from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat

@@ -1,4 +1,4 @@
-"""Commands that read files: which files, which of their rows, and what is reported about them.
+"""Commands that read files: names of files, which rows, the inputs, and what is reported of them.
 
 `--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
 
@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import sys
@@ -36,15 +37,8 @@ from fte_sniff.analysis.time_text import (
     time_ns,
     zone_of,
 )
-from fte_sniff.cli.options import (
-    FileName,
-    Seconds,
-    all_of,
-    filter_option,
-    is_port_name,
-    line_speed_option,
-    row_filter,
-)
+from fte_sniff.cli.completion import complete_filter
+from fte_sniff.cli.options import Decorator, Seconds, all_of
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import (
     FileError,
@@ -86,6 +80,78 @@ if TYPE_CHECKING:
     from fte_sniff.session.notes import Notes
 
 STDIN = Path("-")
+
+# Names of files
+
+_PORT_NAME = re.compile(
+    r"/dev/(tty.+|pts/[0-9]+|cu\..+|serial/.+)|COM[0-9]+|[a-z0-9]+://.*", re.IGNORECASE
+)
+
+
+def is_port_name(name: str) -> bool:
+    """Whether a name is that of a serial device, a terminal, or a URL of a port."""
+    if name == "/dev/stdin" or name.startswith("/dev/fd/"):
+        return False
+    return any(_PORT_NAME.fullmatch(one) for one in (name, os.path.realpath(name)))
+
+
+class FileName(click.Path):
+    """A file name, existing or not; not empty, because an empty path is the current folder."""
+
+    def __init__(self) -> None:
+        # Not readable: a file that cannot be read has an error of its own.
+        super().__init__(path_type=Path, readable=False)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; fails for an empty name and a URL."""
+        if not str(value):
+            self.fail("the name is empty.", param, ctx)
+        if "://" in str(value):
+            self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+def output_options(help_text: str, *, required: bool = False) -> Decorator:
+    """The options `--output` and `--force`."""
+    return all_of(
+        click.option("-o", "--output", type=FileName(), required=required, help=help_text),
+        click.option("--force", is_flag=True, help="Overwrite the output file if it exists."),
+    )
+
+
+# Which rows: filter and times
+
+
+def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
+    if text is None or text.strip().lower() != "help" or context.resilient_parsing:
+        return text
+    from fte_sniff.analysis.filter.terms import FILTER_HELP
+
+    click.echo(FILTER_HELP)
+    return context.exit()
+
+
+filter_option = click.option(
+    "--filter",
+    "filter_text",
+    metavar="EXPR",
+    is_eager=True,
+    callback=_explain,
+    shell_complete=complete_filter,
+    help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
+)
+
+
+def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None:
+    """The filter of `--filter`, if it was given; raises FilterError if it is invalid.
+
+    `zone` is that of times that name none; None for UTC.
+    """
+    if text is None:
+        return None
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+    return RowFilter.parse(text, zone)
 
 
 _HELP = (
@@ -228,6 +294,9 @@ def _absolute(text: str, option: str, zone: tzinfo) -> int:
     return t_ns
 
 
+# The inputs
+
+
 def _files_argument(*, required: bool) -> Callable[..., Any]:
     argument: Callable[..., Any] = click.argument(
         "files",
@@ -291,7 +360,12 @@ _READING = all_of(
         help="For a log that is not recognised: a regular expression of its lines, with the groups"
         " (?P<data>...) and perhaps (?P<time>...) and (?P<dir>...).",
     ),
-    line_speed_option,
+    click.option(
+        "-b",
+        "--baud",
+        type=click.IntRange(min=1),
+        help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
+    ),
 )
 
 _READING_OPTIONS: Final = {
@@ -692,6 +766,8 @@ def _topic(path: Path, topic: str) -> Input:
 
     return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
 
+
+# What is reported
 
 ENOUGH_ROWS = 5
 """This many damaged rows without a frame point to a wrong setup."""

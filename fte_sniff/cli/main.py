@@ -100,7 +100,7 @@ class LazyGroup(click.Group):
 
 def _unknown_command(name: str) -> str:
     """That a command is unknown, and the command that was probably meant."""
-    from fte_sniff.cli.options import is_port_name
+    from fte_sniff.cli.input_files import is_port_name
 
     shown = shlex.quote(name)
     if is_port_name(name):

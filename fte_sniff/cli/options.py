@@ -1,9 +1,7 @@
-"""Click options and parameter types that several commands share."""
+"""Click options and parameter types that several commands share, except those of files."""
 
 from __future__ import annotations
 
-import os
-import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +23,7 @@ from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import Settings
 
@@ -38,26 +36,6 @@ def all_of(*options: Decorator) -> Decorator:
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
-def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
-    if text is None or text.strip().lower() != "help" or context.resilient_parsing:
-        return text
-    from fte_sniff.analysis.filter.terms import FILTER_HELP
-
-    click.echo(FILTER_HELP)
-    return context.exit()
-
-
-filter_option = click.option(
-    "--filter",
-    "filter_text",
-    metavar="EXPR",
-    is_eager=True,
-    callback=_explain,
-    shell_complete=complete_filter,
-    help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
-)
-
-
 alert_option = click.option(
     "--alert",
     "alert_text",
@@ -68,26 +46,16 @@ alert_option = click.option(
 """The `--alert` option; its value goes to `alert_of`."""
 
 
-def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None:
-    """The filter of `--filter`, if it was given; raises FilterError if it is invalid.
+def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | None:
+    """The alert of `--alert`, if it was given; raises FilterError if it is invalid.
 
     `zone` is that of times that name none; None for UTC.
     """
     if text is None:
         return None
-    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
-    return RowFilter.parse(text, zone)
-
-
-def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | None:
-    """The alert of `--alert`, if it was given; raises FilterError as `row_filter`."""
-    wanted = row_filter(text, zone)
-    if wanted is None:
-        return None
-    from fte_sniff.analysis.filter.row_filter import Alert
-
-    return Alert(wanted)
+    return Alert(RowFilter.parse(text, zone))
 
 
 DROPPED_ROWS = "Rows that the screen keeps; older rows leave the screen, never the file."
@@ -106,14 +74,6 @@ def keep_rows_option(default: int, meaning: str = DROPPED_ROWS) -> Decorator:
         show_default=True,
         metavar="N",
         help=meaning,
-    )
-
-
-def output_options(help_text: str, *, required: bool = False) -> Decorator:
-    """The options `--output` and `--force`."""
-    return all_of(
-        click.option("-o", "--output", type=FileName(), required=required, help=help_text),
-        click.option("--force", is_flag=True, help="Overwrite the output file if it exists."),
     )
 
 
@@ -165,34 +125,6 @@ def install_command(extra: str) -> str:
     if find_spec("pip") is None:
         return f"uv pip install --python {python} {packages}"
     return f"{python} -m pip install {packages}"
-
-
-_PORT_NAME = re.compile(
-    r"/dev/(tty.+|pts/[0-9]+|cu\..+|serial/.+)|COM[0-9]+|[a-z0-9]+://.*", re.IGNORECASE
-)
-
-
-def is_port_name(name: str) -> bool:
-    """Whether a name is that of a serial device, a terminal, or a URL of a port."""
-    if name == "/dev/stdin" or name.startswith("/dev/fd/"):
-        return False
-    return any(_PORT_NAME.fullmatch(one) for one in (name, os.path.realpath(name)))
-
-
-class FileName(click.Path):
-    """A file name, existing or not; not empty, because an empty path is the current folder."""
-
-    def __init__(self) -> None:
-        # Not readable: a file that cannot be read has an error of its own.
-        super().__init__(path_type=Path, readable=False)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; fails for an empty name and a URL."""
-        if not str(value):
-            self.fail("the name is empty.", param, ctx)
-        if "://" in str(value):
-            self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it.", param, ctx)
-        return super().convert(value, param, ctx)
 
 
 DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"
@@ -258,15 +190,6 @@ units_options = all_of(
     ),
 )
 """The options `--resolution` and `--gear-ratio`, which show positions in turns too."""
-
-line_speed_option = click.option(
-    "-b",
-    "--baud",
-    type=click.IntRange(min=1),
-    help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
-)
-"""The `--baud` option of commands that read files; it overrides the baud of a recording, and gives
-bytes without times a clock."""
 
 
 def line_setup(

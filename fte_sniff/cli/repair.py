@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options import FileName, output_options
+from fte_sniff.cli.input_files import FileName, output_options
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.session.inputs import size_of

@@ -15,9 +15,10 @@ from fte_sniff.cli.input_files import (
     exit_if_unreadable,
     explain_no_frames,
     input_options,
+    output_options,
     print_notes,
 )
-from fte_sniff.cli.options import install_command, output_options
+from fte_sniff.cli.options import install_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable

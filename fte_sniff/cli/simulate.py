@@ -12,7 +12,8 @@ import click
 
 from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
-from fte_sniff.cli.options import FileName, require_pseudo_terminals
+from fte_sniff.cli.input_files import FileName
+from fte_sniff.cli.options import require_pseudo_terminals
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction

@@ -23,6 +23,7 @@ from fte_sniff.cli.input_files import (
     input_options,
     print_notes,
     print_saved,
+    row_filter,
 )
 from fte_sniff.cli.live_data import PlaybackServer, address_of, network_option, serve_option
 from fte_sniff.cli.options import (
@@ -31,7 +32,6 @@ from fte_sniff.cli.options import (
     alert_option,
     keep_rows_option,
     line_setup,
-    row_filter,
     units_options,
 )
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
