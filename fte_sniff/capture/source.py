@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -38,6 +39,9 @@ _ITEM_COST = 256
 
 _HELD_UP_NS = 250_000_000
 """Time between two reads that shows that the reader did not run: it waits much shorter."""
+
+_GATHER_S = 0.01
+"""How long the consumer lets items gather: waking for each takes longer than processing it."""
 
 
 @dataclass(slots=True)
@@ -141,6 +145,8 @@ class ChunkQueue:
         self._queue.put(item)
 
     def _next(self) -> Item | None:
+        if self._queue.empty():
+            time.sleep(_GATHER_S)
         item = self._queue.get()
         if item is not None:
             port = self._ports[item.port]

@@ -265,9 +265,11 @@ class WiringWatch:
         if port in self._quiet:
             return []
         counts = self._counts[port]
-        valid = (rows.framed & (rows.faults == rows.codebook.fault_code(()))).nonzero()[0]
+        wanted = rows.framed & (rows.faults == rows.codebook.fault_code(()))
+        if port in self._own:
+            wanted &= rows.directions != _DIRECTIONS.index(self._own[port])
         for code, t_ns in zip(
-            rows.directions[valid].tolist(), rows.t_ns[valid].tolist(), strict=True
+            rows.directions[wanted].tolist(), rows.t_ns[wanted].tolist(), strict=True
         ):
             direction = _DIRECTIONS[code]
             counts[direction] += 1
@@ -314,8 +316,8 @@ REPORTED_LEFTOVER = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
 
 
-DRAIN_EVERY_NS = 10_000_000
-"""Time of the line between two batches of rows: a batch costs about as much as ten rows."""
+DRAIN_EVERY_NS = 50_000_000
+"""Time of the line between two batches of rows: a batch takes as long as many rows."""
 
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers

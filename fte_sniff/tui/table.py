@@ -535,7 +535,11 @@ class RowTable(ScrollView):
         return palette_of(self.app.current_theme, colors)
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Lines of a part of the window."""
+        """Lines of a part of the window.
+
+        Textual's own method also draws borders, padding and opacity, which the table does not have;
+        they take as long as the rows.
+        """
         # Textual sends no Resize if the table is scrolled while the layout changes.
         if self.viewport.height != self.scrollable_size.height:
             self.call_later(self.sync)
@@ -543,8 +547,13 @@ class RowTable(ScrollView):
         # width and the palette are as expensive.
         self._base, self._line_painter = self.rich_style, self._painter
         self._new_strips = {}
-        lines = super().render_lines(crop)
+        lines = [
+            self.render_line(y).crop_extend(crop.x, crop.right, self._base) for y in crop.line_range
+        ]
         self._strips = self._new_strips
+        filters, (_behind, background) = self.get_line_filters(), self.background_colors
+        for line_filter in filters:
+            lines = [line.apply_filter(line_filter, background) for line in lines]
         return lines
 
     def render_line(self, y: int) -> Strip:
