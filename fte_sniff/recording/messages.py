@@ -684,15 +684,12 @@ class ColumnPacker:
         ports = rows.port.astype(np.int64)
         motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_OFFSET], MOTORS[0])
         keys = (ports * len(_FORMS) + forms) * len(MOTORS) + motors - MOTORS[0]
-        keys[odd] = 0
         found = np.zeros(len(rows.codebook.ports) * len(_FORMS) * len(MOTORS), np.int64)
-        counts = np.bincount(keys)
-        counts[:1] -= len(odd)
-        for key in np.flatnonzero(counts).tolist():
+        for key in np.flatnonzero(np.bincount(np.delete(keys, odd))).tolist():
             port_and_form, motor = divmod(key, len(MOTORS))
             port, form = divmod(port_and_form, len(_FORMS))
             found[key] = self._channel_id(rows.codebook.ports[port], _topic(form, MOTORS[motor]))
-        channels = found.take(keys)
+        channels = found.take(keys, mode="clip")  # the key of an odd row has no meaning
         channels[odd] = [self._channel_of(row) for row in odd_rows]
         return channels
 

@@ -30,6 +30,16 @@ def test_what_waits_is_counted_in_bytes() -> None:
     assert queue.waiting == 2
 
 
+def test_only_bytes_after_a_pause_of_the_reader_may_be_late() -> None:
+    queue = ChunkQueue("a")
+    times_ms = {0: False, 1: False, 5000: True, 5001: False, 9001: True, 9002: False}
+    for at_ms in (0, 1, 5000, 5001, 9000, 9001, 9002):
+        queue.put(Chunk("a", at_ms * 10**6, b"abc" * (at_ms != 9000)))
+    queue.close()
+    chunks = [item for item in queue if isinstance(item, Chunk)]
+    assert {(chunk.t_ns or 0) // 10**6: chunk.is_late for chunk in chunks} == times_ms
+
+
 def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
     queue = ChunkQueue("a", capacity=10_000)
     for t_ns in range(12):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -102,3 +103,11 @@ def test_the_words_of_faults_may_be_plain_text(tmp_path: Path) -> None:
     words = pl.col("faults").cast(pl.List(pl.String))
     table_frame(Rows.from_rows([row])).with_columns(words).write_parquet(tmp_path / "a.parquet")
     assert list(next(ParquetRows(tmp_path / "a.parquet").batches())) == [row]
+
+
+def test_an_error_of_polars_is_a_failed_write_in_one_line(tmp_path: Path) -> None:
+    frames = iter([pl.DataFrame({"number": ["text"]})])
+    with pytest.raises(OSError, match=r"a write failed \(.+\)") as caught:
+        write_parquet(frames, tmp_path / "a.parquet", {"number": pl.Int64()})
+    assert caught.value.errno == errno.EIO
+    assert "\n" not in str(caught.value)

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from fte_sniff.formats.text_table import PlainWriter, RichWriter
-from fte_sniff.protocol import Damage, Fault
+from fte_sniff.protocol import Chunk, Damage, Fault, Framer
 
 
 @pytest.mark.parametrize("width", [60, 80, 150, 200, 5000])
@@ -38,3 +38,24 @@ def test_a_file_has_all_bytes() -> None:
     file = StringIO()
     PlainWriter(file, ports=False).write([row])
     assert " ".join(["00"] * 1024) in file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("sent", "style"),
+    [
+        ("AA 01 01 00 00 00 00 00 00 EE", "36"),
+        ("AA 00 00 00 00 00 00 00 00 EE", "1;35"),
+        ("55 01 01 00 00 00 00 00 0F EE", "39"),
+        ("55 01 01 00 00 00 00 00 FF EE", "33"),
+        ("55 01 01", "1;31"),
+    ],
+)
+def test_a_row_has_the_colour_of_its_status_or_direction(sent: str, style: str) -> None:
+    framer = Framer("port")
+    rows = framer.feed(Chunk("port", None, bytes.fromhex(sent))) + framer.flush()
+    screen = StringIO()
+    console = Console(file=screen, width=200, force_terminal=True, color_system="standard")
+    RichWriter(console, ports=False).write(rows)
+    head, line = screen.getvalue().splitlines()
+    assert head.startswith("\x1b[1m")
+    assert line.startswith(f"\x1b[{style}m")
