@@ -2,31 +2,33 @@
 
     python -m tests.mutants [--count 100] [--seed 1] [--of PATH ...]
 
-Each mutant is one changed expression or statement in a copy of the project. The tests that run are
-those of the module, then those that import it, then those of its package. A mutant that no test
-notices has survived. One is undecided if its tests do not end, or fail without it too. Exit code 1
-if one survived.
+Each mutant is one changed expression or statement in a copy of the project. First all tests run
+once, with a probe at each statement that is to change: it records the tests that execute it. Then
+these tests run for each mutant, those of its module first, then the fastest. What an import
+executes belongs to no test, and what is compiled has no probe: there the tests are those of the
+module, those that import it, and those of its package.
+
+A mutant that no test notices has survived. One is undecided if its tests do not end, or fail
+without it too. Exit code 1 if one survived.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
-import copy
 import random
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
-
-from tests.waiting import BOUND_S
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "fte_sniff"
@@ -52,8 +54,27 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
 }
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 """A line of pytest's summary, with the test."""
-MOST_FILES = 6
-"""Of the test files that import a module."""
+DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(.+)$", re.MULTILINE)
+PROBE = """
+import os
+from contextlib import suppress
+from pathlib import Path
+
+seen = set()
+
+def reached(statement):
+    test = os.environ.get("PYTEST_CURRENT_TEST", "")
+    if (statement, test) not in seen:
+        seen.add((statement, test))
+        with suppress(OSError):
+            name = f"{hash((statement, test)):x}"
+            Path(FOLDER, name).write_text(f"{statement}\\t{test}")
+"""
+"""A module of the copy. A record is a file, because some tests limit the sizes of files."""
+MOST_S = 300.0
+"""Of the tests that run for a mutant."""
+LONGER = 10
+"""Times as long as without a mutant may tests take with it, and a minute more."""
 
 
 class Mutant(NamedTuple):
@@ -62,6 +83,8 @@ class Mutant(NamedTuple):
     module: Path
     """Its path in the package."""
     line: int
+    statement: int
+    """The line of the innermost statement around the change."""
     before: str
     after: str
     source: str
@@ -90,40 +113,49 @@ def changes_of(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.If(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse)
         case ast.Expr(value=ast.Call()) | ast.AugAssign():
             yield ast.Pass()
-        case ast.Return(value=ast.expr()):
+        case ast.Return(value=ast.expr() as value) if ast.unparse(value) != "None":
             yield ast.Return(ast.Constant(None))
 
 
-class _Change(ast.NodeTransformer):
-    def __init__(self, number: int) -> None:
-        self._number = number
-        self.changed: tuple[ast.AST, ast.AST] | None = None
+class _Replaced(ast.NodeTransformer):
+    def __init__(self, new: Mapping[ast.AST, ast.AST | list[ast.stmt]]) -> None:
+        self._new = new
 
-    def visit(self, node: ast.AST) -> ast.AST:
-        if isinstance(node, ast.AnnAssign) and not isinstance(node.value, ast.expr):
-            return node
-        for new in changes_of(node):
-            if self._number == 0:
-                self.changed = node, new
-                self._number -= 1
-                return ast.copy_location(new, node)
-            self._number -= 1
-        return self.generic_visit(node)
+    def visit(self, node: ast.AST) -> Any:
+        self.generic_visit(node)
+        return self._new.get(node, node)
 
 
-def mutant(module: Path, number: int) -> Mutant | None:
-    """The change of a module with this number; None if it has fewer."""
-    tree = ast.parse((ROOT / PACKAGE / module).read_text("utf-8"))
-    change = _Change(number)
-    changed = change.visit(copy.deepcopy(tree))
-    if change.changed is None:
-        return None
-    before, after = change.changed
-    line = getattr(before, "lineno", 0)
-    texts = (
-        ast.unparse(ast.fix_missing_locations(one)).partition("\n")[0] for one in (before, after)
-    )
-    return Mutant(module, line, *texts, ast.unparse(ast.fix_missing_locations(changed)))
+def changes(
+    node: ast.AST, around: ast.stmt | None = None
+) -> Iterator[tuple[ast.AST, ast.AST, ast.stmt]]:
+    """Nodes inside a node, each with a changed copy and the innermost statement around it."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.AnnAssign) and child.value is None:
+            continue
+        statement = child if isinstance(child, ast.stmt) else around
+        if statement is not None:
+            yield from ((child, new, statement) for new in changes_of(child))
+        yield from changes(child, statement)
+
+
+def replaced(tree: ast.AST, new: Mapping[ast.AST, ast.AST | list[ast.stmt]]) -> str:
+    """The source of a tree with replaced nodes."""
+    return ast.unparse(ast.fix_missing_locations(_Replaced(new).visit(tree)))
+
+
+def tree_of(module: Path) -> ast.Module:
+    """The syntax tree of a module of the program."""
+    return ast.parse((ROOT / PACKAGE / module).read_text("utf-8"))
+
+
+def mutant(module: Path, number: int) -> Mutant:
+    """The change of a module with this number."""
+    tree = tree_of(module)
+    before, after, statement = [*changes(tree)][number]
+    line = getattr(before, "lineno", statement.lineno)
+    texts = (ast.unparse(ast.fix_missing_locations(one)).split("\n")[0] for one in (before, after))
+    return Mutant(module, line, statement.lineno, *texts, replaced(tree, {before: after}))
 
 
 def chosen(count: int, seed: int, paths: Sequence[str]) -> Iterator[Mutant]:
@@ -138,74 +170,128 @@ def chosen(count: int, seed: int, paths: Sequence[str]) -> Iterator[Mutant]:
     if not modules:
         raise SystemExit(f"no module of {PACKAGE}/ begins with {' or '.join(paths)}")
     sizes = [(ROOT / PACKAGE / module).stat().st_size for module in modules]
-    numbers = {module: sum(1 for _ in _all(module)) for module in modules}
+    numbers = {module: len([*changes(tree_of(module))]) for module in modules}
     for module in rng.choices(modules, sizes, k=count):
         if numbers[module]:
-            found = mutant(module, rng.randrange(numbers[module]))
-            assert found is not None
-            yield found
+            yield mutant(module, rng.randrange(numbers[module]))
 
 
-def _all(module: Path) -> Iterator[ast.AST]:
-    for node in ast.walk(ast.parse((ROOT / PACKAGE / module).read_text("utf-8"))):
-        yield from changes_of(node)
+class Tests(NamedTuple):
+    """What a run of all tests shows."""
+
+    seconds: Mapping[str, float]
+    """Of each test that passes."""
+    reaching: Mapping[str, Collection[str]]
+    """The tests that execute a statement, by module and line; empty is outside of all tests."""
+
+    def of(self, one: Mutant) -> dict[str, float]:
+        """The tests to run for a mutant, in this order, with their seconds."""
+        reaching = self.reaching.get(f"{one.module}:{one.statement}", ())
+        files = {test.partition("::")[0] for test in reaching if test.endswith(" (setup)")}
+        if "" in reaching or one.module.is_relative_to(FRAMER):
+            files.update(near(one.module))
+        tests = {test.rpartition(" (")[0] for test in reaching}
+        own = own_tests(one.module)
+        found = [
+            (test, seconds)
+            for test, seconds in self.seconds.items()
+            if test in tests or test.partition("::")[0] in files
+        ]
+        found.sort(key=lambda one: (not one[0].startswith(own), one[1]))
+        sums = accumulate(seconds for _, seconds in found)
+        return dict(one for one, total in zip(found, sums, strict=True) if total < MOST_S)
 
 
-def tests_of(module: Path) -> list[list[str]]:
-    """The tests to run, one group after the other."""
+def own_tests(module: Path) -> tuple[str, str]:
+    """The file and the folder of a module's own tests."""
     inside = module.with_suffix("")
-    tests = ROOT / "tests"
-    own = [tests / inside.parent / f"test_{inside.name}.py", tests / inside]
+    return f"tests/{inside.parent}/test_{inside.name}.py", f"tests/{inside}/"
+
+
+def near(module: Path) -> Iterator[str]:
+    """The test files of a module, of its package, and those that import it."""
+    inside = module.with_suffix("")
     name = re.compile(rf"\b{PACKAGE}\.{'.'.join(inside.parts)}\b")
-    importing = [
-        path for path in sorted(tests.rglob("test_*.py")) if name.search(path.read_text("utf-8"))
-    ]
-    groups = [
-        [path for path in own if path.exists()],
-        importing[:MOST_FILES],
-        sorted((tests / inside.parts[0]).rglob("test_*.py")),
-    ]
-    return [[str(path.relative_to(ROOT)) for path in group] for group in groups if group]
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        file = path.relative_to(ROOT).as_posix()
+        package = f"tests/{inside.parts[0]}/"
+        if file.startswith((package, *own_tests(module))) or name.search(path.read_text("utf-8")):
+            yield file
 
 
-def notices(folder: Path, tests: Sequence[str], *options: str) -> str:
-    """The first test of a copy that fails; empty if none does. `options` are those of pytest.
+def all_tests(folder: Path, mutants: Collection[Mutant]) -> Tests:
+    """Run all tests of a copy, with a probe at the statement of each mutant."""
+    records = folder / "records"
+    records.mkdir()
+    probe = folder / PACKAGE / "reached.py"
+    probe.write_text(f"FOLDER = {str(records)!r}\n{PROBE}")
+    modules = {one.module for one in mutants if not one.module.is_relative_to(FRAMER)}
+    for module in modules:
+        lines = {one.statement for one in mutants if one.module == module}
+        tree = tree_of(module)
+        probed = {
+            node: [
+                *ast.parse(
+                    f"__import__('{PACKAGE}.reached').reached.reached('{module}:{node.lineno}')"
+                ).body,
+                node,
+            ]
+            for node in ast.walk(tree)
+            if isinstance(node, ast.stmt) and node.lineno in lines
+        }
+        (folder / PACKAGE / module).write_text(replaced(tree, probed), "utf-8")
+    run = _pytest(folder, [], "-n", "auto", "--dist", "worksteal", "-vv", "--durations", "0")
+    if run.returncode == pytest.ExitCode.USAGE_ERROR:
+        raise SystemExit(run.stderr)
+    for module in modules:
+        shutil.copy(ROOT / PACKAGE / module, folder / PACKAGE / module)
+    probe.unlink()
+    seconds = defaultdict[str, float](float)
+    for duration, test in DURATION.findall(run.stdout):
+        seconds[test] += float(duration)
+    for test in FAILED.findall(run.stdout):
+        seconds.pop(test, None)
+    reaching = defaultdict[str, set[str]](set)
+    for record in records.iterdir():
+        statement, test = record.read_text().split("\t")
+        reaching[statement].add(test)
+    return Tests(seconds, reaching)
 
-    Raises:
-        subprocess.TimeoutExpired: they do not end.
-        SystemExit: they cannot run, as with a compiled framer of other sources.
-    """
+
+def _pytest(
+    folder: Path, tests: Iterable[str], *options: str, limit_s: float | None = None
+) -> subprocess.CompletedProcess[str]:
     command = [
-        sys.executable,
-        *("-m", "pytest", "-q", "-x", "-rfE", "--tb=no", "-p", "no:cacheprovider"),
+        *(sys.executable, "-m", "pytest", "-rfE", "--tb=no", "-p", "no:cacheprovider"),
         *options,
         *tests,
     ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=BOUND_S, check=False)
-    if done.returncode == pytest.ExitCode.USAGE_ERROR:
-        raise SystemExit(done.stderr.decode())
-    failed = FAILED.search(done.stdout.decode())
-    return failed[1] if failed else ""
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=limit_s, check=False
+    )
 
 
-def verdict(folder: Path, one: Mutant) -> str:
-    """Whether the tests notice a mutant. A test that also fails without it decides nothing."""
-    options = ["--interpreted"] if str(one.module).startswith(FRAMER) else []
+def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
+    """Whether tests notice a mutant. A test that also fails without it decides nothing."""
+    if not tests:
+        return "survived"
+    options = ["-x", *(["--interpreted"] if one.module.is_relative_to(FRAMER) else [])]
+    limit_s = 60 + LONGER * sum(tests.values())
     file = folder / PACKAGE / one.module
-    before = file.read_text("utf-8")
     try:
         file.write_text(one.source, "utf-8")
-        failed = next(
-            filter(None, (notices(folder, s, *options) for s in tests_of(one.module))), ""
-        )
-        file.write_text(before, "utf-8")
-        if not failed:
+        run = _pytest(folder, tests, *options, limit_s=limit_s)
+        if run.returncode == pytest.ExitCode.OK:
             return "survived"
-        return "undecided" if notices(folder, [failed], *options) else "killed"
+        failed = FAILED.findall(run.stdout)
+        # The source without comments, as that of the mutant: some tests read it.
+        file.write_text(ast.unparse(tree_of(one.module)), "utf-8")
+        run = _pytest(folder, failed or tests, *options, limit_s=limit_s)
+        return "killed" if run.returncode == pytest.ExitCode.OK else "undecided"
     except subprocess.TimeoutExpired:
         return "undecided"
     finally:
-        file.write_text(before, "utf-8")
+        shutil.copy(ROOT / PACKAGE / one.module, file)
 
 
 def copied(folder: Path) -> Path:
@@ -228,10 +314,13 @@ def main() -> int:
     verdicts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
-        for one in chosen(options.count, options.seed, options.of):
-            found = verdict(folder, one)
+        mutants = [*chosen(options.count, options.seed, options.of)]
+        tests = all_tests(folder, mutants)
+        for one in mutants:
+            selected = tests.of(one)
+            found = verdict(folder, one, selected)
             verdicts[found] += 1
-            print(f"{found}: {one}", flush=True)
+            print(f"{found} ({len(selected)} tests): {one}", flush=True)
     print(*(f"{count} {found}" for found, count in verdicts.items()), sep=", ")
     return int(verdicts["survived"] > 0)
 
