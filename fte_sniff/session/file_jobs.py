@@ -28,6 +28,8 @@ from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.inputs import (
     ANOTHER,
     Input,
+    InputBatch,
+    InputEnds,
     InputReading,
     Progress,
     ReadingCounts,
@@ -37,7 +39,6 @@ from fte_sniff.session.worker_process import start_worker
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.rules import Verdict
-    from fte_sniff.recording.metadata import Part
     from fte_sniff.recording.reader import Paths, TimeRange
 Model = TypeVar("Model", bound=RowModel)
 
@@ -113,12 +114,7 @@ class FileResult(Generic[Model]):
 
     model: Model
     counts: ReadingCounts
-    part: Part | None = None
-    """Which file of a capture it is."""
-    first: tuple[str, int] | None = None
-    """Port and offset of the first row of a recording."""
-    ends: Mapping[str, int] = field(default_factory=dict)
-    """By port, the offset after the last row of a recording."""
+    ends: InputEnds = field(default_factory=InputEnds)
     named_bauds: Mapping[str, int] = field(default_factory=dict)
     """By port, as the file names them."""
     bauds: dict[str, int] = field(default_factory=dict)
@@ -129,12 +125,6 @@ class FileResult(Generic[Model]):
     """Ports that were found again, but not lost in this file before."""
     interrupted: bool = False
     """Whether Ctrl-C came before all rows were read."""
-
-    def follows(self, before: FileResult[Model]) -> bool:
-        """Whether its first row came directly after the last row of another file."""
-        if self.part is not None and before.part is not None and before.part.next == self.part:
-            return True
-        return self.first is not None and before.ends.get(self.first[0]) == self.first[1]
 
 
 def count_file(
@@ -159,7 +149,8 @@ def count_file(
     for port in lost:
         result.model.observe_change(Gap(GapKind.PORT, port=port, port_lost=True))
     try:
-        _count_rows(result, reading, one, bauds or {}, interrupts)
+        for batch in reading.batches_of(one):
+            _count(result, batch, bauds or {}, interrupts)
     except KeyboardInterrupt:
         if interrupts is None:
             raise
@@ -167,33 +158,25 @@ def count_file(
     if reading.unreadable and not reading.tally.rows:
         raise reading.unreadable[0]
     result.counts = reading.counts
-    if isinstance(one, RecordingInput):
-        result.part, result.ends = one.part, one.ends
+    result.ends = one.ends
     result.lost = frozenset(reading.detector.lost)
     result.found = frozenset(reading.detector.found)
     return result
 
 
-def _count_rows(
+def _count(
     result: FileResult[Model],
-    reading: InputReading,
-    one: Input,
+    batch: InputBatch,
     bauds: Mapping[str, int],
     interrupts: DelayedInterrupt | None,
 ) -> None:
-    if isinstance(one, RecordingInput) and reading.span is not None:
-        result.first = one.first_place()
-    for batch in reading.batches_of(one):
-        if result.first is None and len(batch.rows) and isinstance(one, RecordingInput):
-            first = batch.rows[0]
-            result.first = first.port, first.offset
-        changes = [_at_start(change, bauds) for change in batch.changes]
-        changes = [change for change in changes if not _is_another(change.what)]
-        for change in changes:
-            if isinstance(change.what, BaudChange):
-                result.bauds[change.what.port] = change.what.baud
-        with interrupts.held() if interrupts is not None else nullcontext():
-            result.model.observe(batch.rows, batch.events, changes)
+    changes = [_at_start(change, bauds) for change in batch.changes]
+    changes = [change for change in changes if not _is_another(change.what)]
+    for change in changes:
+        if isinstance(change.what, BaudChange):
+            result.bauds[change.what.port] = change.what.baud
+    with interrupts.held() if interrupts is not None else nullcontext():
+        result.model.observe(batch.rows, batch.events, changes)
 
 
 def _compiled(text: str | None) -> Any:
@@ -233,7 +216,7 @@ class FileMerger(Generic[Model]):
         """Add the next file."""
         before = self._before
         lost = result.found  # if the file before it is not read
-        if before is not None and result.follows(before):
+        if before is not None and result.ends.follows(before.ends):
             lost |= before.lost
         else:
             self.model.observe_change(Gap(ANOTHER[0], reason=ANOTHER[1], port_lost=False))

@@ -224,6 +224,28 @@ TROUBLES = (
 )
 """Events of a recording that report bytes as missing or damaged."""
 
+
+@dataclass(frozen=True, slots=True)
+class InputEnds:
+    """The ends of an input: its file of a capture, and its first and last bytes of each port."""
+
+    part: Part | None = None
+    """Which file of the capture it is; None if it is none."""
+    first: tuple[str, int] | None = None
+    """Port and offset of its first row; None without rows, and where offsets are not recorded."""
+    stops: Mapping[str, int] = field(default_factory=dict)
+    """By port, the offset after the last row that was read."""
+
+    def follows(self, before: InputEnds) -> bool:
+        """Whether it is the next file of a capture, or begins at the byte where the other ended.
+
+        The other must have been read.
+        """
+        if self.part is not None and before.part is not None and before.part.next == self.part:
+            return True
+        return self.first is not None and before.stops.get(self.first[0]) == self.first[1]
+
+
 Note = Callable[[str], None]
 """Receives one line for the user about an input, such as that it ends within a frame."""
 
@@ -277,9 +299,10 @@ class Input(ABC):
         """What could not be read, one line each; complete after reading."""
         return ()
 
-    def follows(self, before: Input | None) -> bool:
-        """Whether its first row came directly after the last row of another input."""
-        return False
+    @property
+    def ends(self) -> InputEnds:
+        """Its ends, as far as it was read; a log continues no other input."""
+        return InputEnds()
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The recorded gaps in the span."""
@@ -334,8 +357,8 @@ class RecordingInput(Input):
         facts = reader.metadata.get(PROGRAM, {})
         self.part = part_of(facts)
         self.facts = {k: v for k, v in facts.items() if not k.startswith(("library", "port."))}
-        self.ends: dict[str, int] = {}
-        """By port, the offset after the last row that was read."""
+        self._first: tuple[str, int] | None = None
+        self._stops: dict[str, int] = {}
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -365,22 +388,12 @@ class RecordingInput(Input):
         """What could not be read, one line each; complete after reading."""
         return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
 
-    def follows(self, before: Input | None) -> bool:
-        """Whether it is the next file of a capture, or begins at the byte where the other ended.
-
-        The other must have been read.
-        """
-        if not isinstance(before, RecordingInput):
-            return False
-        if self.part is not None and before.part is not None and before.part.next == self.part:
-            return True
-        first = self.first_place() if before.ends else None
-        return first is not None and before.ends.get(first[0]) == first[1]
-
-    def first_place(self) -> tuple[str, int] | None:
-        """Port and offset of its first row; None without rows."""
-        first = next(iter(self.reader), None)
-        return None if first is None else (first.port, first.offset)
+    @property
+    def ends(self) -> InputEnds:
+        """Its ends; reads the first row, unless it was read."""
+        if self._first is None and (first := next(iter(self.reader), None)) is not None:
+            self._first = first.port, first.offset
+        return InputEnds(self.part, self._first, self._stops)
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The gaps that a trigger or a write error left in it."""
@@ -417,7 +430,9 @@ class RecordingInput(Input):
 
     def _batch_of(self, passage: RowRange, rows: Rows) -> InputBatch | None:
         """The rows as a batch; None if there are none, nor anything to report."""
-        self.ends.update(rows.end_offsets())
+        if self._first is None and len(rows) and passage.span.everything:
+            self._first = rows[0].port, rows[0].offset
+        self._stops.update(rows.end_offsets())
         self.position = max(self.position, passage.stop)
         if not (len(rows) or rows.events or passage.after_loss):
             return None
@@ -850,7 +865,7 @@ class InputReading:
             kind, reason = ANOTHER
             gaps = [Gap(kind, reason=reason, port=port) for port in _ports_of(one)]
             changes += [StreamChange(0, gap) for gap in gaps]
-        elif not one.follows(before):
+        elif before is None or not one.ends.follows(before.ends):
             changes.append(detector.interrupt(*ANOTHER))
             if before is not None:
                 detector.lost.clear()

@@ -59,10 +59,10 @@ def new_model(rules):
     return partial(StatisticsSummary, LineSetup()) if rules is None else partial(RuleCheck, rules)
 
 
-def measured(paths: Sequence[Path], model, executor=None):
+def measured(paths: Sequence[Path], model, executor=None, filter_text: str | None = None):
     make = new_model(model)
     merger = FileMerger(make(), InputReading([]))
-    jobs = [FileJob(path, opened, make) for path in paths]
+    jobs = [FileJob(path, opened, make, filter_text=filter_text) for path in paths]
     for job, result in finished_jobs(jobs, executor, 3, helps=True):
         assert not isinstance(result, FileError), result
         merger.add(job, result)
@@ -245,6 +245,15 @@ def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
     apart = measured(paths, None)
     assert whole.statistics.streams(None)[0].periods.count == 3
     assert apart.statistics.streams(None)[0].periods.count == 2
+
+
+def test_a_file_continues_another_whichever_of_its_rows_match(tmp_path: Path) -> None:
+    rows, paths = [reset_at(number) for number in range(4)], [tmp_path / n for n in ("a", "b")]
+    for path, part in zip(paths, (rows[:2], rows[2:]), strict=True):
+        write_recording(path, PORTS, [Rows.from_rows(part)])
+    for filter_text, periods in ((None, 3), (f"offset != {rows[2].offset}", 2)):
+        found = measured(paths, None, filter_text=filter_text)
+        assert found.statistics.streams(None)[0].periods.count == periods
 
 
 def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
