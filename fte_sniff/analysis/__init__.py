@@ -5,8 +5,8 @@ Modules:
     counters      Numbers over rows: durations, recent values, series over time.
     dataframe     Rows to polars DataFrame, and a search for text in it.
     events        Events of trouble, counted by window of time.
-    facts         Facts of rows that depend on other rows: answers, the motor of damage, the frame
-                  before.
+    facts         Commands and their answers; streams of frames; facts of rows that depend on other
+                  rows: answers, the motor of damage, the frame before.
     feed          The feed of a view: rows as they come, and the state of their source.
     filter        The filter language: SQL boolean expressions over the row columns.
     findings      Findings: the spans of time in which something is wrong.
@@ -16,7 +16,7 @@ Modules:
     model         Changes between rows; what all models share; counts and rates of rows.
     motors        The motors: state, statistics, and events over time.
     plots         The data of plots: targets and feedback of the motors, and their usual range.
-    relations     Streams of frames, and what changed between them; commands and their answers.
+    relations     Relations of the rows of a store: the frame before, a command and its answers.
     row_store     Append-only store of rows in blocks, with a filtered view and landmarks.
     rules         Rules about rows, and their verdicts: pass, fail, or not covered.
     search        Search in a store: the next matching row, and a counter.

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -380,15 +381,63 @@ def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bo
     return answers, answered
 
 
+# Streams: the frames of one kind, to or from one motor, on one port
+
+_NUMS: Final = 256
+
+
+def _stream_codes() -> tuple[list[tuple[int, int | None]], Ints]:
+    """Kind code and motor of every stream, and the stream's number by kind code and NUM."""
+    codes = np.full((NO_KIND + 1, _NUMS), -1, np.int64)
+    found: list[tuple[int, int | None]] = []
+    for code, kind in enumerate(KINDS):
+        if kind.names_motor:
+            for motor in MOTORS:
+                codes[code, motor] = len(found)
+                found.append((code, motor))
+        else:
+            codes[code, :] = len(found)
+            found.append((code, None))
+    codes[codes < 0] = len(found)
+    return found, codes
+
+
+STREAMS, _STREAM_CODES = _stream_codes()
+"""Kind code and motor (None for kinds without one) of the streams of a port, by number."""
+
+NO_STREAM: Final = len(STREAMS)
+"""The number of rows that belong to no stream."""
+
+KEYS_PER_PORT: Final = NO_STREAM + 1
+
+
+def stream_keys(rows: Rows) -> Ints:
+    """For each row: the code of its port * `KEYS_PER_PORT` + the number of its stream."""
+    return rows.port.astype(np.int64) * KEYS_PER_PORT + _STREAM_CODES[rows.kinds, rows.nums]
+
+
+def streams_of(rows: Rows) -> Iterator[tuple[str, int, Ints]]:
+    """Port and number of each stream that has rows, and the positions of these, rising."""
+    keys = stream_keys(rows)
+    # A small integer type makes numpy use a radix sort.
+    small = keys.astype(np.min_scalar_type(int(keys.max(initial=0))))
+    order = np.argsort(small, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1)).tolist()
+    for start, end in pairwise((*starts, len(order))):
+        port, number = divmod(int(keys[order[start]]), KEYS_PER_PORT)
+        if number != NO_STREAM:
+            yield rows.codebook.ports[port], number, order[start:end]
+
+
 # Facts of rows
 
 
 class PreviousFrames(Model):
-    """The frame before of the same port, motor and kind, for consecutive rows."""
+    """The frame before of the same stream, for consecutive rows."""
 
     def __init__(self) -> None:
-        self._last: dict[tuple[str, int, int], int] = {}
-        """By port, kind and NUM (0 for kinds without a motor), the payload of the last frame."""
+        self._last: dict[tuple[str, int], int] = {}
+        """By port and number of the stream, the payload of the last frame."""
 
     def add(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Rows:
         """The next rows, with `previous`; it is not known across the gaps between them."""
@@ -406,20 +455,12 @@ class PreviousFrames(Model):
         self._last.clear()
 
     def _added(self, rows: Rows) -> Ints:
-        found = np.full(len(rows), NO_FACT, np.int64)
-        kinds = rows.kinds
-        at = np.flatnonzero(kinds != NO_KIND)
-        ports, kinds = rows.port[at], kinds[at].astype(np.int64)
-        nums = np.where(NAMES_MOTOR[kinds], rows.nums[at], 0)
-        keys = (ports.astype(np.int64) * len(KINDS) + kinds) * 256 + nums
-        payloads = rows.payloads[at]
-        for key in np.unique(keys).tolist():
-            own = np.flatnonzero(keys == key)
-            first = int(own[0])
-            name = (rows.codebook.ports[ports[first]], int(kinds[first]), int(nums[first]))
-            found[at[own[1:]]] = payloads[own[:-1]]
-            found[at[first]] = self._last.get(name, NO_FACT)
-            self._last[name] = int(payloads[own[-1]])
+        found, payloads = np.full(len(rows), NO_FACT, np.int64), rows.payloads
+        for port, number, at in streams_of(rows):
+            own = payloads[at]
+            found[at[0]] = self._last.get((port, number), NO_FACT)
+            found[at[1:]] = own[:-1]
+            self._last[port, number] = int(own[-1])
         return found
 
 

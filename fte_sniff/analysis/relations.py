@@ -1,8 +1,4 @@
-"""Relations between rows: the frames of a stream, and commands and their answers.
-
-A stream is the frames of one kind, to or from one motor, on one port. The answer of a command is
-the first feedback of the motor with the same CMD before the motor's next command and the deadline.
-"""
+"""Relations of the rows of a store: the frame before of the stream, a command and its answers."""
 
 from __future__ import annotations
 
@@ -18,70 +14,33 @@ from fte_sniff.analysis.facts import (
     ANSWERABLE,
     COMMANDS,
     FEEDBACK,
+    KEYS_PER_PORT,
     NAMES_MOTOR,
+    NO_STREAM,
     MotorFrames,
     find_answers,
     is_overdue,
     motor_rows,
+    stream_keys,
+    streams_of,
 )
-from fte_sniff.protocol import KINDS, MOTORS
-from fte_sniff.protocol.rows import NO_FACT, NO_KIND, NO_TIME, Bools, Codes, Ints, Rows
+from fte_sniff.protocol import MOTORS
+from fte_sniff.protocol.rows import NO_FACT, NO_TIME, Bools, Codes, Ints, Rows
 from fte_sniff.protocol.spec import motor_bit
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.row_store import RowStore
 
-_NUMS: Final = 256
-
-
-def _stream_codes() -> tuple[list[tuple[int, int | None]], Ints]:
-    """Kind code and motor of every stream, and the stream's number by kind code and NUM."""
-    codes = np.full((NO_KIND + 1, _NUMS), -1, np.int64)
-    found: list[tuple[int, int | None]] = []
-    for code, kind in enumerate(KINDS):
-        if kind.names_motor:
-            for motor in MOTORS:
-                codes[code, motor] = len(found)
-                found.append((code, motor))
-        else:
-            codes[code, :] = len(found)
-            found.append((code, None))
-    codes[codes < 0] = len(found)
-    return found, codes
-
-
-STREAMS, _STREAM_CODES = _stream_codes()
-"""Kind code and motor (None for kinds without one) of the streams of a port, by number."""
-
-NO_STREAM: Final = len(STREAMS)
-"""The number of rows that belong to no stream."""
-
-KEYS_PER_PORT: Final = NO_STREAM + 1
-
-
-def stream_keys(rows: Rows) -> Ints:
-    """For each row: the code of its port * `KEYS_PER_PORT` + the number of its stream."""
-    return rows.port.astype(np.int64) * KEYS_PER_PORT + _STREAM_CODES[rows.kinds, rows.nums]
-
-
-def by_stream(keys: Ints) -> Ints:
-    """The order in which the rows of each stream are adjacent, in their order."""
-    # A small integer type makes numpy use a radix sort.
-    return np.argsort(keys.astype(np.min_scalar_type(int(keys.max(initial=0)))), kind="stable")
-
-
-def frames_before(keys: Ints) -> Ints:
-    """For each row the position of the frame before of its stream in the batch, or -1."""
-    order = by_stream(keys)
-    ordered = keys[order]
-    found = np.full(len(keys), -1, np.int64)
-    follows = (ordered[1:] == ordered[:-1]) & (ordered[1:] % KEYS_PER_PORT != NO_STREAM)
-    found[order[1:][follows]] = order[:-1][follows]
-    return found
-
-
 UNCHANGED: Final = 4
 """The age of a byte that has not changed in the latest frames, or never."""
+
+
+def frames_before(rows: Rows) -> Ints:
+    """For each row the position of the frame before of its stream in the batch, or -1."""
+    found = np.full(len(rows), -1)
+    for _port, _number, at in streams_of(rows):
+        found[at[1:]] = at[:-1]
+    return found
 
 
 def change_ages(raw: Codes, before: Ints) -> Codes:
@@ -194,8 +153,7 @@ class RowRelations:
         return found
 
     def _pasts_in(self, rows: Rows, start: int, indices: Sequence[int]) -> dict[int, RowPast]:
-        keys = stream_keys(rows)
-        before = frames_before(keys)
+        keys, before = stream_keys(rows), frames_before(rows)
         ages, (asking, answers) = change_ages(rows.raw, before), answer_pairs(rows)
         commands = dict(zip(answers.tolist(), asking.tolist(), strict=True))
         found = {}

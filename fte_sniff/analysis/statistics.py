@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.counters import Counts, Durations, RecentValues, Series
-from fte_sniff.analysis.facts import motor_rows
+from fte_sniff.analysis.facts import STREAMS, motor_rows, streams_of
 from fte_sniff.analysis.findings import Findings
 from fte_sniff.analysis.model import BaudChange, Ends, Model, RowCount, RowModel, Tally
 from fte_sniff.analysis.motors import Answers, FlagCounts
-from fte_sniff.analysis.relations import KEYS_PER_PORT, NO_STREAM, STREAMS, by_stream, stream_keys
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     HEADERS,
@@ -300,18 +299,6 @@ class _KindStream(Model):
         return self._measured * 1e9 / self._measured_ns if self._measured_ns > 0 else None
 
 
-def _ranges(
-    rows: Rows, order: Ints, starts: Ints
-) -> dict[FieldLayout, tuple[list[int], list[int]]]:
-    """By layout, minimum and maximum of the field in each group of the ordered rows."""
-    found = {}
-    for layout in _QUANTITY_LAYOUTS:
-        column = read_field(rows.raw, *layout).astype(np.int64)[order]
-        lows, highs = np.minimum.reduceat(column, starts), np.maximum.reduceat(column, starts)
-        found[layout] = lows.tolist(), highs.tolist()
-    return found
-
-
 class Streams(Model):
     """The streams so far, by port and number of the stream."""
 
@@ -333,21 +320,13 @@ class Streams(Model):
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows."""
-        keys = stream_keys(rows)
-        order = by_stream(keys)
-        ordered, t_ns = keys[order], rows.t_ns[order]
-        starts = np.flatnonzero(np.diff(ordered, prepend=-1))
-        ranges = _ranges(rows, order, starts)
-        stops = [*starts[1:].tolist(), len(order)]
-        for group, (start, stop) in enumerate(zip(starts.tolist(), stops, strict=True)):
-            port, code = divmod(int(ordered[start]), KEYS_PER_PORT)
-            if code == NO_STREAM:
-                continue
-            stream = self._stream(rows.codebook.ports[port], code)
-            stream.observe(rows.raw[order[max(start, stop - 2) : stop]], t_ns[start:stop])
+        columns = {one: read_field(rows.raw, *one) for one in _QUANTITY_LAYOUTS}
+        for port, code, at in streams_of(rows):
+            stream = self._stream(port, code)
+            stream.observe(rows.raw[at[-2:]], rows.t_ns[at])
             for name, layout in _QUANTITIES[STREAMS[code][0]].items():
-                lows, highs = ranges[layout]
-                stream.update_range(name, lows[group], highs[group])
+                own = columns[layout][at]
+                stream.update_range(name, int(own.min()), int(own.max()))
 
     def interrupt(self, port: str | None) -> None:
         """Rows of a port, or of all ports, are missing here."""

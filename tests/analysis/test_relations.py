@@ -22,7 +22,6 @@ from fte_sniff.analysis.relations import (
     answer_pairs,
     change_ages,
     frames_before,
-    stream_keys,
 )
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import (
@@ -77,14 +76,14 @@ def before_of(rows: list[Row], number: int) -> int:
 
 @given(ROWS)
 def test_the_frame_before_is_the_last_one_of_its_stream(rows: list[Row]) -> None:
-    found = frames_before(stream_keys(Rows.from_rows(rows)))
+    found = frames_before(Rows.from_rows(rows))
     assert found.tolist() == [before_of(rows, number) for number in range(len(rows))]
 
 
 @given(ROWS)
 def test_the_age_of_a_byte_counts_the_frames_since_it_changed(rows: list[Row]) -> None:
     batch = Rows.from_rows(rows)
-    ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
+    ages = change_ages(batch.raw, frames_before(batch))
     for number, row in enumerate(rows):
         for at in range(min(10, len(row.raw))):
             here, age = number, 0
@@ -168,7 +167,7 @@ def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> No
 @given(ROWS, st.sets(st.integers(0, 59), max_size=20))
 def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown: set[int]) -> None:
     batch = Rows.from_rows(rows)
-    ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
+    ages = change_ages(batch.raw, frames_before(batch))
     indices = sorted(index for index in shown if index < len(rows))
     relations = RowRelations(store_of(rows))
     pasts = relations.pasts(indices)
@@ -227,6 +226,6 @@ def test_a_row_that_is_not_in_the_store_has_no_relation(index: int) -> None:
 
 def test_no_rows_have_no_relations() -> None:
     none = Rows.from_rows([])
-    before = frames_before(stream_keys(none))
+    before = frames_before(none)
     assert len(before) == len(change_ages(none.raw, before)) == len(answer_pairs(none)[1]) == 0
     assert change_ages(np.zeros((1, 10), np.uint8), np.array([-1])).tolist() == [[UNCHANGED] * 10]
