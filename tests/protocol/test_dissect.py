@@ -103,6 +103,26 @@ def test_a_position_frame_field_by_field() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "fault", "meanings"),
+    [
+        (
+            "AA 01 02 03 E8 00 00 00 00 EF",
+            Fault.BAD_TAIL,
+            ["CMD: speed", "motor (driver) number", "target speed", "reserve", "tail"],
+        ),
+        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "NUM", "not decoded", "tail"]),
+        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "NUM", "not decoded", "tail"]),
+    ],
+)
+def test_a_frame_with_one_wrong_end_is_explained_as_far_as_it_is_known(
+    text: str, fault: Fault, meanings: list[str]
+) -> None:
+    fields = damage(text, fault)
+    assert [field.meaning for field in fields[1:]] == meanings
+    assert [field.name for field in fields if field.fault] == [fault.value.removeprefix("bad_")]
+
+
 def test_unused_bytes_are_distinguished() -> None:
     fields = frame("AA 00 07 00 00 00 00 00 00 EE")
     assert [(field.name, list(field.offsets)) for field in fields[2:4]] == [

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
+from threading import Event
 
 import pytest
 
 from fte_sniff.tui import terminal
-from fte_sniff.tui.terminal import MOST_SILENT, QUERY, FramePacer
-from tests.waiting import while_waiting
+from fte_sniff.tui.terminal import MOST_SILENT, QUERY, AsyncTerminalWriter, FramePacer
+from tests.waiting import BOUND_S, while_waiting
 
 
 class Drawn:
@@ -87,3 +89,16 @@ def test_terminal_that_never_answers_is_asked_a_few_times(monkeypatch: pytest.Mo
         assert drawn.written.count(QUERY) >= MOST_SILENT
 
     asyncio.run(scenario())
+
+
+def test_a_terminal_that_is_gone_takes_no_more_text() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    gone = Event()
+    output = AsyncTerminalWriter(writer, "utf-8", gone.set, gone.clear)
+    output.write("first")
+    assert gone.wait(BOUND_S)
+    output.write("second")
+    assert not output.busy
+    output.close(BOUND_S)
+    os.close(writer)

@@ -84,7 +84,6 @@ class _Known(dict[bytes, bytes]):
     """The bytes of the units of runs, by their text."""
 
     def __init__(self, bytes_of: BytesOf) -> None:
-        super().__init__()
         self._bytes_of = bytes_of
 
     def __missing__(self, text: bytes) -> bytes:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.compiler import chain, combine
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.filter.terms import Term, TermType
+from fte_sniff.analysis.filter.terms import MistakeError, Term, TermType
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row
 from fte_sniff.protocol.rows import Rows
@@ -304,3 +304,10 @@ def test_largest_filters_are_computed_in_any_thread(text: str) -> None:
         .mask(row_frame(Rows.from_rows(ROWS)))
         .equals(other.mask(row_frame(Rows.from_rows(ROWS))))
     )
+
+
+@pytest.mark.parametrize("length", [1, 199, 200, 201, 5000])
+def test_only_a_text_of_more_than_200_characters_is_cut(length: int) -> None:
+    text = str(MistakeError(0, "x" * length).error(""))
+    assert text.count("x") == min(length, 200)
+    assert ("x... at" in text) == (length > 200)

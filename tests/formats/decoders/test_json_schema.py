@@ -47,7 +47,8 @@ def test_every_row_of_any_stream_is_valid(data: bytes) -> None:
     [
         {"motor": None},
         {"motor": 256},
-        {"rpm": 40_000},
+        {"rpm": 32_768},
+        {"rpm": -32_769},
         {"rpm": 1.5},
         {"pulses": 1},
         {"direction": "feedback"},
@@ -65,7 +66,7 @@ def test_every_row_of_any_stream_is_valid(data: bytes) -> None:
 )
 def test_row_that_the_program_never_writes_is_invalid(changed: dict[str, Any]) -> None:
     (line,) = lines([row for row in some_rows(6) if row.raw[:2] == b"\xaa\x01"][:1])
-    assert VALIDATOR.is_valid(line)
+    assert all(VALIDATOR.is_valid(line | {"rpm": rpm}) for rpm in (-32_768, 0, 32_767))
     assert not VALIDATOR.is_valid(line | changed)
     assert not VALIDATOR.is_valid({name: line[name] for name in [*line][1:]})
 
