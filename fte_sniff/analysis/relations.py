@@ -127,12 +127,8 @@ _FrameBefore: TypeAlias = tuple[int, bytes] | None
 class RowRelations:
     """Finds the related rows of a store's rows, by index."""
 
-    def __init__(self, store: RowStore, gaps: Sequence[int] = ()) -> None:
-        """Relations of the rows of a store; before the rows at the indices `gaps` rows are missing.
-
-        The indices rise.
-        """
-        self._store, self._gaps = store, gaps
+    def __init__(self, store: RowStore) -> None:
+        self._store, self._gaps = store, store.landmarks.gaps
         self._far: dict[int, _FrameBefore] = {}
         """Frames before that were far away, by index of the row."""
         self._asked = -1

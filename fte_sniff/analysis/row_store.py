@@ -214,6 +214,7 @@ class RowStore:
         self.limit: int | None = None
         """Index from which on rows are hidden, as if they had not come yet; None to hide none."""
         self.view = FilteredView(self)
+        self.landmarks = Landmarks(self)
 
     @property
     def next(self) -> int:

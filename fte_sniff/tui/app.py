@@ -417,7 +417,6 @@ class SniffApp(App[None]):
         self._panes.observe(update.events, update.stream_changes)
         self.notes.find_noted(update.rows, update.first)
         self._report(update)
-        self._table.landmarks.add(update.events, update.stream_changes)
         if update.changed or update.events:
             self._update_table()
         self._hit_status.tick()

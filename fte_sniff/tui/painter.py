@@ -7,7 +7,7 @@ rows of other times.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache, cached_property, lru_cache
@@ -28,7 +28,7 @@ from textual.strip import Strip
 from textual.theme import Theme
 
 from fte_sniff.analysis.relations import AnswerState
-from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
+from fte_sniff.analysis.row_store import Overview, RowNote, RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FilterError, TranslatableText, quoted
 from fte_sniff.formats.cell_text import fit
@@ -792,9 +792,9 @@ class BarSign:
 class OverviewBar:
     """Signs of the shown rows for the cells of a bar."""
 
-    def __init__(self, store: RowStore, landmarks: Landmarks, marks: Iterable[int]) -> None:
+    def __init__(self, store: RowStore, marks: Iterable[int]) -> None:
         """`marks` are the indices of the marked rows, which may change."""
-        self._store, self._landmarks, self._marks = store, landmarks, marks
+        self._store, self._marks = store, marks
         self._overview = Overview(store)
         self._height = self._rows = 0
 
@@ -810,12 +810,16 @@ class OverviewBar:
             elif cell.worst:
                 color = palette.statuses[_STATUSES[cell.worst]].color
                 found[at] = BarSign(shade(cell.share, fullest), Style(color=color))
-        for landmark in self._landmarks.between(self._store.first, self._store.next + 1):
-            if not landmark.is_routine:
-                found[self._cell_of(landmark.index)] = BarSign(BAR_EVENT, palette.signs)
+        for index in self._landmarks():
+            found[self._cell_of(index)] = BarSign(BAR_EVENT, palette.signs)
         for index in self._marks:
             found[self._cell_of(index)] = BarSign(BAR_MARKED, palette.signs)
         return found
+
+    def _landmarks(self) -> Iterator[int]:
+        """The indices of the landmarks that are not routine."""
+        every = self._store.landmarks.between(self._store.first, self._store.next + 1)
+        return (one.index for one in every if not one.is_routine)
 
     @property
     def _per_cell(self) -> int:
@@ -829,8 +833,7 @@ class OverviewBar:
         """Position of the row to which a click on a cell goes."""
         start, end = cell * self._per_cell, (cell + 1) * self._per_cell
         view = self._store.view
-        between = self._landmarks.between(self._store.first, self._store.next + 1)
-        special = [*self._marks, *(one.index for one in between if not one.is_routine)]
+        special = [*self._marks, *self._landmarks()]
         positions = sorted(
             position for one in special if start <= (position := view.position_of(one)) < end
         )

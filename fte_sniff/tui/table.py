@@ -23,7 +23,7 @@ from textual.timer import Timer
 from textual.widget import Widget
 
 from fte_sniff.analysis.relations import RowRelations
-from fte_sniff.analysis.row_store import Landmarks, RowStore
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search, find_fault, find_raised, find_unanswered
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
@@ -260,11 +260,10 @@ class RowTable(ScrollView):
     ) -> None:
         super().__init__()
         self.viewport = Viewport()
-        self.landmarks = Landmarks(store)
-        self.relations = RowRelations(store, self.landmarks.gaps)
+        self.relations = RowRelations(store)
         self.view = view
         self.marks = RowMarks()
-        self._overview = OverviewBar(store, self.landmarks, self.marks)
+        self._overview = OverviewBar(store, self.marks)
         self._overview_drawn: tuple[object, ...] = ()
         self._overview_timer: Timer | None = None
         self._bar_signs: Mapping[int, BarSign] = {}
@@ -387,7 +386,7 @@ class RowTable(ScrollView):
         """Update the signs in the scroll bar; while rows come, once a second."""
         store, height, palette = self._store, self.scrollable_size.height, self.palette
         rows = (store.first, store.next, store.known, store.view.count)
-        wanted = (store.view.filter, height, tuple(self.marks), palette, len(self.landmarks))
+        wanted = (store.view.filter, height, tuple(self.marks), palette, len(store.landmarks))
         if (wanted, rows) == self._overview_drawn or self._overview_timer is not None:
             return
         self._overview_drawn = (wanted, rows)
@@ -441,7 +440,7 @@ class RowTable(ScrollView):
     def _event_lines(self, start: int, end: int) -> Iterator[TableLine]:
         if not self.view.events:
             return
-        for landmark in self.landmarks.between(start, end):
+        for landmark in self._store.landmarks.between(start, end):
             yield TableLine(landmark_text(landmark.what, self.view.shown_zone), None)
 
     def _row_cells(self, rows: Sequence[tuple[int, Row]]) -> Iterator[tuple[int, RowCell]]:
@@ -778,7 +777,7 @@ class RowTable(ScrollView):
     def action_landmark(self, by: int) -> None:
         """Go to the next lost port or gap, or to the previous one."""
         store, last = self._store, self.last_index
-        beyond = self.landmarks.beyond(last, by)
+        beyond = store.landmarks.beyond(last, by)
         index = next((one.index for one in beyond if store.first <= one.index), None)
         if index is None:
             below = _("no port was lost and no rows are missing below this row")

@@ -91,6 +91,7 @@ class ViewModel:
         if update.rows:
             self.store.append(update.rows)
             self.tally.observe(update.rows)
+        self.store.landmarks.add(update.events, stream_changes)
         self._fill(self._facts.feed(update.rows, update.changes))
         if ended:
             self._fill(self._facts.interrupt())

@@ -116,6 +116,7 @@ def store_of(rows: list[Row], gaps: Mapping[int, bool] = MappingProxyType({})) -
     batch = Rows.from_rows(rows)
     store.append(batch)
     changes = [StreamChange(at, Gap(GapKind.PORT, port_lost=lost)) for at, lost in gaps.items()]
+    store.landmarks.add([], changes)
     store.fill(facts.feed(batch, changes))
     store.fill(facts.interrupt())
     return store
@@ -137,7 +138,7 @@ def simple_answer(
 @given(ROWS, st.dictionaries(st.integers(0, 59), st.booleans(), max_size=3))
 def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], lost: dict[int, bool]) -> None:
     gaps = {at: lost[at] for at in sorted(lost) if at < len(rows)}
-    relations = RowRelations(store_of(rows, gaps), list(gaps))
+    relations = RowRelations(store_of(rows, gaps))
     answered: dict[int, CommandAnswer] = {}
     for number, row in enumerate(rows):
         end = next((gap for gap in gaps if gap > number), len(rows))

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.model import StreamChange
-from fte_sniff.analysis.row_store import Landmarks, Overview, RowNote, RowStore
+from fte_sniff.analysis.row_store import Overview, RowNote, RowStore
 from fte_sniff.analysis.search import (
     Bools,
     MatchCounter,
@@ -373,7 +373,7 @@ def store_of(count: int) -> RowStore:
 
 def test_an_event_is_before_the_first_row_that_is_later() -> None:
     store = store_of(10)
-    landmarks = Landmarks(store)
+    landmarks = store.landmarks
     lost = PortEvent(4500, "p", PortEventKind.LOST, "pulled out")
     opened = PortEvent(-5, "p", PortEventKind.OPENED, "")
     last = PortEvent(99_000, "p", PortEventKind.FOUND_AGAIN, "")
@@ -389,7 +389,7 @@ def test_an_event_is_before_the_first_row_that_is_later() -> None:
 
 
 def test_a_gap_is_a_landmark_unless_an_event_reports_it_or_nothing_is_before_it() -> None:
-    landmarks = Landmarks(store_of(10))
+    landmarks = store_of(10).landmarks
     gap = Gap(GapKind.NOT_SHOWN, 7)
     changes = [
         StreamChange(0, Gap(GapKind.OTHER_RECORDING)),
@@ -403,7 +403,7 @@ def test_a_gap_is_a_landmark_unless_an_event_reports_it_or_nothing_is_before_it(
 
 def test_landmarks_leave_with_their_rows() -> None:
     store = RowStore(bound=5, block_rows=2)
-    landmarks = Landmarks(store)
+    landmarks = store.landmarks
     store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))
     landmarks.add([], [StreamChange(2, Gap(GapKind.DAMAGE))])
     store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))

@@ -23,6 +23,7 @@ from fte_sniff.tui.panes import switcher
 from fte_sniff.tui.view_model import PollInterval, ViewModel
 from tests.tui.conftest import (
     NOON_NS,
+    STEP_NS,
     ListFeed,
     Rows,
     enter_line,
@@ -35,6 +36,8 @@ from tests.tui.conftest import (
     type_line,
     until,
 )
+
+SECOND_NS = 1_000_000_000
 
 
 class Resting(ListFeed):
@@ -123,6 +126,19 @@ def test_port_events_that_not_every_recording_has_are_counted(
     assert bool(model.events_text) == bool(count)
     assert "lost" not in model.events_text
     set_language("en")
+
+
+def test_playing_a_file_leaves_its_port_events_as_they_are(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+    feed.give(speed_rows(30))
+    event = PortEvent(NOON_NS + 10 * STEP_NS, "/dev/ttyUSB0", PortEventKind.LOST, "")
+    feed.emit(event)
+    store = RowStore()
+    model = ViewModel(feed, None, store)
+    model.poll(0)
+    model.play(0, 1.0, 0)
+    assert model.poll(SECOND_NS).events == [event]
+    assert [one.what for one in store.landmarks.between(0, 31)] == [event]
 
 
 def test_keys_come_before_the_rows_of_a_file(
