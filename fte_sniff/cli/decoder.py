@@ -6,7 +6,7 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError, reason_of
-from fte_sniff.formats.decoders.tools import TOOLS
+from fte_sniff.formats.decoders import TOOLS
 
 
 @click.command(name="decoder", short_help="Print a decoder for sigrok, Wireshark or JSON tools.")

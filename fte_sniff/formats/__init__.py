@@ -3,7 +3,7 @@
 Modules:
 
     cell_text    Text fitted to terminal cells; times and numbers in few characters (rich).
-    decoders     Decoders for other tools, generated from the frame table.
+    decoders     Decoders for sigrok, Wireshark and JSON tools, generated from the frame table.
     logs         Logs of any form: plain hex, own rows, and those of other tools.
     parquet      Write Parquet files (polars).
     pcapng       Write pcapng files, for Wireshark.

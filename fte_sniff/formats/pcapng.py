@@ -1,4 +1,4 @@
-"""pcapng files of rows, for Wireshark and tshark with the dissector of `decoders.wireshark`.
+"""pcapng files of rows, for Wireshark and tshark with the dissector of `decoders`.
 
 A file is a sequence of blocks (draft-ietf-opsawg-pcapng): a section header, a description of each
 port when its first row comes, and a packet per row. A packet begins with the tags of an exported

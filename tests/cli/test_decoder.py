@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from fte_sniff.formats.decoders.tools import TOOLS
+from fte_sniff.formats.decoders import TOOLS
 from tests.cli.processes import PROGRAM
 from tests.slow import first
 from tests.support.tools import needs

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from jsonschema import Draft202012Validator
 
-from fte_sniff.formats.decoders.json_schema import schema
+from fte_sniff.formats.decoders import json_schema
 from fte_sniff.formats.writers import JsonlWriter
 from fte_sniff.protocol import COLUMNS, DEFAULT_BAUD, KINDS, Chunk, Framer, Row, Rows, encode
 from fte_sniff.protocol.dissect import WHY, with_readings
 from tests.protocol.streams import raw_bytes
 from tests.recording.conftest import some_rows
 
-VALIDATOR = Draft202012Validator(json.loads(schema()))
+VALIDATOR = Draft202012Validator(json.loads(json_schema()))
 
 
 def lines(rows: list[Row]) -> list[dict[str, Any]]:
@@ -27,10 +27,10 @@ def lines(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def test_schema_is_valid_and_lists_the_columns_in_order() -> None:
-    Draft202012Validator.check_schema(json.loads(schema()))
+    Draft202012Validator.check_schema(json.loads(json_schema()))
     columns = [column.name for column in COLUMNS]
-    assert [*json.loads(schema())["properties"]] == [*columns, WHY]
-    assert json.loads(schema())["required"] == columns
+    assert [*json.loads(json_schema())["properties"]] == [*columns, WHY]
+    assert json.loads(json_schema())["required"] == columns
 
 
 @given(raw_bytes)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.errors import FileError
-from fte_sniff.formats.decoders.wireshark import dissector
+from fte_sniff.formats.decoders import wireshark_dissector
 from fte_sniff.formats.pcapng import COMMENT, PcapngWriter
 from fte_sniff.protocol import (
     COLUMNS,
@@ -47,7 +47,7 @@ class Tshark:
     def __init__(self, home: Path) -> None:
         self._environment = {**os.environ, "HOME": str(home), "XDG_CONFIG_HOME": str(home)}
         self._script = home / "fte.lua"
-        self._script.write_text(dissector())
+        self._script.write_text(wireshark_dissector())
 
     def run(self, *words: str | Path) -> list[str]:
         done = subprocess.run(
@@ -126,7 +126,7 @@ def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, 
 def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, name: str) -> None:
     rows = [
         row
-        for row in RecordingReader(Path(__file__).parents[3] / f"samples/{name}.mcap")
+        for row in RecordingReader(Path(__file__).parents[2] / f"samples/{name}.mcap")
         if isinstance(row, Frame | Damage)
     ]
     assert rows

@@ -14,7 +14,7 @@ from random import Random
 
 import pytest
 
-from fte_sniff.formats.decoders.sigrok import SETTLING_BYTES, decoder
+from fte_sniff.formats.decoders import SETTLING_BYTES, sigrok_decoder
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Frame, Row, encode, spaced_hex
 from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind
 from tests.recording.conftest import some_rows
@@ -61,7 +61,7 @@ def decoded(
     """What sigrok-cli shows, by class of annotation; `silence` byte times follow the last byte."""
     module = folder / "decoders/fte"
     module.mkdir(parents=True, exist_ok=True)
-    (module / "__init__.py").write_text(decoder())
+    (module / "__init__.py").write_text(sigrok_decoder())
     end = max(start + len(data) * BYTE for placed in wires for start, data in placed)
     columns = [levels(placed, end + silence * BYTE, broken) for placed in wires]
     capture = folder / "capture.bin"
@@ -250,7 +250,7 @@ class Decoder:
 def test_frame_that_is_cut_at_the_end_of_the_capture_is_truncated(tmp_path: Path) -> None:
     """Debian's libsigrokdecode 0.5 does not call `end`, so newer versions are imitated."""
     (tmp_path / "sigrokdecode.py").write_text(STAND_IN)
-    (tmp_path / "fte.py").write_text(decoder())
+    (tmp_path / "fte.py").write_text(sigrok_decoder())
     whole = encode(KINDS[1], {"motor": 1, "rpm": 255})
     code = (
         "import fte; one = fte.Decoder(); one.start()\n"

@@ -1,0 +1,311 @@
+"""Decoders for other tools, generated from the frame table.
+
+The code of a decoder that does not depend on the protocol is a template beside this module, with
+`@TABLES@` in the place of the facts of the protocol.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from pprint import pformat
+from types import MappingProxyType
+from typing import Final
+
+from fte_sniff.formats.pcapng import COMMENT
+from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status, status_of
+from fte_sniff.protocol.columns import Column, ColumnType
+from fte_sniff.protocol.dissect import MOST, WHY
+from fte_sniff.protocol.framer.framer import SETTLING_NS
+from fte_sniff.protocol.rows import Reading
+from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
+    DEFAULT_BAUD,
+    DIRECTION_OF_HEADER,
+    FAULT_MEANINGS,
+    FRAME_LENGTH,
+    KIND_BY_HEADER_AND_CMD,
+    SUSPECT_FAULTS,
+    TAIL,
+    VALUE_FIELDS,
+    Field,
+    FrameKind,
+    byte_time_ns,
+)
+
+# Tables of the frames, for templates
+
+SETTLING_BYTES: Final = SETTLING_NS // byte_time_ns(DEFAULT_BAUD)
+"""Byte times of silence after which the begin of a frame is truncated, as in the framer."""
+
+_FACTS: Final[dict[str, object]] = {
+    "LENGTH": FRAME_LENGTH,
+    "TAIL": TAIL,
+    "CMD": CMD_OFFSET,
+    "DIRECTIONS": {header: str(way) for header, way in DIRECTION_OF_HEADER.items()},
+    "NO_KIND": "unknown",
+    "UNKNOWN_CMD": str(Fault.UNKNOWN_CMD),
+    "RESERVED_NONZERO": str(Fault.RESERVED_NONZERO),
+}
+"""By their names in the templates."""
+
+
+def _kinds() -> dict[int, object]:
+    """The kinds of frames by header * 256 + CMD."""
+    return {head << 8 | cmd: _kind(kind) for (head, cmd), kind in KIND_BY_HEADER_AND_CMD.items()}
+
+
+def _kind(kind: FrameKind) -> dict[str, object]:
+    return {
+        "name": kind.name,
+        "reserve": kind.reserve,
+        "reserved": [*kind.reserved],
+        "fields": [
+            {
+                "name": field.name,
+                "start": field.start,
+                "size": field.size,
+                "signed": field.signed,
+                "unit": field.unit,
+                "flags": field.legal_bits is not None,
+                "fault": field.fault and str(field.fault),
+                "legal": _legal_bytes(field),
+            }
+            for field in kind.fields
+        ],
+    }
+
+
+def _legal_bytes(field: Field) -> dict[int, bool] | None:
+    """The legal bytes of a field that has illegal ones; such a field has one byte."""
+    if field.fault is None:
+        return None
+    return {byte: True for byte in range(256) if field.is_legal(byte)}
+
+
+def _filled(template: str, tables: Sequence[str]) -> str:
+    text = files(__package__).joinpath(template).read_text("utf-8")
+    return text.replace("@TABLES@", "\n".join(tables))
+
+
+# sigrok
+
+
+def sigrok_decoder() -> str:
+    """A protocol decoder for PulseView and sigrok-cli, a Python module, stacked on `uart`.
+
+    A logic analyser sees both wires on one clock; the decoder shows frames, fields, faults and
+    damage of each wire. It runs in sigrok's Python, which has no fte-sniff.
+    """
+    tables = _FACTS | {
+        "SETTLING": SETTLING_BYTES,
+        "LINE_ERROR": str(Fault.LINE_ERROR),
+        "KINDS": _kinds(),
+    }
+    lines = [f"{name} = {pformat(value, sort_dicts=False)}" for name, value in tables.items()]
+    return _filled("sigrok_template.txt", lines)
+
+
+# Wireshark
+
+
+def wireshark_dissector() -> str:
+    """A dissector in Lua for Wireshark and tshark, of `decode -o NAME.pcapng` among others."""
+    tables = _FACTS | {
+        "COMMENT": COMMENT,
+        "NOISE": str(Fault.NOISE),
+        "STATUS_OK": str(Status.OK),
+        "STATUS_SUSPECT": str(Status.SUSPECT),
+        "STATUS_MALFORMED": str(Status.MALFORMED),
+        "FAULTS": [
+            {"name": str(fault), "meaning": meaning, "suspect": fault in SUSPECT_FAULTS}
+            for fault, meaning in FAULT_MEANINGS.items()
+        ],
+        "FIELDS": [_widest(field) for field in VALUE_FIELDS],
+        "KINDS": _kinds(),
+    }
+    lines = [f"local {name} = {_lua(value)}" for name, value in tables.items()]
+    return _filled("wireshark_template.lua", lines)
+
+
+def _widest(field: Field) -> dict[str, object]:
+    """What Wireshark shows of a field: of all kinds that have it, the widest type."""
+    same = [one for kind in KINDS for one in kind.fields if one.name == field.name]
+    bits = 8 * max(one.size for one in same)
+    return {
+        "name": field.name,
+        "type": f"{'int' if any(one.signed for one in same) else 'uint'}{bits}",
+        "unit": field.unit,
+        "flags": field.legal_bits is not None,
+        "meaning": ", or ".join(dict.fromkeys(one.meaning for one in same)),
+    }
+
+
+def _lua(value: object) -> str:
+    """A value as a Lua expression; None is nil."""
+    match value:
+        case None:
+            return "nil"
+        case Mapping():
+            return f"{{{', '.join(f'[{_lua(key)}] = {_lua(of)}' for key, of in value.items())}}}"
+        case str() | bool() | int():
+            return json.dumps(value)
+        case Sequence():
+            return f"{{{', '.join(map(_lua, value))}}}"
+        case _:
+            raise TypeError(f"{value!r} has no form in Lua")
+
+
+# JSON Schema
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+_WHY = {
+    "description": "the best two readings of a damaged or ambiguous row, with --why",
+    "type": "array",
+    "maxItems": MOST,
+    "items": {
+        "type": "object",
+        "properties": {
+            "reading": {"type": "string"},
+            "probability": {"type": "number", "minimum": 0, "maximum": 1},
+        },
+        "required": [*Reading._fields],
+        "additionalProperties": False,
+    },
+}
+
+
+def json_schema() -> str:
+    """The JSON Schema of one JSON line, from the column table and the frame table."""
+    whole = {
+        "$schema": _DIALECT,
+        "title": "A row of fte-sniff",
+        "description": "One JSON line of `fte-sniff decode --format jsonl`.",
+        "type": "object",
+        "properties": {column.name: _property(column) for column in COLUMNS} | {WHY: _WHY},
+        "required": [column.name for column in COLUMNS],
+        "additionalProperties": False,
+        "allOf": [*map(_rule_of_kind, (*KINDS, None)), *map(_rule_of_fault, Fault), _ok_rule()],
+    }
+    return json.dumps(whole, indent=2) + "\n"
+
+
+def _property(column: Column) -> dict[str, object]:
+    return {"description": column.meaning} | _type(column)
+
+
+def _type(column: Column) -> dict[str, object]:
+    match column.type:
+        case ColumnType.TIME:
+            return {"type": ["string", "null"], "format": "date-time"}
+        case ColumnType.TEXT:
+            return {"type": ["string", "null"]}
+        case ColumnType.WORD:
+            return {"enum": [*column.words, None]}
+        case ColumnType.WORDS:
+            return {"type": "array", "items": {"enum": [*column.words]}, "uniqueItems": True}
+        case ColumnType.INT:
+            low = -(1 << column.bits - 1) if column.signed else 0
+            high = (1 << column.bits - column.signed) - 1
+            return {"type": ["integer", "null"], "minimum": low, "maximum": high}
+        case ColumnType.REAL:
+            return {"type": ["number", "null"], "minimum": 0}
+        case ColumnType.BOOL:
+            return {"type": ["boolean", "null"]}
+        case ColumnType.HEX:
+            return {"type": "string", "pattern": "^([0-9A-F]{2})+$"}
+
+
+def _rule_of_kind(kind: FrameKind | None) -> dict[str, object]:
+    """Which values a frame of a kind has; None is a row without a kind."""
+    own = {} if kind is None else {field.name: _range(field) for field in kind.fields}
+    others = {field.name: {"type": "null"} for field in VALUE_FIELDS if field.name not in own}
+    heads = (
+        {}
+        if kind is None
+        else {
+            "direction": {"const": str(kind.direction)},
+            "cmd": {"enum": [*kind.cmds]},
+        }
+    )
+    return _when({"kind": {"const": kind and kind.name}}, heads | own | others)
+
+
+def _range(field: Field) -> dict[str, object]:
+    """The values of a field on the wire, also the illegal ones, which have a fault."""
+    bits = 8 * field.size
+    low = -(1 << bits - 1) if field.signed else 0
+    return {"type": "integer", "minimum": low, "maximum": (1 << bits - field.signed) - 1}
+
+
+def _rule_of_fault(fault: Fault) -> dict[str, object]:
+    """That a fault gives a row its status, or a worse one."""
+    own = status_of((fault,))
+    allowed = [status for status in Status if status in {own, Status.MALFORMED}]
+    return _when({"faults": {"contains": {"const": str(fault)}}}, {"status": {"enum": allowed}})
+
+
+def _ok_rule() -> dict[str, object]:
+    return _when({"faults": {"maxItems": 0}}, {"status": {"const": str(Status.OK)}})
+
+
+def _when(condition: dict[str, object], rule: dict[str, object]) -> dict[str, object]:
+    return {"if": {"properties": condition}, "then": {"properties": rule}}
+
+
+# The tools
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A tool that can decode the protocol."""
+
+    text: Callable[[], str]
+    """Makes the decoder's source."""
+    path: Callable[[], Path] | None
+    """The file that the tool loads; None for a tool without a fixed path."""
+    use: str
+    """How to use the decoder, in one line."""
+
+
+def _sigrok_path() -> Path:
+    """The decoder in GLib's folder for data of the user, which libsigrokdecode searches."""
+    if sys.platform == "win32":
+        data = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
+    else:
+        data = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
+    return data / "libsigrokdecode/decoders/fte/__init__.py"
+
+
+def _wireshark_path() -> Path:
+    """The dissector in the folder that Wireshark shows as "Personal Lua Plugins"."""
+    if sys.platform == "win32":
+        data = Path(os.environ.get("APPDATA") or Path.home() / "AppData/Roaming")
+        return data / "Wireshark/plugins/fte.lua"
+    return Path.home() / ".local/lib/wireshark/plugins/fte.lua"
+
+
+TOOLS: Mapping[str, Tool] = MappingProxyType(
+    {
+        "sigrok": Tool(
+            sigrok_decoder,
+            _sigrok_path,
+            "add the decoder UART and stack FTE on it; sigrok-cli -P uart:rx=D0:tx=D1,fte -A fte",
+        ),
+        "wireshark": Tool(
+            wireshark_dissector,
+            _wireshark_path,
+            "fte-sniff decode capture.mcap -o capture.pcapng && wireshark capture.pcapng",
+        ),
+        "json-schema": Tool(
+            json_schema, None, "fte-sniff decoder json-schema > fte-sniff.schema.json"
+        ),
+    }
+)
