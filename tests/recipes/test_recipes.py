@@ -339,15 +339,10 @@ class Serial(protocol_loop.Serial):
 
 @pytest.mark.slow
 def test_decoder_for_another_tool(recipe: Recipe) -> None:
-    recipe.after(
-        "fte_sniff/formats/decoders.py",
-        "    {",
-        """        "names": Tool(lambda: str(KINDS), None, "read it"),\n""",
-    )
     recipe.before(
         "fte_sniff/formats/decoders.py",
-        "\n\n@dataclass",
-        "from fte_sniff.protocol import KINDS\n",
+        """        "sigrok": Tool(""",
+        """        "names": Tool(lambda: str(KINDS), None, "read it"),\n""",
     )
     with recipe.program() as copy:
         assert "'mecanum'" in copy.run("decoder", "names")
