@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, product, takewhile
 
 import pytest
 from hypothesis import given
@@ -55,6 +55,19 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
 @given(row_lists(), st.lists(st.integers(0, 25), max_size=4))
 def test_batches_of_any_size_give_the_same_states(rows: list[Row], cuts: list[int]) -> None:
     assert states_of(rows, cuts) == states_of(rows, [])
+
+
+@pytest.mark.parametrize("cut", range(5))
+@pytest.mark.parametrize("speeds", [*product((100, 200), repeat=4)])
+def test_a_target_is_as_old_as_its_first_command(speeds: tuple[int, ...], cut: int) -> None:
+    rows: list[Row] = [
+        Frame("p", 10 * at, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}), at, ())
+        for at, rpm in enumerate(speeds)
+    ]
+    target = states_of(rows, [cut])[0].target
+    same = len([*takewhile(lambda rpm: rpm == speeds[-1], reversed(speeds))])
+    assert target is not None
+    assert (target.t_ns, target.since_ns) == (3, 4 - same)
 
 
 def _commands(row: Row, motor: int) -> bool:

@@ -140,6 +140,15 @@ def test_memory_is_bounded_and_the_spike_stays() -> None:
     assert (found[0], found[-1]) == ((0, 100), (99_999_000, 100))
 
 
+def test_all_points_are_kept_up_to_the_limit() -> None:
+    timeline = Timeline(most_points=60)
+    for at in range(61):
+        assert not timeline.thinned
+        raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at})
+        timeline.observe(Rows.from_rows([Frame("a", 10 * at, raw, at * 1000, (), 0)]))
+    assert timeline.thinned
+
+
 @given(st.lists(st.booleans(), min_size=2, max_size=30), st.integers(1, 7))
 def test_a_break_is_at_the_last_row_before_each_gap(gaps: list[bool], size: int) -> None:
     rows = [

@@ -345,6 +345,9 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
         scope.write_text("1\n")
         with pytest.raises(PortError, match=r"ptrace_scope forbids .*kernel.yama.ptrace_scope=0$"):
             Attachment(pty.device).open(Clock.tied())
+        script.write_text("#!/bin/sh\nprintf 'strace: a\\nstrace: b\\n' >&2\nexit 1\n")
+        with pytest.raises(PortError, match=r"strace ended: strace: b$"):
+            Attachment(pty.device).open(Clock.tied())
 
 
 @pytest.mark.parametrize(

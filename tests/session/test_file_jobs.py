@@ -355,6 +355,7 @@ def test_results_and_errors_come_back_in_order() -> None:
     ("code", "message"),
     [
         ("import signal; signal.raise_signal(signal.SIGKILL)", "killed by signal 9"),
+        ("import os; os._exit(0)", "ended with exit code 0"),
         ("import os; os._exit(3)", "ended with exit code 3"),
     ],
 )
