@@ -2,13 +2,14 @@
 
 Each has its own streams, folder, environment and exit code, runs `fte_sniff/__main__.py` from its
 first line, and ends as an interpreter does, but for freeing what was loaded. It may have a session
-and a controlling terminal of its own, and any number run at the same time. What a start itself does
-does not concern this file; tests of that start the program anew, as `subprocess` does.
+and a controlling terminal of its own, and any number run at the same time. Its capture process is
+forked from it too, if it has one thread. What a start itself does does not concern this file; tests
+of that start the program anew, as `subprocess` does.
 
-    test           Program             loaded once        the program
-     | --channel, streams, request-> | --------fork-----------> |
-     | <--number, by the channel---- |                          |
-     | <--exit code, usage---------- | <---------end----------- |
+    test           Program             loaded once        the program        its capture
+     | --channel, streams, request-> | --------fork-----------> | -----fork------> |
+     | <--number, by the channel---- |                          |                  |
+     | <--exit code, usage---------- | <---------end----------- | <------end------ |
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ import sys
 import termios
 import threading
 import time
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from multiprocessing.connection import Pipe
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple, NoReturn, Self
 
 import fte_sniff
 from tests.beside import Work
@@ -290,9 +293,13 @@ def _load() -> None:
             with suppress(ImportError):
                 import_module(module.name)
     import_module("polars")
-    threads = {(task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()}
-    assert len(threads - IDLE_THREADS) == 1, threads
+    assert _has_one_thread()
     gc.freeze()
+
+
+def _has_one_thread() -> bool:
+    names = [(task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()]
+    return len([name for name in names if name not in IDLE_THREADS]) == 1
 
 
 def _next_run(control: socket.socket, fork: Callable[[], int]) -> Request | None:
@@ -363,6 +370,8 @@ def _main() -> None:
         if request["code"] is not None:
             exec(request["code"], {"__name__": "__main__"})
         else:
+            if hasattr(os, "fork"):
+                _fork_workers()
             _run_program()
 
 
@@ -388,6 +397,88 @@ def _end_at_once(codes: list[object]) -> None:
         sys.stderr.flush()
         if codes and isinstance(codes[0], int):
             os._exit(codes[0] & 0xFF)
+
+
+class _Worker:
+    """A process that the program has forked, with what it uses of `subprocess.Popen`."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+        self._end = os.pidfd_open(pid)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; returns the exit code, or raises `TimeoutExpired`."""
+        if self.returncode is None:
+            if not select.select([self._end], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("a forked process", timeout or 0)
+            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self.returncode
+
+    def kill(self) -> None:
+        """Send SIGKILL."""
+        self._send(signal.SIGKILL)
+
+    def terminate(self) -> None:
+        """Send SIGTERM."""
+        self._send(signal.SIGTERM)
+
+    def _send(self, number: int) -> None:
+        if self.returncode is None:
+            signal.pidfd_send_signal(self._end, number)
+
+
+def _fork_workers() -> None:
+    """Fork the processes that `session.worker_process` starts."""
+    # What `before` removes must be removed before they are imported.
+    from fte_sniff.platform import ENDING_SIGNALS
+    from fte_sniff.session import worker_process
+
+    start_anew = worker_process._start
+
+    def start(program: Sequence[str], folder: str, environment: Mapping[str, str]) -> Any:
+        # A fork has one thread, and the libraries of its parent.
+        if not _has_one_thread() or "LD_PRELOAD" in environment:
+            return start_anew(program, folder, environment)
+        ours, theirs = Pipe()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+        number = os.fork()
+        if not number:
+            _run_worker(theirs.fileno(), folder, environment)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        theirs.close()
+        return _Worker(number), ours
+
+    worker_process._start = start
+
+
+def _run_worker(connection: int, folder: str, environment: Mapping[str, str]) -> NoReturn:
+    """What a new interpreter does in a worker process; nothing of the program's end."""
+    code: object = 1
+    try:
+        atexit._clear()
+        for one in signal.valid_signals():
+            if callable(signal.getsignal(one)):
+                by_python = signal.default_int_handler if one == signal.SIGINT else signal.SIG_DFL
+                signal.signal(one, by_python)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.closerange(3, connection)
+        os.closerange(connection + 1, os.sysconf("SC_OPEN_MAX"))
+        # What the program has not flushed yet is its own.
+        sys.stdout, sys.stderr = (open(one, "w", closefd=False) for one in (1, 2))  # noqa: SIM115
+        os.environ.clear()
+        os.environ.update(environment)
+        sys.argv = ["-c", str(connection), folder]
+        gc.enable()
+        import_module("fte_sniff.__main__").worker()
+        code = 0
+    except SystemExit as end:
+        code = end.code
+    except BaseException:  # noqa: BLE001
+        traceback.print_exc()
+    finally:
+        _end_at_once([code])
+        os._exit(1)
 
 
 if __name__ == "__main__":

@@ -173,7 +173,10 @@ def test_outputs_that_nobody_reads_do_not_hold_up_the_end(environment, tmp_path:
 def test_ended_while_it_starts_it_leaves_no_noise_and_no_broken_file(
     run, environment, tmp_path: Path, number: int
 ) -> None:
-    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+    # Started anew: what was forked has loaded everything.
+    words = (*PROGRAM, "live", SIM, "-o", "x.mcap")
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with running(words, env=environment, cwd=tmp_path, **streams) as process:
         wait_until(lambda: any(has_loaded("zstandard", child) for child in captures_of(process)))
         process.send_signal(number)
         # The orphan has the pipe too: this waits for both.

@@ -756,13 +756,20 @@ while True: os.write(line, os.read(line, 64))
 """A host program that returns what it reads."""
 
 
+@contextmanager
+def echoed_wire() -> Iterator[tuple[int, str, subprocess.Popen[bytes]]]:
+    """The far end of a wire, its device, and the host program that has opened it."""
+    with wire() as (far, device), running([sys.executable, "-c", ECHO, device]) as host:
+        wait_until(lambda: host.pid in holding(Path(device)))
+        yield far, device, host
+
+
 @needs("strace")
 def test_attached_capture_records_both_directions_of_another_program(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
     with (
-        wire() as (far, device),
-        running([sys.executable, "-c", ECHO, device]) as host,
+        echoed_wire() as (far, device, host),
         started(environment, tmp_path, "live", "--attach", device, "-o", "x.mcap") as capture,
     ):
         stderr_until(capture, "wiring: times are those of system calls")
@@ -785,7 +792,7 @@ def test_attached_capture_records_both_directions_of_another_program(
 def test_screen_shows_both_wires_of_an_attached_port_and_what_it_does_not_see(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
-    with wire() as (far, device), running([sys.executable, "-c", ECHO, device]):
+    with echoed_wire() as (far, device, _):
         words = ("live", "--attach", device, "--no-record")
         with terminal(environment, tmp_path, *words, size=(200, 24)) as screen:
             screen.until("times are those of system calls, not of the wire")
@@ -812,7 +819,7 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
         os.write(far, FRAME)
         wait_until(lambda: file.exists() and rows_in(file) == rows)
 
-    with wire() as (far, device), running([sys.executable, "-c", ECHO, device]) as host:
+    with echoed_wire() as (far, device, host):
         words = ["live", "--attach", device, "-o", "x.mcap"]
         words += ["--pid", str(host.pid)] if killed == "target" else []
         with started(environment, tmp_path, *words) as capture:
