@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
 from typing import Final
 
@@ -43,7 +43,8 @@ class LiveModels:
         """Index after the last observed row."""
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
-        self._applied = 0
+        """By index in the store; those before rows that a model has yet to observe, and those that
+        are needed from the first checkpoint on."""
         self.known = 0
         """Index after the last row whose facts were observed."""
         self._findings = Findings.of_facts()
@@ -52,8 +53,6 @@ class LiveModels:
         self.coverage: tuple[TranslatableText, ...] | None = None
         """What that search could not examine, or if it found nothing, what it examined; None
         before the first one."""
-        self._fact_changes: list[StreamChange] = []
-        """Changes that the findings have not observed yet."""
         self._events: list[PortEvent] = []
         """Port events that were not observed yet."""
         self.motors = Motors()
@@ -75,10 +74,10 @@ class LiveModels:
         self._observe_events()
         end = min(self.observed + budget_rows, self._store.next)
         while self.observed < end:
-            self._apply_changes()
+            self._apply(self._changes_in(self.observed, self.observed + 1))
             stop = min(end, (self.observed // self._checkpoint_rows + 1) * self._checkpoint_rows)
-            if self._applied < len(self._changes):
-                stop = min(stop, self._changes[self._applied].index)
+            if following := self._changes_in(self.observed + 1, stop):
+                stop = following[0].index
             for rows in self._store.batches(self.observed, stop):
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
@@ -96,15 +95,13 @@ class LiveModels:
     def _observe_facts(self, budget_rows: int) -> None:
         """Observe the next rows whose facts are known."""
         start = max(self.known, self._store.first)
-        self.known = max(start, min(self._store.known, self.observed, start + budget_rows))
-        for rows in self._store.batches(start, self.known):
+        end = min(self._store.known, self.observed, start + budget_rows)
+        for rows in self._store.batches(start, end):
             self.events.observe_facts(rows)
-            end = start + len(rows)
-            changes = [one for one in self._fact_changes if one.index < end]
-            del self._fact_changes[: len(changes)]
+            changes = self._changes_in(self.known, start + len(rows))
             places = [StreamChange(max(0, one.index - start), one.what) for one in changes]
             self._findings.observe(rows, changes=places)
-            start = end
+            start = self.known = start + len(rows)
 
     def add(self, events: Sequence[PortEvent] = (), changes: Sequence[StreamChange] = ()) -> None:
         """Add port events, and changes by rising index in the store, for the next step.
@@ -113,7 +110,6 @@ class LiveModels:
         """
         self._events += events
         self._changes += changes
-        self._fact_changes += changes
 
     def _observe_events(self) -> None:
         events, self._events = self._events, []
@@ -125,32 +121,32 @@ class LiveModels:
         self._observe_events()
         return self._findings.copy()
 
-    def _apply_changes(self) -> None:
-        while self._applied < len(self._changes):
-            change = self._changes[self._applied]
-            if change.index > self.observed:
-                break
+    def _changes_in(self, start: int, end: int) -> list[StreamChange]:
+        """The changes before the rows from `start` up to `end`."""
+        first, last = (bisect_left(self._changes, at, key=_index) for at in (start, end))
+        return self._changes[first:last]
+
+    def _apply(self, changes: Iterable[StreamChange]) -> None:
+        for change in changes:
             self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
                 self.motors.interrupt(change.what)
-            self._applied += 1
 
     def _skip_missed(self) -> None:
-        missed = self._store.first - self.observed
+        start, missed = self.observed, self._store.first - self.observed
         if missed > 0:
             self.missed += missed
             self.observed += missed
+            self._apply(self._changes_in(start, self.observed))
             gap = StreamChange(self.observed, Gap(GapKind.NOT_SHOWN, missed))
             insort(self._changes, gap, key=_index)
 
     def _drop_old(self) -> None:
-        """Drop checkpoints and changes before the last checkpoint that the store's rows need."""
+        """Drop checkpoints before the last one that the store's rows need, and old changes."""
         while len(self._checkpoints) > 1 and self._checkpoints[1][0] <= self._store.first:
             self._checkpoints.popleft()
-        old = bisect_left(self._changes, self._checkpoints[0][0], key=_index)
-        old = min(self._applied, old)
-        del self._changes[:old]
-        self._applied -= old
+        needed = min(self._checkpoints[0][0], self.known)
+        del self._changes[: bisect_left(self._changes, needed, key=_index)]
 
     def motors_at(self, index: int) -> Motors | None:
         """The motors right after the row with that index; None if it was not observed yet."""
@@ -167,8 +163,7 @@ class LiveModels:
 
     def _replay(self, motors: Motors, start: int, end: int) -> Iterator[Rows]:
         """The rows from `start` up to `end`, each batch after the motors have observed it."""
-        first, last = (bisect_left(self._changes, at, key=_index) for at in (start, end))
-        gaps = [one for one in self._changes[first:last] if isinstance(one.what, Gap)]
+        gaps = [one for one in self._changes_in(start, end) if isinstance(one.what, Gap)]
         for stop in (*(gap.index for gap in gaps), end):
             for rows in self._store.batches(start, stop):
                 motors.observe(rows)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.model import BaudChange, StreamChange
 from fte_sniff.analysis.motors import Motors
@@ -194,3 +195,20 @@ def test_port_events_need_no_rows_after_them() -> None:
     assert following.step(100)
     (port,) = following.statistics.ports()
     assert [event.count for event in port.events] == [1]
+
+
+def test_flags_on_both_sides_of_missed_rows_are_not_in_a_row() -> None:
+    store, facts = RowStore(5, 5), Facts()
+    following = LiveModels(store, LineSetup())
+    raised = [True, True, *[False] * 5, True, *[False] * 4]
+    kind = KIND_BY_NAME["speed_feedback"]
+    rows = Rows.from_rows(
+        Frame("p", 10 * at, encode(kind, {"motor": 1, "rpm": 0, "error": one}), at * MILLISECOND)
+        for at, one in enumerate(raised)
+    )
+    for part in (rows[:2], rows[2:]):
+        store.append(part)
+        store.fill(facts.feed(part))
+        assert following.step(100)
+    assert following.missed == 5
+    assert following.copy_findings().events.windows.count("raised 1").sum() == 0
