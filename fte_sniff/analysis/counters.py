@@ -182,11 +182,14 @@ def extent(t_ns: Ints) -> tuple[int, int] | None:
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
-SHORTEST_NS: Final = 1 << 30
-"""Default duration of the shortest windows, nanoseconds: about a second."""
+SHORTEST_NS: Final = 1 << 22
+"""Default duration of the shortest windows, nanoseconds: about 4 ms."""
 
-WINDOWS: Final = 1 << 14
-"""Default number of windows in a level: with one level, about five hours of shortest windows."""
+WINDOWS: Final = 2048
+"""Default number of windows of a level."""
+
+LEVELS: Final = 6
+"""Default number of levels; the windows of the last one are at least two minutes long."""
 
 _STEP: Final = 8
 """How many times as long the windows of the next level are."""
@@ -316,7 +319,7 @@ class Series(Model):
         *keep: Keep,
         shortest_ns: int = SHORTEST_NS,
         windows: int = WINDOWS,
-        levels: int = 1,
+        levels: int = LEVELS,
     ) -> None:
         """An empty series.
 

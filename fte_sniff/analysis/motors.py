@@ -506,12 +506,6 @@ _ASKED: Final = len(MotorEvent)
 
 _GROUPS: Final = len(MotorEvent) + 1
 
-FINEST_NS: Final = 1 << 22
-"""Length of the shortest windows, nanoseconds: about 4 ms."""
-
-_WINDOWS: Final = 2048
-_LEVELS: Final = 6
-
 LATE: Final = 2.0
 """An answer is late after this many times the median of the motor's latest answer times."""
 
@@ -551,7 +545,7 @@ class MotorEvents:
     """Events of all motors; rows without a time are ignored."""
 
     def __init__(self) -> None:
-        self._series = Series(shortest_ns=FINEST_NS, windows=_WINDOWS, levels=_LEVELS)
+        self._series = Series()
         self._delays, self._ends = RecentValues(_LATEST), RecentValues(_LATEST)
 
     def observe(self, rows: Rows, motors: Motors) -> None:

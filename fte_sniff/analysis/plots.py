@@ -106,15 +106,6 @@ def usual_range(values: Floats) -> tuple[float, float] | None:
 
 # Envelopes of rows that come
 
-FINEST_NS: Final = 1 << 22
-"""Duration of the shortest windows, nanoseconds: about 4 ms."""
-
-LEVELS: Final = 6
-"""Levels of windows; those of the last one are at least two minutes long."""
-
-WINDOWS: Final = 2048
-"""Windows of a level."""
-
 _TRACED: Final = [
     (code, kind, name)
     for code, kind in enumerate(KINDS)
@@ -149,9 +140,7 @@ class Traces(Model):
     """Commands and feedback of every motor over time; rows without a time are ignored."""
 
     def __init__(self) -> None:
-        self._series = Series(
-            Keep.LOW, Keep.HIGH, Keep.LAST, shortest_ns=FINEST_NS, windows=WINDOWS, levels=LEVELS
-        )
+        self._series = Series(Keep.LOW, Keep.HIGH, Keep.LAST)
         self._window: tuple[int, int] | None = None
         self._resampled: dict[tuple[_Key, int], EnvelopeColumns] = {}
         """Results for that window, since a command is the target of one curve and ends another."""

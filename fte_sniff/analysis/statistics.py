@@ -395,7 +395,7 @@ class Statistics(RowModel):
         self._ports: dict[str, PortStats] = {}
         self.tally = Tally()
         self._faults_over_time, self._busy_over_time = (
-            Series(shortest_ns=SHORTEST_NS, windows=WINDOWS) for _ in range(2)
+            Series(shortest_ns=SHORTEST_NS, windows=WINDOWS, levels=1) for _ in range(2)
         )
 
     def _observe(self, rows: Rows) -> None:
