@@ -8,6 +8,7 @@ of `.ci/full`, `thorough` twenty times as many. The installed form of the framer
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -57,7 +58,14 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError(wrong)
 
 
+# Collecting makes no garbage, and what it makes stays to the end: looking for garbage in it would
+# take a third of its time, and more in tests.
+gc.disable()
+
+
 def pytest_collection_finish() -> None:
+    gc.enable()
+    gc.freeze()
     # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
     sys.dont_write_bytecode = True
 
