@@ -65,7 +65,7 @@ def in_bulk(data: bytes) -> None:
     """Frame the bytes, and decode the kind and the fields of every row."""
     starts = range(0, len(data), SPAN_BYTES)
     pieces = (Chunk("bench", None, data[at : at + SPAN_BYTES]) for at in starts)
-    for rows in rows_of_chunks(pieces, "bench", lambda _: None, lambda: False):
+    for rows in rows_of_chunks(pieces, "bench", lambda _: None):
         for field in VALUE_FIELDS:
             rows.field(field.name)
 

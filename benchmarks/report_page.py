@@ -91,7 +91,7 @@ def main() -> None:
     options = parser.parse_args()
     with TemporaryDirectory() as folder:
         recording, page = Path(folder, "rows.mcap"), Path(folder, "report.html")
-        rows = rows_of_chunks(frames(options.rows), "/dev/ttyUSB0", print, lambda: False)
+        rows = rows_of_chunks(frames(options.rows), "/dev/ttyUSB0", print)
         write_recording(recording, [PortFacts("/dev/ttyUSB0")], rows)
         command = [sys.executable, "-m", "fte_sniff", "report", str(recording), "-o", str(page)]
         began = monotonic()

@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields, replace
 from datetime import UTC, time, tzinfo
 from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
+from operator import itemgetter
 from pathlib import Path
 from select import select
 from typing import TYPE_CHECKING, Any, Final
@@ -56,6 +57,7 @@ from fte_sniff.session.following import DEFAULT_IDLE_S, Following
 from fte_sniff.session.inputs import (
     KIND_OF_SUFFIX,
     STDIN_NAME,
+    ChunkInput,
     Input,
     InputKind,
     InputReading,
@@ -63,8 +65,10 @@ from fte_sniff.session.inputs import (
     ParquetInput,
     Progress,
     RecordingInput,
+    by_first_time,
     kind_of_content,
     kind_of_file,
+    size_of,
 )
 from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.save import is_same_file
@@ -498,9 +502,8 @@ class InputQuery:
         """Print where logs have their bytes, times and directions."""
         for path in self.paths():
             one = _opened(path, self)
-            if isinstance(one, LogInput):
-                for line in one.explain():
-                    click.echo(printable(f"{path}: {line}"))
+            for line in one.explain():
+                click.echo(printable(f"{path}: {line}"))
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError for an unknown zone."""
@@ -613,13 +616,13 @@ class InputQuery:
         wanted = self.row_filter()
         filter_text = None if wanted is None else wanted.text
         opened = partial(_opened, query=replace(self, files=()))
-        found: list[tuple[int | None, FileJob[Model]]] = []
+        found: list[tuple[tuple[bool, int], FileJob[Model]]] = []
         unreadable, several = list[FileError](), len(self.paths()) > 1
         for path, one in self._each(opened, progress, unreadable):
             source = path if path.is_file() else one
             job = FileJob(source, opened, make_model, None, filter_text, self.baud, size=one.size)
-            found.append((one.first_ns if several else None, job))
-        found.sort(key=lambda one: (one[0] is None, one[0] or 0))
+            found.append((by_first_time(one) if several else (True, 0), job))
+        found.sort(key=itemgetter(0))
         jobs = [job for _, job in found]
         times = (_times_of(job.open(), progress) for job in jobs)
         span = time_range(self.since, self.until, times, self.zone_given())
@@ -727,10 +730,12 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
     if kind is InputKind.RAW:
         baud = query.baud or DEFAULT_BAUD
         chunks = raw_chunks(stream or path, name, query.start_ns(), baud)
-        return LogInput(chunks, name, lambda: stream is not None, query.start_ns, baud)
+        size = size_of(path) if stream is None else None
+        waits = stream is not None
+        return ChunkInput(chunks, name, query.start_ns, size, baud, waits=waits)
     from fte_sniff.formats.logs.reader import LogReader
 
-    return LogInput(LogReader(name, query.log_options(), stream), name)
+    return LogInput(LogReader(name, query.log_options(), stream))
 
 
 class _Waiting(FileIO):
@@ -764,7 +769,7 @@ def _topic(path: Path, topic: str) -> Input:
     def first_ns() -> int | None:
         return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
 
-    return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
+    return ChunkInput(topic_chunks(path, topic), topic, first_ns)
 
 
 # What is reported

@@ -122,7 +122,7 @@ def command(
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
-    parts = [one.part if isinstance(one, RecordingInput) else None for one in reading.inputs]
+    parts = [one.part for one in reading.inputs]
     notes = Notes([Path(one.name) for one in reading.inputs], [one and one.start for one in parts])
     viewers = None
     if serve is not None:

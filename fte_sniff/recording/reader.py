@@ -1292,11 +1292,6 @@ def files_of(path: Path) -> Iterator[Path]:
         yield path
 
 
-def start_of(reader: RecordingReader) -> tuple[int, str]:
-    """The sort key of recordings: their first time, then their name."""
-    return reader.times[0] if reader.times else _LATEST, str(reader.path)
-
-
 _FIRST_STEP_NS = 10**9
 _LONGER = 60
 """The factor by which the search for the latest time goes further back at each step."""

@@ -34,6 +34,7 @@ from fte_sniff.session.inputs import (
     Progress,
     ReadingCounts,
     RecordingInput,
+    by_first_time,
 )
 from fte_sniff.session.worker_process import start_worker
 
@@ -391,7 +392,7 @@ def _measured(
 
     found = recordings_in(paths)
     if len(found) > 1:  # opened for their first times, and closed: there may be thousands
-        found.sort(key=_start_of)
+        found.sort(key=lambda path: by_first_time(_opened(path)))
     jobs = [FileJob(path.absolute(), _opened, make) for path in found]
     reading = InputReading([])
     merger = FileMerger(make(), reading)
@@ -411,12 +412,6 @@ def _opened(path: Path) -> Input:
     from fte_sniff.recording.reader import RecordingReader
 
     return RecordingInput(RecordingReader(path))
-
-
-def _start_of(path: Path) -> tuple[int, str]:
-    from fte_sniff.recording.reader import RecordingReader, start_of
-
-    return start_of(RecordingReader(path))
 
 
 # Worker processes as an executor

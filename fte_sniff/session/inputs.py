@@ -251,7 +251,7 @@ Note = Callable[[str], None]
 
 
 class Input(ABC):
-    """A source of rows; the defaults are those of a log."""
+    """A source of rows; the defaults are those of an input without metadata."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -297,6 +297,10 @@ class Input(ABC):
     @property
     def losses(self) -> Sequence[str]:
         """What could not be read, one line each; complete after reading."""
+        return ()
+
+    def explain(self) -> Iterable[str]:
+        """How its content is read, one line each, if that was decided by its content."""
         return ()
 
     @property
@@ -454,53 +458,94 @@ class RecordingInput(Input):
             note(f"{self.name}: {_none_in_span(held, *known)}")
 
 
-class LogInput(Input):
-    """A log, raw bytes or a pipe, framed here."""
+class ChunkInput(Input):
+    """Chunks of one port, which are framed here: raw bytes, or a topic of another program."""
 
     def __init__(
         self,
-        source: Iterable[Chunk] | LogReader,
+        chunks: Iterable[Chunk],
         name: str,
-        drained: Callable[[], bool] = lambda: False,
         first_ns: Callable[[], int | None] = lambda: None,
+        size: int | None = None,
         baud: int = DEFAULT_BAUD,
+        *,
+        waits: bool = False,
     ) -> None:
-        """Read nothing yet of a log, or of the chunks of one port.
+        """Read nothing yet.
 
-        Of chunks, `drained` is whether the next one has to be waited for, `first_ns` the time of
-        the first one, which it may read separately, `baud` bits per second.
+        Args:
+            chunks: the bytes.
+            name: of the input, and the port of its rows.
+            first_ns: returns the time of the first byte, which it may read separately.
+            size: bytes of a file that holds nothing else; None for others.
+            baud: bits per second.
+            waits: whether the next chunk has to be waited for, so that rows come at once.
         """
         super().__init__(name)
-        from fte_sniff.formats.logs.reader import LogReader
-
-        self._drained, self._first_ns, self._baud = drained, first_ns, baud
-        self._log = source if isinstance(source, LogReader) else None
-        self._chunks = () if isinstance(source, LogReader) else source
-        self.size = size_of(Path(name))
+        self._chunks, self._first_ns, self.size = chunks, first_ns, size
+        self._baud, self._waits = baud, waits
 
     @property
     def first_ns(self) -> int | None:
-        """The time of the first row that has one; reads the start of a text log."""
+        """The time of the first byte."""
         try:
-            if self._log is not None:
-                rows = next(rows_of_log(self._log.again()), NO_ROWS)
-                return next((row.t_ns for row in rows if row.t_ns is not None), None)
             return self._first_ns()
         except FteSniffError:
             return None  # raised again by `batches`
 
     @property
     def times(self) -> tuple[int, int | None] | None:
-        """Those of a text log, which is read for them; of a raw file, those that its start gives.
+        """The time of the first byte; of a file also the last, if the last row is a frame."""
+        first_ns = None if self.size == 0 else self._first_ns()
+        if first_ns is None or self.size is None:
+            return None if first_ns is None else (first_ns, None)
+        return first_ns, first_ns + max(0, self.size - FRAME_LENGTH) * byte_time_ns(self._baud)
 
-        Of a raw file the last row is taken for a frame. The last time of a pipe is not known.
-        """
-        if self._log is None:
-            first_ns = None if self.size == 0 else self._first_ns()
-            if first_ns is None or self.size is None:
-                return None if first_ns is None else (first_ns, None)
-            frames_ns = max(0, self.size - FRAME_LENGTH) * byte_time_ns(self._baud)
-            return first_ns, first_ns + frames_ns
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """One port, named like the input."""
+        from fte_sniff.recording.metadata import PortFacts
+
+        return [PortFacts(self.name)]
+
+    def explain(self) -> Iterable[str]:
+        """That there is nothing to decide."""
+        return ["raw bytes"]
+
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
+        """Read its rows; see `Input`."""
+        chunks = self._counted(self._chunks)
+        rows = rows_of_chunks(chunks, self.name, note, self._baud, waits=self._waits)
+        yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
+
+    def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
+        for chunk in chunks:
+            self.position += len(chunk.data)
+            yield chunk
+
+
+class LogInput(Input):
+    """A text log, whose bytes are framed here."""
+
+    def __init__(self, log: LogReader) -> None:
+        super().__init__(log.name)
+        self._log = log
+        self.size = size_of(Path(log.name)) if log.is_file else None
+
+    @property
+    def first_ns(self) -> int | None:
+        """The time of the first row that has one; reads the start of the log."""
+        try:
+            rows = next(rows_of_log(self._log.again()), NO_ROWS)
+        except FteSniffError:
+            return None  # raised again by `batches`
+        return next((row.t_ns for row in rows if row.t_ns is not None), None)
+
+    @property
+    def times(self) -> tuple[int, int | None] | None:
+        """The times of its rows, which are read for them."""
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
             for rows in rows_of_log(self._log.again()):
@@ -509,37 +554,26 @@ class LogInput(Input):
 
     @property
     def ports(self) -> Sequence[PortFacts]:
-        """One port, named like the input; those of a text log as its first lines show them."""
+        """The ports that its first lines show."""
         from fte_sniff.recording.metadata import PortFacts
 
-        names = [self.name] if self._log is None else self._log.form.ports(self._log.name)
-        return [PortFacts(name) for name in names]
+        return [PortFacts(name) for name in self._log.form.ports(self.name)]
 
     def explain(self) -> Iterable[str]:
-        """Where a text log has its bytes, times and directions, one line each.
+        """Where it has its bytes, times and directions, one line each.
 
         Raises InputTextError after the candidates of a log that is refused.
         """
-        return ["raw bytes"] if self._log is None else self._log.explain()
+        return self._log.explain()
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
-        """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
-        if self._log is not None:
-            rows = rows_of_log(self._log, note)
-        else:
-            chunks = self._counted(self._chunks)
-            rows = rows_of_chunks(chunks, self.name, note, self._drained, self._baud)
+        """Read its rows; see `Input`."""
+        rows = rows_of_log(self._log, note)
         for found in rows if span is None else self._within(span, rows, note):
-            if self._log is not None:
-                self.position = self._log.position
+            self.position = self._log.position
             yield InputBatch(found)
-
-    def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
-        for chunk in chunks:
-            self.position += len(chunk.data)
-            yield chunk
 
 
 class ParquetInput(Input):
@@ -710,7 +744,8 @@ class InputReading:
             readings: whether damaged and ambiguous rows get their readings; rows wait for them.
             zone: that of times in text.
         """
-        self.inputs = inputs = _by_first_time(inputs)
+        # The first time of a single input is not needed.
+        self.inputs = inputs = sorted(inputs, key=by_first_time) if inputs[1:] else list(inputs)
         for number, one in enumerate(inputs):
             one.number = number
         self.unreadable = list(unreadable)
@@ -911,17 +946,10 @@ def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:
     return {port.name: port.baud for one in inputs for port in one.ports if port.baud}
 
 
-def _by_first_time(inputs: Sequence[Input]) -> list[Input]:
-    """The inputs by their first times; those without come last, in their order."""
-    if len(inputs) < 2:
-        return list(inputs)
-    times = {id(one): one.first_ns for one in inputs}
-
-    def place(one: Input) -> tuple[bool, int]:
-        first_ns = times[id(one)]
-        return first_ns is None, first_ns or 0
-
-    return sorted(inputs, key=place)
+def by_first_time(one: Input) -> tuple[bool, int]:
+    """The sort key of inputs: their first times; those without come last, in their order."""
+    first_ns = one.first_ns
+    return first_ns is None, first_ns or 0
 
 
 def _chains(inputs: Sequence[Input]) -> list[list[Input]]:

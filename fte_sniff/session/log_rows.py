@@ -66,13 +66,14 @@ def rows_of_chunks(
     chunks: Iterable[Chunk],
     name: str,
     note: Callable[[str], None],
-    drained: Callable[[], bool],
     baud: int = DEFAULT_BAUD,
+    *,
+    waits: bool = False,
 ) -> Iterator[Rows]:
     """Frame all chunks, about `SPAN_BYTES` at a time.
 
     The chunks are of one port, and their times may fall. `note` is called if the input ends within
-    a frame. If the next chunk has to be waited for (`drained`), rows are not held back. Raises
+    a frame. If the next chunk has to be waited for (`waits`), rows are not held back. Raises
     FileError without a chunk, and what the chunks raise, after the rows before it.
     """
     framer = Framer(name, baud)
@@ -86,7 +87,7 @@ def rows_of_chunks(
             empty = False
             framer.push(chunk)
             size += len(chunk.data)
-            if size >= SPAN_BYTES or drained():
+            if size >= SPAN_BYTES or waits:
                 size = 0
                 yield framer.drain()
     except FteSniffError:

@@ -26,9 +26,8 @@ from fte_sniff.recording.reader import (
     TimeRange,
     file_version,
     recordings_in,
-    start_of,
 )
-from fte_sniff.session.inputs import InputReading, RecordingInput
+from fte_sniff.session.inputs import InputReading, RecordingInput, by_first_time
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
@@ -164,7 +163,7 @@ class _ScannedFile:
     """What a query needs to know of a file before it opens it."""
 
     path: Path
-    start: tuple[int, str]
+    start: tuple[bool, int]
     span_ns: tuple[int, int]
     """No row is before the first or after the second, nanoseconds since 1970 UTC."""
     ports: tuple[str, ...]
@@ -174,7 +173,7 @@ class _ScannedFile:
 
     @classmethod
     def of(cls, reader: RecordingReader) -> _ScannedFile:
-        start = start_of(reader)
+        start = by_first_time(RecordingInput(reader))
         if reader.span_ns is None:
             return cls(reader.path, start, _EVER, (), reader.version)
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
@@ -257,7 +256,8 @@ def read(paths: Paths) -> pl.DataFrame:
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
     Takes the `paths` of `scan`, and raises and warns as it does.
     """
-    readers = sorted(map(RecordingReader, recordings_in(paths)), key=start_of)
+    inputs = [RecordingInput(RecordingReader(path)) for path in recordings_in(paths)]
+    readers = [one.reader for one in sorted(inputs, key=by_first_time)]
     frames = list(map(table_frame, _whole(readers)))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))

@@ -260,8 +260,9 @@ def test_the_option_that_gives_bytes_times_is_named(run, samples: Path, since: s
     assert len(done.stdout.splitlines()) == 1 + 2
 
 
-def test_raw_bytes_of_a_pipe_have_the_times_of_start(run, samples: Path) -> None:
+def test_raw_bytes_of_a_pipe_have_the_times_of_start(run, samples: Path, tmp_path: Path) -> None:
     file = samples / "clean.raw"
+    (tmp_path / "stdin").write_bytes(b"another file")
     start = ("--input", "raw", "--start", "2026-01-31T12:00:00Z", "--format", "csv")
     # Standard input does not wait for the rows that decide facts.
     start += ("--columns", "time,port,offset,kind,status,raw", "--from")

@@ -44,11 +44,11 @@ from fte_sniff.recording.reader import RecordingReader, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
 from fte_sniff.session.inputs import (
+    ChunkInput,
     FactStage,
     InputBatch,
     InputKind,
     InputReading,
-    LogInput,
     RecordingInput,
     TimedInput,
     kind_of_file,
@@ -78,7 +78,7 @@ def test_the_first_bytes_decide_the_format_where_the_name_does_not(tmp_path: Pat
             kind_of_file(path)
 
 
-def rows_of(log: LogInput, notes: list[str], span: TimeRange | None = None) -> list[list[Row]]:
+def rows_of(log: ChunkInput, notes: list[str], span: TimeRange | None = None) -> list[list[Row]]:
     return [list(batch.rows) for batch in log.batches(span, notes.append)]
 
 
@@ -93,7 +93,7 @@ def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_n
     framer = Framer("f")
     expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
     if data:
-        parts = rows_of_chunks(chunks, "f", lambda _: None, lambda: waiting)
+        parts = rows_of_chunks(chunks, "f", lambda _: None, waits=waiting)
         assert [row for rows in parts for row in rows] == expected
 
 
@@ -106,17 +106,17 @@ def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
             yield Chunk("f", None, FRAME * 5)
 
     handed: list[tuple[int, int]] = []
-    for batch in LogInput(chunks(), "f", lambda: True).batches(None, lambda _: None):
+    for batch in ChunkInput(chunks(), "f", waits=True).batches(None, lambda _: None):
         handed.append((len(asked), len(batch.rows)))
     assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
 
 
 def test_the_end_is_reported() -> None:
     notes: list[str] = []
-    rows_of(LogInput([Chunk("f", None, FRAME * 3000 + FRAME[:4])], "f"), notes)
+    rows_of(ChunkInput([Chunk("f", None, FRAME * 3000 + FRAME[:4])], "f"), notes)
     assert notes == CUT
     with pytest.raises(FileError, match="f: is empty"):
-        rows_of(LogInput([], "f"), notes)
+        rows_of(ChunkInput([], "f"), notes)
 
 
 def test_rows_before_an_error_are_not_lost() -> None:
@@ -125,7 +125,7 @@ def test_rows_before_an_error_are_not_lost() -> None:
         yield Chunk("f", None, FRAME[:4])
         raise InputTextError("no hex")
 
-    batches = LogInput(chunks(), "f").batches(None, lambda _: None)
+    batches = ChunkInput(chunks(), "f").batches(None, lambda _: None)
     assert [len(row.raw) for row in next(batches).rows] == [10, 10, 10, 4]
     with pytest.raises(InputTextError):
         next(batches)
@@ -136,10 +136,10 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
     chunks = [Chunk("f", 10**18 + at * 10**9, FRAME) for at in range(count)]
     notes: list[str] = []
     inside = TimeRange(10**18 + 2 * 10**9, 10**18 + 5 * 10**9)
-    found = rows_of(LogInput(chunks, "f"), notes, inside)
+    found = rows_of(ChunkInput(chunks, "f"), notes, inside)
     assert [row.offset for rows in found for row in rows] == [30, 40, 50]
     assert not notes
-    assert not any(rows_of(LogInput(chunks, "f"), notes, TimeRange(0, 10)))
+    assert not any(rows_of(ChunkInput(chunks, "f"), notes, TimeRange(0, 10)))
     assert f"none of its {count:,} rows is between" in notes[0]
 
 

@@ -16,7 +16,7 @@ from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.inputs import Input, InputReading, LogInput, RecordingInput
+from fte_sniff.session.inputs import ChunkInput, Input, InputReading, RecordingInput
 from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.notes import Notes, Place
 from fte_sniff.session.replay import ReplaySession
@@ -522,7 +522,7 @@ def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
     ]
     if not timed:
         path.write_bytes(b"".join(rows))
-        return LogInput(raw_chunks(path, "p"), "p")
+        return ChunkInput(raw_chunks(path, "p"), "p")
     if not path.exists():
         frames = [
             Frame("p", 10 * at, raw, NOON_NS + 2 * at + number, ()) for at, raw in enumerate(rows)

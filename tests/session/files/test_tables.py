@@ -57,6 +57,18 @@ def test_a_table_has_the_values_of_the_rows(path: Path) -> None:
     assert _records(frame) == [record(row) for row in _rows(path)]
 
 
+@pytest.mark.filterwarnings("ignore::fte_sniff.RecordingWarning")
+def test_recordings_without_a_summary_come_by_their_first_rows_too(tmp_path: Path) -> None:
+    for name, number in (("a", 2), ("b", 1), ("c", 3)):
+        rows = [Frame("p", 0, FRAME, START + number)]
+        write_recording(tmp_path / f"{name}.mcap", [PortFacts("p")], [Rows.from_rows(rows)])
+    cut = tmp_path / "b.mcap"
+    cut.write_bytes(cut.read_bytes()[:-20])
+    paths = [tmp_path / f"{name}.mcap" for name in "abc"]
+    for table in (fte_sniff.read(paths), fte_sniff.scan(paths).collect()):
+        assert table["time"].dt.epoch("ns").to_list() == [START + number for number in (1, 2, 3)]
+
+
 def test_each_column_alone_is_that_of_the_whole() -> None:
     path = SAMPLES / "damaged.mcap"
     whole = fte_sniff.read(path)
