@@ -250,6 +250,10 @@ class FrameKind:
         """The main value: the last field with a unit, a speed or a position; None without one."""
         return next((field.name for field in reversed(self.fields) if field.unit), None)
 
+    def raised(self, raw: bytes) -> bool:
+        """Whether a bit field of a frame's bytes differs from its default."""
+        return any(field.raised(field.read(raw)) for field in self.fields)
+
     def field(self, name: str) -> Field | None:
         """The field of that row name, or None."""
         return next((field for field in self.fields if field.name == name), None)

@@ -85,20 +85,10 @@ def first_fitting(texts: Iterable[str], width: int) -> str:
     return text
 
 
-@cache
-def _flag_bytes(name: str) -> tuple[tuple[int, int | None], ...]:
-    """Offset and default of each flag byte of the kind of that name."""
-    fields = KIND_BY_NAME[name].fields
-    return tuple((one.start, one.default) for one in fields if one.legal_bits is not None)
-
-
 def is_raised(row: Row) -> bool:
     """Whether a flag byte of the row differs from its default."""
     kind = row.kind if isinstance(row, Frame) else None
-    if kind is None:
-        return False
-    raw = row.raw
-    return any(raw[start] != default for start, default in _flag_bytes(kind.name))
+    return kind is not None and kind.raised(row.raw)
 
 
 def _number(field: Field, value: int) -> str:

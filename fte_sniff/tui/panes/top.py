@@ -179,11 +179,6 @@ class TopLine:
         online = values[Role.ONLINE] >> motor_bit(self.stats.motor) & 1
         return values[Role.ERRORS], bool(online)
 
-    @property
-    def is_raised(self) -> bool:
-        """Whether a flag byte of the last frame differs from its default."""
-        return any(one.raised(one.read(self.raw)) for one in self.stats.kind.fields)
-
 
 def _number(value: int | None, width: int) -> str:
     return UNKNOWN if value is None else first_fitting((f"{value:,}", short_number(value)), width)
@@ -500,7 +495,7 @@ class TopView(ScrollView):
 
     def _runs(self, line: TopLine, palette: Palette, *, chosen: bool) -> list[tuple[str, Style]]:
         stale, kind = line.is_stale and not chosen, palette.kinds[line.stats.kind.name]
-        raised = line.is_raised
+        raised = line.stats.kind.raised(line.raw)
         runs = [(RAISED_MARK, palette.raised_mark) if raised else (" ", Style.null())]
         for number, (column, cells) in enumerate(self._columns):
             gap = " " if number else ""
