@@ -58,14 +58,15 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError(wrong)
 
 
-# Collecting makes no garbage, and what it makes stays to the end: looking for garbage in it would
-# take a third of its time, and more in tests.
+# What is collected stays to the end; to look for garbage in it takes a third of the time.
 gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    gc.enable()
     gc.freeze()
+    gc.enable()
+    # An app is many objects in cycles: to look for them again and again is a quarter of a test.
+    gc.set_threshold(500_000, 50, 100)
     # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
     sys.dont_write_bytecode = True
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import gc
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+import functools
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
@@ -76,11 +76,15 @@ class ListFeed:
 
 def _speed_rows(count: int, start: int = 0, port: str = "/dev/ttyUSB0") -> list[Row]:
     """Rows that a millisecond parts: speed commands whose RPM is the number of the row."""
-    rows: list[Row] = []
-    for number in range(start, start + count):
-        raw = encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 30_000})
-        rows.append(Frame(port, 10 * number, raw, NOON_NS + number * STEP_NS))
-    return rows
+    return [
+        Frame(port, 10 * number, _speed_frame(number), NOON_NS + number * STEP_NS)
+        for number in range(start, start + count)
+    ]
+
+
+@functools.cache
+def _speed_frame(number: int) -> bytes:
+    return encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 30_000})
 
 
 def _odd_rows() -> list[Row]:
@@ -145,17 +149,6 @@ def frames_are_drawn_where_they_are_read(
             draw(screen)
 
     monkeypatch.setattr(Screen, "_compositor_refresh", draw_unless_undrawn)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def garbage_is_collected_seldom() -> Iterator[None]:
-    """An app is many objects in cycles: to look for them again and again is a quarter of a test."""
-    thresholds = gc.get_threshold()
-    gc.freeze()  # what is imported stays
-    gc.set_threshold(500_000, 50, 100)
-    yield
-    gc.set_threshold(*thresholds)
-    gc.unfreeze()
 
 
 @pytest.fixture
