@@ -19,13 +19,12 @@ from fte_sniff.analysis.facts import (
     NO_STREAM,
     MotorFrames,
     find_answers,
-    is_overdue,
     motor_rows,
     stream_keys,
     streams_of,
 )
 from fte_sniff.protocol import MOTORS
-from fte_sniff.protocol.rows import NO_FACT, NO_TIME, Bools, Codes, Ints, Rows
+from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, NO_TIME, Codes, Ints, Rows
 from fte_sniff.protocol.spec import motor_bit
 
 if TYPE_CHECKING:
@@ -61,14 +60,20 @@ def change_ages(raw: Codes, before: Ints) -> Codes:
 
 def answer_pairs(rows: Rows) -> tuple[Ints, Ints]:
     """The positions of commands and of their answers in the batch, for each motor's answer."""
-    found, commands, answers = motor_rows(rows), list[Ints](), list[Ints]()
-    for motor in MOTORS:
-        asking = MotorFrames.of(rows, found.commands[motor])
-        feedback = MotorFrames.of(rows, found.feedback[motor])
-        at, answered = find_answers(asking, feedback)
-        commands.append(asking.indices[answered])
-        answers.append(feedback.indices[at[answered]])
-    return np.concatenate(commands), np.concatenate(answers)
+    pairs = [_answers_of(rows, motor) for motor in MOTORS]
+    commands, answers = (np.concatenate(one) for one in zip(*pairs, strict=True))
+    return commands[answers >= 0], answers[answers >= 0]
+
+
+def _answers_of(rows: Rows, motor: int) -> tuple[Ints, Ints]:
+    """The positions of the commands to a motor, and for each that of its answer, or -1."""
+    found = motor_rows(rows)
+    asking = MotorFrames.of(rows, found.commands[motor])
+    feedback = MotorFrames.of(rows, found.feedback[motor])
+    at, answered = find_answers(asking, feedback)
+    answers = np.full(len(at), -1)
+    answers[answered] = feedback.indices[at[answered]]
+    return asking.indices, answers
 
 
 class AnswerState(Enum):
@@ -100,7 +105,7 @@ class CommandAnswer:
 MOST_SEARCHED: Final = 20_000
 """Rows among which a command or its answer is searched for."""
 
-_FIRST_STEP: Final = 256
+_FIRST_REACH: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +136,6 @@ class RowRelations:
         self._store, self._gaps = store, store.landmarks.gaps
         self._far: dict[int, _FrameBefore] = {}
         """Frames before that were far away, by index of the row."""
-        self._asked = -1
-        """Index of the last row whose relations were asked for."""
-        self._decided: dict[int, CommandAnswer | None] = {}
-        """Its relation by motor, as far as later rows cannot change it."""
-        self._searched: dict[int, int] = {}
-        """By motor, the end of the rows among which its answer is not."""
 
     def pasts(self, indices: Sequence[int]) -> dict[int, RowPast]:
         """The past of rows, given by rising indices."""
@@ -183,7 +182,8 @@ class RowRelations:
 
     def _search_frame(self, index: int, key: int) -> _FrameBefore:
         first = max(self._store.first, index - MOST_SEARCHED)
-        for _start, rows in self._backwards(first, index):
+        for reach in _reaches(index - first):
+            rows = self._rows(index - reach, index)
             found = np.flatnonzero(stream_keys(rows) == key)
             if len(found):
                 return int(rows.t_ns[found[-1]]), rows.raw[found[-1]].tobytes()
@@ -196,60 +196,45 @@ class RowRelations:
             return [command.command]
         return [one.answer for one in self.answers(index) if one.answer is not None]
 
-    def _ask(self, index: int) -> None:
-        if index != self._asked:
-            self._asked, self._decided, self._searched = index, {}, {}
-
     def answers(self, index: int) -> list[CommandAnswer]:
         """The answers of the command at an index, by motor; empty if the row has none."""
-        row = self._batch(index)
-        if row is None or not COMMANDS[row.kinds[0]] or row.cmds[0] not in ANSWERABLE:
+        row = self._rows(index, index + 1)
+        if not len(row) or not COMMANDS[row.kinds[0]] or row.cmds[0] not in ANSWERABLE:
             return []
-        self._ask(index)
         motors = [int(row.nums[0])] if NAMES_MOTOR[row.kinds[0]] else MOTORS
         return [self._answer(index, row, motor) for motor in motors if motor in MOTORS]
 
+    def _answer(self, index: int, row: Rows, motor: int) -> CommandAnswer:
+        at = bisect_right(self._gaps, index)
+        gap = self._gaps[at] if at < len(self._gaps) else self._store.next
+        end = min(gap, self._store.next, index + 1 + MOST_SEARCHED)
+        for reach in _reaches(end - index):
+            rows = self._rows(index, index + reach)
+            commands, answers = _answers_of(rows, motor)
+            if answers[0] >= 0:
+                return _answered(motor, index, rows, 0, int(answers[0]))
+            if len(commands) > 1:
+                break
+        return CommandAnswer(motor, self._without_answer(index, row, motor), index)
+
     def command(self, index: int) -> CommandAnswer | None:
         """The command that the feedback at an index answers; None if it answers none."""
-        row = self._batch(index)
-        if row is None or not FEEDBACK[row.kinds[0]]:
+        row = self._rows(index, index + 1)
+        if not len(row) or not FEEDBACK[row.kinds[0]] or int(row.nums[0]) not in MOTORS:
             return None
-        motor = int(row.nums[0])
-        self._ask(index)
-        if motor not in self._decided:
-            self._decided[motor] = self._command(index, row, motor)
-        return self._decided[motor]
-
-    def _command(self, index: int, row: Rows, motor: int) -> CommandAnswer | None:
-        for start, rows in self._before(index):
-            commands, feedback = _frames_of(rows, motor, int(row.cmds[0]))
-            found = np.flatnonzero(commands | feedback)
-            if len(found):
-                at = int(found[-1])
-                if not commands[at] or rows.cmds[at] != row.cmds[0]:
-                    return None
-                return _paired(motor, start + at, rows[at : at + 1], index, row)
-        return None
-
-    def _answer(self, index: int, row: Rows, motor: int) -> CommandAnswer:
-        decided = self._decided.get(motor)
-        if decided is not None:
-            return decided
-        end = self._end_after(index)
-        for start, rows in self._forwards(self._searched.get(motor, index + 1), end):
-            commands, feedback = _frames_of(rows, motor, int(row.cmds[0]))
-            found = np.flatnonzero(commands | feedback)
-            if len(found):
-                at = int(found[0])
-                own = rows[at : at + 1]
-                answer = None if commands[at] else _paired(motor, index, row, start + at, own)
-                if answer is not None:
-                    self._decided[motor] = answer
-                    return answer
+        motor, gaps = int(row.nums[0]), bisect_right(self._gaps, index)
+        gap = self._gaps[gaps - 1] if gaps else 0
+        first = max(gap, self._store.first, index - MOST_SEARCHED)
+        for reach in _reaches(index + 1 - first):
+            start = index + 1 - reach
+            rows = self._rows(start, index + 1)
+            commands, answers = _answers_of(rows, motor)
+            for command in commands[answers == reach - 1].tolist():
+                return _answered(motor, start, rows, command, reach - 1)
+            same = FEEDBACK[rows.kinds] & (rows.nums == motor) & (rows.cmds == row.cmds[0])
+            if len(commands) or same[:-1].any():
                 break
-        else:
-            self._searched[motor] = max(end, index + 1)
-        return CommandAnswer(motor, self._without_answer(index, row, motor), index)
+        return None
 
     def _without_answer(self, index: int, row: Rows, motor: int) -> AnswerState:
         """The state of a command without an answer in the store, by the facts of its row."""
@@ -258,59 +243,27 @@ class RowRelations:
             return AnswerState.UNANSWERED
         return AnswerState.UNKNOWN if index < self._store.known else AnswerState.WAITING
 
-    def _batch(self, index: int) -> Rows | None:
-        """The row as a batch; None if it is not in the store."""
-        return next(self._store.batches(index, index + 1), None) if index >= 0 else None
-
-    def _end_after(self, index: int) -> int:
-        """The end of the rows that may answer the one at an index."""
-        at = bisect_right(self._gaps, index)
-        gap = self._gaps[at] if at < len(self._gaps) else self._store.next
-        return min(gap, self._store.next, index + 1 + MOST_SEARCHED)
-
-    def _forwards(self, start: int, end: int) -> Iterator[tuple[int, Rows]]:
-        """Rows from `start` up to `end`; each batch with its first index."""
-        step = _FIRST_STEP
-        while start < end:
-            for rows in self._store.batches(start, min(end, start + step)):
-                yield start, rows
-                start += len(rows)
-            step *= 2
-
-    def _before(self, index: int) -> Iterator[tuple[int, Rows]]:
-        """Rows before an index back to the last gap, the last first."""
-        at = bisect_right(self._gaps, index)
-        gap = self._gaps[at - 1] if at else 0
-        return self._backwards(max(gap, self._store.first, index - MOST_SEARCHED), index)
-
-    def _backwards(self, first: int, index: int) -> Iterator[tuple[int, Rows]]:
-        """Rows from `first` up to an index, the last first; each batch with its first index."""
-        step = _FIRST_STEP
-        while index > first:
-            start = max(first, index - step)
-            for rows in reversed(list(self._store.batches(start, index))):
-                index -= len(rows)
-                yield index, rows
-            step *= 2
+    def _rows(self, start: int, end: int) -> Rows:
+        """The rows from `start` up to `end` that are in the store."""
+        batches = list(self._store.batches(start, end)) if start >= 0 else []
+        return Rows.concat(batches) if batches else NO_ROWS
 
 
-def _paired(
-    motor: int, command: int, asking: Rows, answer: int, answering: Rows
-) -> CommandAnswer | None:
-    """A command and its answer; None if that came after the deadline."""
-    asked_ns, answered_ns = int(asking.t_ns[0]), int(answering.t_ns[0])
-    if is_overdue(asked_ns, answering.t_ns):
-        return None
+def _reaches(most: int) -> Iterator[int]:
+    """The numbers of rows among which is searched: ever more, and at last `most`."""
+    reach = _FIRST_REACH
+    while reach < most:
+        yield reach
+        reach *= 4
+    yield most
+
+
+def _answered(motor: int, start: int, rows: Rows, command: int, answer: int) -> CommandAnswer:
+    """A command and its answer by their positions in rows, of which the first has an index."""
+    asked_ns, answered_ns = int(rows.t_ns[command]), int(rows.t_ns[answer])
     known = NO_TIME not in (asked_ns, answered_ns) and answered_ns >= asked_ns
     delay_ns = answered_ns - asked_ns if known else None
-    return CommandAnswer(motor, AnswerState.ANSWERED, command, answer, delay_ns)
-
-
-def _frames_of(rows: Rows, motor: int, cmd: int) -> tuple[Bools, Bools]:
-    """Masks of the commands to a motor, and of its feedback with a CMD."""
-    own = rows.nums == motor
-    commands = COMMANDS[rows.kinds] & (own | ~NAMES_MOTOR[rows.kinds])
-    return commands, FEEDBACK[rows.kinds] & own & (rows.cmds == cmd)
+    return CommandAnswer(motor, AnswerState.ANSWERED, start + command, start + answer, delay_ns)
 
 
 def _near_runs(indices: Sequence[int]) -> Iterator[Sequence[int]]:
