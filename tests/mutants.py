@@ -52,6 +52,8 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
     ast.Mult: ast.FloorDiv,
     ast.FloorDiv: ast.Mult,
 }
+LINKED = ("samples", "benchmarks", "pyproject.toml", "setup.py", ".ci")
+"""What tests use and no mutant changes."""
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 """A line of pytest's summary, with the test."""
 DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(.+)$", re.MULTILINE)
@@ -71,10 +73,10 @@ def reached(statement):
             Path(FOLDER, name).write_text(f"{statement}\\t{test}")
 """
 """A module of the copy. A record is a file, because some tests limit the sizes of files."""
-MOST_S = 300.0
-"""Of the tests that run for a mutant."""
+MOST_S = 100.0
+"""Duration of the tests of a mutant in the first run, at most."""
 LONGER = 10
-"""Times as long as without a mutant may tests take with it, and a minute more."""
+"""How many times as long they may take with the mutant, and a minute more."""
 
 
 class Mutant(NamedTuple):
@@ -187,6 +189,7 @@ class Tests(NamedTuple):
     def of(self, one: Mutant) -> dict[str, float]:
         """The tests to run for a mutant, in this order, with their seconds."""
         reaching = self.reaching.get(f"{one.module}:{one.statement}", ())
+        # A fixture of a module runs in the setup of its first test.
         files = {test.partition("::")[0] for test in reaching if test.endswith(" (setup)")}
         if "" in reaching or one.module.is_relative_to(FRAMER):
             files.update(near(one.module))
@@ -299,8 +302,8 @@ def copied(folder: Path) -> Path:
     ignored = shutil.ignore_patterns("__pycache__")
     for name in (PACKAGE, "tests", "docs"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-    for name in ("samples", "benchmarks", "pyproject.toml", "README.md", "CONTRIBUTING.md", ".ci"):
-        (folder / name).symlink_to(ROOT / name)
+    for path in (*ROOT.glob("*.md"), *map(ROOT.joinpath, LINKED)):
+        (folder / path.name).symlink_to(path)
     return folder
 
 
@@ -320,7 +323,8 @@ def main() -> int:
             selected = tests.of(one)
             found = verdict(folder, one, selected)
             verdicts[found] += 1
-            print(f"{found} ({len(selected)} tests): {one}", flush=True)
+            tried = f"{len(selected)} tests" if selected else "not executed"
+            print(f"{found} ({tried}): {one}", flush=True)
     print(*(f"{count} {found}" for found, count in verdicts.items()), sep=", ")
     return int(verdicts["survived"] > 0)
 

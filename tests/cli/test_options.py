@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.analysis.filter.terms import FILTER_HELP
 from fte_sniff.cli import options
 from fte_sniff.cli.options import install_command
 from tests.cli.conftest import SAMPLES
@@ -67,3 +68,9 @@ def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
         screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
+
+
+@pytest.mark.parametrize("text", ["help", " HELP "])
+def test_a_filter_called_help_shows_the_language_and_reads_no_file(run, text: str) -> None:
+    done = run("decode", "none.mcap", "--filter", text)
+    assert (done.returncode, done.stdout, done.stderr) == (0, FILTER_HELP + "\n", "")

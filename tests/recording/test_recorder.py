@@ -117,6 +117,7 @@ def test_no_row_is_lost_or_doubled_by_rotation(
     assert len(found) == len(streams) * len(streams[0])
     for before, after in pairwise(files):
         assert _named(before, NEXT_NAME) == [{"file": after.name}]
+        assert RecordingReader(before).next_path == after
         (facts,) = _named(after, "fte-sniff")
         assert facts["previous"] == before.name
     if limit == 1:
