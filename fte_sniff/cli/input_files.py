@@ -826,8 +826,8 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
             return "no row is between --from and --to"
         if not tally.rows and reading.notes:
             return ""  # the notes name the reason
-        if not tally.rows and (selections := reading.source.selections):
-            wanted = " and ".join(printable(one.filter_text) for one in selections)
+        if not tally.rows and reading.selections:
+            wanted = " and ".join(printable(one.filter_text) for one in reading.selections)
             return f"nothing was selected when the recording was written: {wanted}"
         if not tally.rows and reading.reported_gaps:
             return ""  # rows came, but were left out when recorded

@@ -127,7 +127,7 @@ def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
         of_them = f"holds for {total.rows:,} of {reading.tally.rows:,} rows"
         yield _line("filter", f"{printable(reading.row_filter.text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
-    for selection in reading.source.selections:
+    for selection in reading.selections:
         chosen = f"only those of {selection.rows:,} rows for which this held: "
         yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
     for reason in dict.fromkeys(gap.reason for gap in reading.reported_gaps):

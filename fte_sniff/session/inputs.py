@@ -768,13 +768,15 @@ class InputReading:
         self._last_ns: int | None = None
         """Latest time of the rows that match, with a limit."""
         self._gaps = list(self.reported_gaps)
-        self._selections = [selection for one in inputs for selection in one.selections()]
+        self.selections = [selection for one in inputs for selection in one.selections()]
+        """The filters that selected the rows of the inputs when they were written."""
+        self._all_selections = [*self.selections]
         ports = [port.name for one in inputs for port in one.ports]
         self.source = ExportSource(
             ports,
             dict.fromkeys(ports, baud) if baud else _bauds_of(inputs),
             self._gaps,
-            self._selections,
+            self._all_selections,
             {name: fact for one in inputs for name, fact in one.facts.items()},
             zone=zone,
         )
@@ -816,7 +818,7 @@ class InputReading:
         if self.row_filter is not None:
             from fte_sniff.recording.metadata import Selection
 
-            self._selections.append(Selection(self.row_filter.text, self.tally.rows))
+            self._all_selections.append(Selection(self.row_filter.text, self.tally.rows))
 
     def _limited(self, batch: InputBatch, limit: int) -> InputBatch:
         found = batch.first(limit - self.written)
@@ -839,7 +841,7 @@ class InputReading:
     def counts(self) -> ReadingCounts:
         """What is known so far about its inputs."""
         return ReadingCounts(
-            self.tally, self.written, self.notes, self.reported_gaps, self._selections
+            self.tally, self.written, self.notes, self.reported_gaps, self.selections
         )
 
     def include(self, counts: ReadingCounts) -> None:
@@ -848,7 +850,7 @@ class InputReading:
         self.written += counts.written
         self.notes += counts.notes
         self.reported_gaps += counts.gaps
-        self._selections += counts.selections
+        self.selections += counts.selections
 
     def skip(self, error: FileError) -> None:
         """Report an input that could not be read."""

@@ -50,7 +50,7 @@ def statistics_json(summary: StatisticsSummary, reading: InputReading) -> Json:
             for gap in reading.reported_gaps
         ],
         "selections": [
-            {"filter": one.filter_text, "rows_read": one.rows} for one in reading.source.selections
+            {"filter": one.filter_text, "rows_read": one.rows} for one in reading.selections
         ],
         **_extent(total),
         "duration_s": _seconds(total.duration_ns),

@@ -926,6 +926,14 @@ def test_a_selection_is_reported(run, tmp_path: Path) -> None:
     assert stats(run, "a.mcap")["selections"] == []
 
 
+def test_only_the_filters_of_the_recording_explain_that_it_is_empty(run, tmp_path: Path) -> None:
+    recorded(tmp_path / "empty.mcap", [])
+    summary = run("decode", "empty.mcap", "--filter", "rpm < 50", "-o", "none.mcap").stderr
+    assert summary.startswith("0 rows; nothing came")
+    summary = run("decode", "none.mcap", "--filter", "rpm > 10").stderr
+    assert summary == "0 rows; nothing was selected when the recording was written: rpm < 50\n"
+
+
 def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> None:
     paths = GAPS["another capture"](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0

@@ -593,7 +593,7 @@ class LongestRow:
     )
     recipe.before(
         "fte_sniff/cli/stats.py",
-        "    for selection in reading.source.selections:\n",
+        "    for selection in reading.selections:\n",
         '    yield _line("longest", f"{summary.longest.bytes} bytes")\n',
     )
     recipe.append("docs/stats.md", "\n`longest_row_bytes` is the length of the longest row.\n")
