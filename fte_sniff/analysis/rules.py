@@ -3,10 +3,9 @@
 A rule compares a measure of the rows with a number:
 
     rule      measure ( == | != | < | <= | > | >= ) number
-    measure   count(FILTER) | share(FILTER) | rate(FILTER) | max_gap(FILTER)
-              | delay(p50 | p95 | p99 | max [, FILTER]) | unanswered([FILTER]) | online(MOTOR)
-              | findings([CAUSE [, MOTOR]])
-              | min(FIELD [, FILTER]) | max(FIELD [, FILTER]) | mean(FIELD [, FILTER]) | duration()
+    measure   name ( [argument [, argument]] )
+
+The names and their arguments are those of `measures.MEASURES`.
 """
 
 from __future__ import annotations

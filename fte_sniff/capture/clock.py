@@ -77,6 +77,6 @@ class ClockWatch:
         self._ahead_ns = ahead_ns
 
     def step(self, ahead_ns: int) -> int:
-        """Nanoseconds that the clock was set forward (back: negative); call it once a second."""
+        """Nanoseconds that the clock was set forward (back: negative); call it often."""
         step_ns, self._ahead_ns = ahead_ns - self._ahead_ns, ahead_ns
         return step_ns if abs(step_ns) >= LEAST_STEP_NS else 0

@@ -1,8 +1,8 @@
 """The column table, and how rows look: values as text, the signs and colours of a status.
 
 Filters, CSV, JSON lines, Parquet, the screen's table, measures of `check`, help and docs derive
-from `COLUMNS`: a new column is one entry there. Plain text, the screen and pages derive their signs
-and colours from `LOOKS`.
+from `COLUMNS`: a new column whose value follows from its row is one entry there. Plain text, the
+screen and pages derive their signs and colours from `LOOKS`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ Value: TypeAlias = int | float | str | list[str] | None
 
 
 class ColumnType(StrEnum):
-    """The type of a column's values; all columns but `offset` and `raw` may be null."""
+    """The type of a column's values; all columns but `offset`, `length`, `raw`, `status` and
+    `faults` may be null."""
 
     TIME = "time"
     """Nanoseconds since 1970 UTC."""

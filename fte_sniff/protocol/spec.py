@@ -76,7 +76,7 @@ FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
         Fault.BAD_TAIL: "ten bytes in step with their neighbours, the tail wrong",
         Fault.TRUNCATED: "starts like a frame, bytes are missing",
         Fault.OVERLONG: "starts and ends like a frame, bytes too many",
-        Fault.NOISE: "bytes that belong to no frame",
+        Fault.NOISE: "bytes that belong to no frame, or are the rest of one without its start",
         Fault.RESERVED_NONZERO: (
             "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in"
             " the protocol)"

@@ -4,6 +4,10 @@ A disk error never stops the capture. Rows that were not flushed go into the nex
 file can be made, rows are only counted, and the next file reports the gap:
 
     name_00001 --rotation--> name_00002 --disk full--> (gap) --space again--> name_00003
+
+Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed
+(`Recorder.flush_if_due`), when `writer.MAX_PENDING` rows wait, before a rotation, and at the end.
+Each flush ends a chunk of the file.
 """
 
 from __future__ import annotations
@@ -131,6 +135,8 @@ class Recorder:
         self._is_disk_full = False
         self._is_closed = False
         self._wants_rotation = False
+        self._flush_ns = 0
+        """When the next flush is due, nanoseconds since 1970 UTC."""
         self._file_number = 1
         facts = {"part": "1"} if self._options.rotates else {}
         writer = self._open(self._files.first, self._files.existing, facts)
@@ -194,6 +200,16 @@ class Recorder:
     def write(self, rows: Rows) -> None:
         """Record rows, each port's in the order of its stream, and port events."""
         self._put(rows if self._trigger is None else self._trigger.select(rows))
+
+    def flush_if_due(self, now_ns: int) -> None:
+        """Flush if the interval between flushes has passed at this time, which never falls."""
+        if now_ns < self._flush_ns:
+            return
+        began_ns = time.monotonic_ns()
+        self.flush()
+        # On a slow disk, the next flush writes all that came during this one.
+        took_ns = time.monotonic_ns() - began_ns
+        self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
 
     def flush(self) -> None:
         """Push all rows to the disk; begin another file if that is due."""

@@ -202,7 +202,7 @@ class RecordingWriter:
         self._metadata.append(metadata)
 
     def flush(self) -> None:
-        """End the chunk and push it to the disk. Call it at least once a second.
+        """End the chunk and push it to the disk. A kill costs the rows since the last flush.
 
         Raises FileError if the disk is full or failed; or the file was deleted, moved, replaced or
         cut off by another program.

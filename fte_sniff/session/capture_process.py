@@ -317,7 +317,8 @@ REPORTED_LEFTOVER = 2**20
 
 
 DRAIN_EVERY_NS = 50_000_000
-"""Time of the line between two batches of rows: a batch takes as long as many rows."""
+"""Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
+flushed only after a batch."""
 
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
@@ -395,8 +396,7 @@ class CaptureLoop:
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
-        self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
-        self._now_ns = self._drain_ns = self._flush_ns = 0
+        self._now_ns = self._drain_ns = 0
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         """When the write under way began."""
@@ -448,16 +448,11 @@ class CaptureLoop:
         self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
-        if now_ns >= min(self._drain_ns, self._flush_ns):
+        if now_ns >= self._drain_ns:
             self._drain_ns = now_ns + DRAIN_EVERY_NS
             self._drain()
-        if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
-            began_ns = time.monotonic_ns()
-            self._record(Recorder.flush)
-            # On a slow disk, the next flush writes all that came during this one.
-            took_ns = time.monotonic_ns() - began_ns
-            self._flush_ns = now_ns + max(self._flush_every_ns, took_ns)
+            self._record(lambda recorder: recorder.flush_if_due(now_ns))
 
     def _drain(self) -> None:
         for port in self._wires:

@@ -290,7 +290,7 @@ _FEW_CHANGED = (
 )
 """Changed bytes by age, without colours."""
 
-# Red is the colour of damage. On white, yellow, green and cyan are not readable.
+# Among these, red is the colour of damage. On white, yellow, green and cyan are not readable.
 _DARK_16 = ("#ff55ff", "#ffff55", "#55ffff", "#55ff55", "#ffff55", "#55ff55", "#ffffff")
 _LIGHT_16 = ("#000000", "#aa00aa", "#0000aa", "#aa00aa", "#0000aa", "#aa00aa", "#000000")
 

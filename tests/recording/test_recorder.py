@@ -72,6 +72,20 @@ def _record(recorder: Recorder, batches: Sequence[Sequence[Row]]) -> None:
         recorder.flush()
 
 
+@pytest.mark.parametrize("every_s", [60.0, 3600.0])
+def test_flush_is_due_after_the_interval(tmp_path: Path, every_s: float) -> None:
+    options = replace(ALL, flush_every_s=every_s)
+    recorder = Recorder(tmp_path / "x.mcap", (PORT,), options=options)
+    flushed = []
+    for number, share in enumerate((0.0, 0.5, 0.99, 1.0, 1.5, 2.5, 2.6, 3.5)):
+        recorder.write(in_columns(some_rows(number + 1)[number:]))
+        # Intervals that are long, because a slow flush moves the next one.
+        recorder.flush_if_due(START + round(share * every_s * 1e9))
+        flushed.append(recorder.unflushed_rows == 0)
+    recorder.close()
+    assert flushed == [True, False, False, True, False, True, False, True]
+
+
 @pytest.fixture
 def no_backoff(monkeypatch: pytest.MonkeyPatch) -> None:
     """The next attempt to record is made at once."""
