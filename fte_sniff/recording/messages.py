@@ -150,7 +150,7 @@ def _topics_of_kinds() -> Iterator[tuple[tuple[str, int | None], Topic]]:
             yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}{name}"]
 
 
-TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
+_TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
 
 
 PACKAGE = "fte"
@@ -182,16 +182,16 @@ _DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("framed", _TYPE.TYPE_BOOL),
     ("length", _TYPE.TYPE_FIXED32),
 )
-REPEATED = frozenset({"faults"})
+_REPEATED = frozenset({"faults"})
 
 
-def enum_value_name(enum: str, value: str) -> str:
+def _enum_value_name(enum: str, value: str) -> str:
     """The name of an enum value, unique within its message: `KIND_SPEED`."""
     prefix = "".join(f"_{letter}" if letter.isupper() else letter for letter in enum).lstrip("_")
     return f"{prefix}_{value}".upper()
 
 
-def enum_number(enum: str, value: str) -> int:
+def _enum_number(enum: str, value: str) -> int:
     """The number of an enum value; 0 is `..._NONE`."""
     return _ENUMS[enum].index(value) + 1
 
@@ -230,7 +230,7 @@ def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str
         field.type_name = f".{PACKAGE}.{message.name}.{kind}"
     else:
         field.type = kind  # type: ignore[assignment]
-    if name in REPEATED:
+    if name in _REPEATED:
         field.label = _TYPE.LABEL_REPEATED
         return
     field.label = _TYPE.LABEL_OPTIONAL
@@ -242,7 +242,7 @@ def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str
 def _add_enum(message: DescriptorProto, enum: str) -> None:
     added = message.enum_type.add(name=enum)
     for number, value in enumerate(("none", *_ENUMS[enum])):
-        added.value.add(name=enum_value_name(enum, value), number=number)
+        added.value.add(name=_enum_value_name(enum, value), number=number)
 
 
 def _file(topic: Topic) -> FileDescriptorProto:
@@ -313,12 +313,12 @@ _TYPES: dict[int, tuple[int, str, int]] = {
 }
 """By type the wire type, the numpy type of the value, and the bits that are 0 in each byte."""
 
-LACKS = frozenset({"faults", "time_ns", "order_uncertain"})
+_LACKS = frozenset({"faults", "time_ns", "order_uncertain"})
 """Fields that a fault-free frame's message lacks if its time is the log time and its order certain.
 """
-LACKS_IF_UNCERTAIN = LACKS - {"order_uncertain"}
+_LACKS_IF_UNCERTAIN = _LACKS - {"order_uncertain"}
 
-FIRST_FIELDS: Mapping[str, int] = {"offset": 1, "read_delay_ns": 10, "raw": 20}
+_FIRST_FIELDS: Mapping[str, int] = {"offset": 1, "read_delay_ns": 10, "raw": 20}
 """Offsets of the first fields, the same in each template of a schema that fte-sniff writes."""
 
 _ROW_TYPES = {
@@ -436,10 +436,10 @@ def _templates_of(schema: str, data: bytes) -> tuple[Template, ...]:
         return ()
     if not optional or any(kind not in _TYPES for kind in types.values()):
         return ()
-    absences = dict.fromkeys(frozenset(types) & lacks for lacks in (LACKS, LACKS_IF_UNCERTAIN))
+    absences = dict.fromkeys(frozenset(types) & lacks for lacks in (_LACKS, _LACKS_IF_UNCERTAIN))
     found = [Template(fields, lacks) for lacks in absences]
-    first = [{name: one.offset_of(name) for name in FIRST_FIELDS} for one in found]
-    return tuple(found) if all(one == FIRST_FIELDS for one in first) else ()
+    first = [{name: one.offset_of(name) for name in _FIRST_FIELDS} for one in found]
+    return tuple(found) if all(one == _FIRST_FIELDS for one in first) else ()
 
 
 def _varint(number: int) -> bytes:
@@ -478,13 +478,13 @@ def _topic_of_head(head: bytes) -> Topic:
     if kind is None:
         return MALFORMED
     motor = head[NUM_OFFSET] if kind.names_motor else None
-    return TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
+    return _TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
 
 
-_KIND_NUMBER = {name: enum_number("Kind", name) for name in KIND_BY_NAME}
-_STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
-_FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
-_EVENT_NUMBER = {kind: enum_number("PortEventKind", kind) for kind in PortEventKind}
+_KIND_NUMBER = {name: _enum_number("Kind", name) for name in KIND_BY_NAME}
+_STATUS_NUMBER = {status: _enum_number("Status", status) for status in Status}
+_FAULT_NUMBER = {fault: _enum_number("Fault", fault) for fault in Fault}
+_EVENT_NUMBER = {kind: _enum_number("PortEventKind", kind) for kind in PortEventKind}
 
 
 @cache
@@ -553,7 +553,7 @@ def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
     return {encodable(name): encodable(value) for name, value in facts.items()}
 
 
-ChannelId = Callable[[str, Topic], int]
+_ChannelId = Callable[[str, Topic], int]
 
 _FORMS = [(kind, cmd, uncertain) for uncertain in (0, 1) for kind in KINDS for cmd in kind.cmds]
 """Kind, CMD and `order_uncertain`: frames of one form make messages of one layout."""
@@ -571,7 +571,7 @@ _NAMES_MOTOR = np.zeros(_NO_FORM + 1, np.bool_)
 _NAMES_MOTOR[: len(_FORMS)] = [kind.names_motor for kind, *_ in _FORMS]
 
 
-class RecordTemplate:
+class _RecordTemplate:
     """Template of the message records of one form."""
 
     def __init__(self, code: int) -> None:
@@ -585,7 +585,7 @@ class RecordTemplate:
         self.length = self._template.itemsize
         self._values = kind.fields
         fields = _class_of(topic.name).DESCRIPTOR.fields
-        template = Template(fields, LACKS_IF_UNCERTAIN if uncertain else LACKS)
+        template = Template(fields, _LACKS_IF_UNCERTAIN if uncertain else _LACKS)
         self._type = template.record_type(_HEAD_FIELDS, MESSAGE_HEAD)
 
     def records(self, fields: dict[str, Array]) -> NDArray[np.void]:
@@ -617,7 +617,7 @@ def _topic(code: int, motor: int) -> Topic:
     return topic_of(_frame_of(code, motor))
 
 
-_template_of = cache(RecordTemplate)
+_template_of = cache(_RecordTemplate)
 
 
 @cache
@@ -630,7 +630,7 @@ def _record_lengths() -> Array:
 class ColumnPacker:
     """Packs batches of rows; counts the messages of each channel."""
 
-    def __init__(self, channel_id: ChannelId) -> None:
+    def __init__(self, channel_id: _ChannelId) -> None:
         self._channel_id = channel_id
         self._sequences: dict[int, int] = {}
         self._first_time: int | None = None
@@ -662,7 +662,7 @@ class ColumnPacker:
             **dict(zip(events_at.tolist(), rows.events, strict=True)),
         }
         records = {
-            at: message_record(entry, int(channels[at]), int(sequences[at]), int(times[at]))
+            at: _message_record(entry, int(channels[at]), int(sequences[at]), int(times[at]))
             for at, entry in single.items()
         }
         lengths = np.empty(len(times), np.int64)
@@ -748,7 +748,7 @@ def _write_at(data: Array, starts: Array, records: Array) -> None:
     at_every_byte[starts] = records
 
 
-def message_record(entry: Row | PortEvent, channel: int, sequence: int, time: int) -> bytes:
+def _message_record(entry: Row | PortEvent, channel: int, sequence: int, time: int) -> bytes:
     """The record of one message."""
     if isinstance(entry, PortEvent):
         data = encode_event(entry, time)
@@ -762,7 +762,7 @@ def _message_head(size: int, channel: int, sequence: int, time: int) -> bytes:
     return _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, time, time)
 
 
-def port_metadata(port: PortFacts) -> dict[str, str]:
+def _port_metadata(port: PortFacts) -> dict[str, str]:
     """The metadata of a port's channels."""
     baud = {} if port.baud is None else {"baud": str(port.baud)}
     return {"port": encodable(port.name), **baud}
@@ -791,7 +791,7 @@ class Channels:
         if (port.name, TOPICS[0].name) in self._ids:
             return []
         self.ports.append(PortFacts(encodable(port.name), port.baud))
-        metadata = port_metadata(port)
+        metadata = _port_metadata(port)
         channels = []
         for topic in TOPICS:
             id_ = self._ids[port.name, topic.name] = len(self._ids) + 1
@@ -855,7 +855,7 @@ class MessageReader:
             for name, types in needed.items()
             if name not in fields
             or fields[name].cpp_type not in types
-            or (fields[name].default_value == []) != (name in REPEATED)
+            or (fields[name].default_value == []) != (name in _REPEATED)
         )
         if lacking:
             raise FileError(
@@ -947,7 +947,7 @@ def _members_by_number(field: Any) -> dict[int, StrEnum]:
     if field.enum_type is None:
         return {}
     known: type[StrEnum] = PortEventKind if field.name == "kind" else Fault
-    members = {enum_value_name(known.__name__, one): one for one in known}
+    members = {_enum_value_name(known.__name__, one): one for one in known}
     values = field.enum_type.values
     return {value.number: members[value.name] for value in values if value.name in members}
 
@@ -1068,10 +1068,10 @@ class _Decoder:
         """Fill the columns as if every message fitted a template."""
         columns, messages = self._columns, self._messages
         columns.t_ns[:] = self._log_times
-        columns.offset[:] = messages.field(MESSAGE_HEAD + FIRST_FIELDS["offset"], "<i8")
-        columns.delay_ns[:] = messages.field(MESSAGE_HEAD + FIRST_FIELDS["read_delay_ns"], "<i8")
+        columns.offset[:] = messages.field(MESSAGE_HEAD + _FIRST_FIELDS["offset"], "<i8")
+        columns.delay_ns[:] = messages.field(MESSAGE_HEAD + _FIRST_FIELDS["read_delay_ns"], "<i8")
         columns.raw.view(_RAW).reshape(-1)[:] = messages.field(
-            MESSAGE_HEAD + FIRST_FIELDS["raw"], _RAW
+            MESSAGE_HEAD + _FIRST_FIELDS["raw"], _RAW
         )
 
     def _by_schema(self) -> Iterator[tuple[MessageReader, Array]]:
@@ -1362,7 +1362,7 @@ class LostDefinitions:
 
 def _channel_of(port: PortFacts, channel_id: int) -> Channel:
     like = _CHANNELS[(channel_id - 1) % len(TOPICS)]
-    return replace(like, id=channel_id, metadata=port_metadata(port))
+    return replace(like, id=channel_id, metadata=_port_metadata(port))
 
 
 def lost_definitions(

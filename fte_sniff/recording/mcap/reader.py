@@ -303,10 +303,10 @@ class MessageIndex:
         return field_view(self.prefixes, offset, kind)
 
 
-def at_every_byte(records: bytes, size: int, first: int = 0) -> Array:
-    """Overlapping opaque values of `size` bytes, one for every byte from `first` on."""
-    count = max(0, len(records) - first - size + 1)
-    found: Array = np.ndarray((count,), f"V{size}", records, first, (1,))
+def at_every_byte(records: bytes, size: int) -> Array:
+    """Overlapping opaque values of `size` bytes, one for every byte."""
+    count = max(0, len(records) - size + 1)
+    found: Array = np.ndarray((count,), f"V{size}", records, 0, (1,))
     return found
 
 
