@@ -20,6 +20,7 @@ from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
 from fte_sniff.protocol.rows import NO_TIME, Rows
 from tests.analysis.pieces import MS, Step, captures, observe, pieces_of, state_of
 from tests.analysis.test_statistics import SECOND, frame
+from tests.examples import examples
 
 EXPECTED = [
     "count(malformed) == 0",
@@ -53,6 +54,7 @@ def checked(*parts: Sequence[Step], rules: Sequence[str] = EXPECTED) -> RuleChec
     return check
 
 
+@examples(25)
 @given(captures(), st.lists(st.integers(0, 25), max_size=4), st.integers(0, 25))
 def test_any_pieces_of_a_capture_give_the_verdicts_of_a_single_pass(
     steps: list[Step], cuts: list[int], batch: int

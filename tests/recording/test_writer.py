@@ -355,13 +355,11 @@ def test_the_message_records_have_the_form_of_the_format(tmp_path: Path, make_ro
 def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
     tmp_path: Path, every_s: float, rotates: bool
 ) -> None:
-    rng = random.Random()
-    for number in range(2):
-        left = kill_one(tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotate=rotates)
-        assert left.problem == ""
-        assert left.missing == 0
-        assert left.found <= left.written
-        assert left.files > 1 or not rotates or left.written < 10_000
+    left = kill_one(tmp_path / "x.mcap", every_s, random.uniform(0.0, 0.5), rotate=rotates)
+    assert left.problem == ""
+    assert left.missing == 0
+    assert left.found <= left.written
+    assert left.files > 1 or not rotates or left.written < 10_000
 
 
 def _copies(path: Path) -> list[tuple[int, list[PortFacts]]]:

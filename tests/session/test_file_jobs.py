@@ -173,7 +173,7 @@ def test_memory_does_not_grow_with_the_number_of_files(
     measured([path], model)  # loads what is loaded once
     held, peaks = [], []
     with ThreadPoolExecutor(2) as executor:
-        for files in (10, 60):
+        for files in (8, 32):
             tracemalloc.start()
             try:
                 found = measured([path] * files, model, executor)
@@ -184,7 +184,7 @@ def test_memory_does_not_grow_with_the_number_of_files(
             held.append(now)
             peaks.append(peak)
             del found
-    a_line_each = 50 * 400
+    a_line_each = 24 * 400
     assert held[1] - held[0] < a_line_each
     assert peaks[1] < 2 * peaks[0]  # not a result of each file
 

@@ -21,6 +21,7 @@ from fte_sniff.session.capture_process import (
     watermark_ns,
 )
 from fte_sniff.session.merge import Merge, MergeLane
+from tests.examples import examples
 from tests.support.columns import in_columns
 
 MS = 1_000_000
@@ -177,6 +178,7 @@ def _reads(port: str, coming: list, late: Iterator[int]) -> Iterator[Chunk]:
         yield Chunk(port, now, data)
 
 
+@examples(25)
 @given(
     st.tuples(SEEDS, FAULTS),
     st.tuples(SEEDS, FAULTS),

@@ -268,7 +268,7 @@ def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) ->
     assert found == rows
     codebook = Codebook()
 
-    @examples(30)
+    @examples(15)
     @given(st.integers(0, len(rows) - 1), st.integers(1, 3000))
     def check(start: int, count: int) -> None:
         count = min(count, len(rows) - start)

@@ -205,7 +205,7 @@ shorter_spans = st.one_of(
 )
 
 
-@examples(400)
+@examples(200)
 @given(shorter_spans, lines, st.integers(0, 10_000), st.binary(max_size=10))
 def test_bytes_after_an_unambiguous_frame_change_nothing_before_it(
     span: bytes, line: Oracle, seed: int, after: bytes
@@ -222,7 +222,7 @@ def test_bytes_after_an_unambiguous_frame_change_nothing_before_it(
         assert whole[at] == pytest.approx(probability, abs=1e-3)
 
 
-@examples(400)
+@examples(200)
 @given(
     st.lists(st.sampled_from([0x00, 0x01, 0x17, 0x54, 0xFF]), min_size=1, max_size=4).map(bytes),
     st.sampled_from(["AA 02 01", "AA 02 04", "AA 03 00", "55 01 02", "55 02 03"]),

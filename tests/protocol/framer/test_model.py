@@ -161,7 +161,7 @@ def test_the_next_such_frame_is_found(name: str, line: Oracle) -> None:
     answers: Counter[bool] = Counter()
 
     def same(data: bytes) -> None:
-        for start in range(0, len(data) + 2, 3):
+        for start in range(0, len(data) + 2, 7):
             for stop in (-5, start - 1, start + 9, start + 15, len(data) - 2, len(data), 10_000):
                 found = pattern.search(data, start, max(0, stop))
                 assert find(line.tables, data, start, stop) == (found.start() if found else -1)
