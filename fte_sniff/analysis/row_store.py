@@ -309,9 +309,12 @@ class RowStore:
         """The rows with indices from `start` up to `end` that are in the store."""
         return [row for batch in self.batches(start, end) for row in batch]
 
-    def batches(self, start: int, end: int) -> Iterator[Rows]:
-        """Batches of the rows from `start` up to `end`: views of the store, to be read at once."""
-        start, end = max(start, self.first), min(end, self.next)
+    def batches(self, start: int, end: int, *, hidden: bool = False) -> Iterator[Rows]:
+        """Batches of the rows from `start` up to `end`: views of the store, to be read at once.
+
+        With `hidden`, also rows that a limit hides.
+        """
+        start, end = max(start, self.first), min(end, self.loaded if hidden else self.next)
         while start < end:
             block = self.in_memory(self.block_at(start))
             stop = min(end, block.end)
@@ -515,8 +518,8 @@ class Landmarks:
 
     def _index_at(self, t_ns: int) -> int:
         """Index of the first of the newest rows that is later; that after the last one if none."""
-        first = max(self._store.first, self._store.next - _LATE_ROWS)
-        for rows in self._store.batches(first, self._store.next):
+        first = max(self._store.first, self._store.loaded - _LATE_ROWS)
+        for rows in self._store.batches(first, self._store.loaded, hidden=True):
             later = np.flatnonzero((rows.t_ns > t_ns) & (rows.t_ns != NO_TIME))
             if len(later):
                 return first + int(later[0])

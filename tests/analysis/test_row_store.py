@@ -371,8 +371,11 @@ def store_of(count: int) -> RowStore:
     return store
 
 
-def test_an_event_is_before_the_first_row_that_is_later() -> None:
+@pytest.mark.parametrize("limit", [None, 2])
+def test_an_event_is_before_the_first_row_that_is_later(limit: int | None) -> None:
+    """Also where playback hides that row: the file may still be read."""
     store = store_of(10)
+    store.limit = limit
     landmarks = store.landmarks
     lost = PortEvent(4500, "p", PortEventKind.LOST, "pulled out")
     opened = PortEvent(-5, "p", PortEventKind.OPENED, "")
