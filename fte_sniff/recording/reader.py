@@ -314,6 +314,20 @@ class PassCounts:
         self.count_sequences(other.sequences)
 
 
+@dataclass(frozen=True, slots=True)
+class MessageCounts:
+    """What a pass over a whole file found of its messages."""
+
+    chunks: int = 0
+    """Chunks that could be read."""
+    unreadable: int = 0
+    """Messages in them that could not be read; they are lost too."""
+    lost: int | None = None
+    """Messages that were not read, by the file's statistics; None if unknown."""
+    least_lost: int = 0
+    """The least number of them, by gaps in the sequence numbers; without a trusted summary."""
+
+
 @dataclass(slots=True)
 class _Decoded:
     version: int
@@ -671,14 +685,8 @@ class RecordingReader:
         self._ending: LostBytes | None = None
         self._losses: tuple[str, ...] = ()
         self._remark: TranslatableText | None = None
-        self.lost_messages: int | None = None
-        """Messages that the last pass did not read, by the file's statistics; None if unknown."""
-        self.least_lost_messages = 0
-        """Lost messages by the gaps in the sequence numbers, without a trusted summary."""
-        self.unreadable = 0
-        """Messages that the last pass found and could not read."""
-        self.chunks = 0
-        """Chunks that the last pass read."""
+        self.messages = MessageCounts()
+        """Those of the last pass over the whole file."""
         self.nothing_read: FileError | None = None
         """Why the last pass read no row, although the file has data; None if it did, or has none.
         """
@@ -1061,12 +1069,13 @@ class RecordingReader:
             count = _count_in(done.statistics)
         sequences = [(end, n) for end, n in found.sequences.values() if end < _SEQUENCES]
         skipped = sum(max(0, end - n) for end, n in sequences)
-        self.least_lost_messages = skipped + found.unreadable
-        self.unreadable, self.chunks = found.unreadable, found.chunks
+        least = skipped + found.unreadable
+        self.messages = MessageCounts(found.chunks, found.unreadable, None, least)
         if count is None:
             return
         missing = count - found.messages
-        self.lost_messages = self.least_lost_messages = max(0, missing + found.unreadable)
+        lost = max(0, missing + found.unreadable)
+        self.messages = MessageCounts(found.chunks, found.unreadable, lost, lost)
         if missing > 0:
             text = TranslatableText(
                 "{missing} of {count} messages are missing", missing=missing, count=count

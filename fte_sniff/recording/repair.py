@@ -13,7 +13,7 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.mcap.reader import MAGIC
 from fte_sniff.recording.metadata import PORTS_NAME, PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputPath
-from fte_sniff.recording.reader import RecordingReader, RowRange
+from fte_sniff.recording.reader import MessageCounts, RecordingReader, RowRange
 from fte_sniff.recording.writer import BulkWriter
 
 REPAIR_NAME = "fte-sniff.repair"
@@ -30,15 +30,9 @@ class FileDamage:
     """The bytes that could not be read, in file order. A gap's reason names the bytes; its times
     are those of the last message before them and of the first one after them."""
     lost_bytes: int = 0
-    chunks: int = 0
-    messages: int = 0
+    kept: int = 0
     """Rows and port events that could be read."""
-    unreadable_messages: int = 0
-    """Messages in intact chunks that could not be read; they are lost too."""
-    lost_messages: int | None = None
-    """By the file's statistics; None if unknown."""
-    least_lost_messages: int = 0
-    """At least, by the gaps in the sequence numbers."""
+    messages: MessageCounts = field(default_factory=MessageCounts)
 
 
 def lost_text(gap: Gap) -> str:
@@ -93,7 +87,7 @@ class Repair:
         starts: list[int] = []
         times: list[tuple[int, int]] = []
         for found, rows in self._ranges():
-            damage.messages += len(rows) + len(rows.events)
+            damage.kept += len(rows) + len(rows.events)
             if (span_ns := rows.span_ns) is not None:
                 starts.append(found.records[0][0])
                 times.append(span_ns)
@@ -105,14 +99,11 @@ class Repair:
                 where = f"bytes {lost.start} to {lost.stop} ({lost.stop - lost.start} bytes)"
                 damage.gaps.append(Gap(GapKind.DAMAGE, None, before_ns, after_ns, where))
                 damage.lost_bytes += lost.stop - lost.start
-        if not damage.messages and not reader.metadata and not reader.ports:
+        if not damage.kept and not reader.metadata and not reader.ports:
             raise FileError(f"{self._path}: {_NO_CHUNK}")
-        if reader.nothing_read is not None and not damage.messages:
+        if reader.nothing_read is not None and not damage.kept:
             raise FileError(f"{reader.nothing_read}; there is nothing to repair")
-        damage.chunks = reader.chunks
-        damage.unreadable_messages = reader.unreadable
-        damage.lost_messages = reader.lost_messages
-        damage.least_lost_messages = reader.least_lost_messages
+        damage.messages = reader.messages
 
     def _ranges(self) -> Iterator[tuple[RowRange, Rows]]:
         before = 0
@@ -145,13 +136,13 @@ class Repair:
             writer.abandon()
 
     def _facts(self) -> dict[str, str]:
-        damage = self.damage
+        damage, lost = self.damage, self.damage.messages.lost
         listed = enumerate(damage.gaps[:_MOST_LISTED], 1)
         return {
             "file": self._path.name,
             "library": library_name(),
             "lost.bytes": str(damage.lost_bytes),
-            "lost.messages": "" if damage.lost_messages is None else str(damage.lost_messages),
+            "lost.messages": "" if lost is None else str(lost),
             **{f"lost.{number}": lost_text(gap) for number, gap in listed},
         }
 

@@ -101,7 +101,7 @@ def _repair(folder: Path, *, chunk: int) -> None:
     repair = Repair(damaged)
     repair.write(folder / "repaired.mcap", Existing.REFUSE)
     found = repair.damage
-    assert (found.chunks, found.lost_messages) == (3, 50)
+    assert (found.messages.chunks, found.messages.lost) == (3, 50)
 
 
 RECORDINGS = {

@@ -85,7 +85,7 @@ def _repaired(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | No
         return None
     assert path.read_bytes() == content
     rows = _read_by_all(output, output.read_bytes())
-    assert damage.messages == len(rows)
+    assert damage.kept == len(rows)
     return list(rows), damage
 
 
@@ -143,9 +143,9 @@ def test_a_flipped_bit_anywhere_costs_no_more_than_its_chunk(
         # A bit that nothing depends on leaves the chunk as good as it was.
         assert rows in (_untouched(spans, place, place + 1), everything), place
         lost = len(everything) - len(rows)
-        assert damage.lost_messages in (None, lost)
-        if damage.lost_messages is None:
-            assert damage.least_lost_messages <= lost
+        assert damage.messages.lost in (None, lost)
+        if damage.messages.lost is None:
+            assert damage.messages.least_lost <= lost
 
 
 def test_statistics_that_contradict_themselves_count_nothing(
@@ -161,7 +161,7 @@ def test_statistics_that_contradict_themselves_count_nothing(
         flipped[place + bit // 8] ^= 1 << bit % 8
         left = _repaired(tmp_path, bytes(flipped))
         assert left is not None
-        assert left[1].lost_messages in (None, 0)
+        assert left[1].messages.lost in (None, 0)
 
 
 @pytest.mark.parametrize("count", first(1, [100, 400]))
@@ -191,8 +191,8 @@ def test_losses_are_reported_in_bytes_times_and_messages(
     (gap,) = damage.gaps
     assert gap.reason == f"bytes {start} to {stop} ({stop - start} bytes)"
     assert (gap.start_ns, gap.end_ns) == (spans[1][2][-1].t_ns, spans[3][2][0].t_ns)
-    assert (damage.lost_messages, damage.chunks) == (len(rows), 3)
-    assert damage.least_lost_messages >= 1
+    assert (damage.messages.lost, damage.messages.chunks) == (len(rows), 3)
+    assert damage.messages.least_lost >= 1
     with (tmp_path / "repaired.mcap").open("rb") as file:
         reported = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
     assert reported["fte-sniff"]["host"] == "bench"
@@ -223,8 +223,8 @@ def test_chunks_missing_from_the_middle_are_counted_by_their_numbers(
     left = _repaired(tmp_path, content[: spans[1][0]] + content[spans[2][0] : spans[3][1]])
     assert left is not None
     assert left[0] == [row for n in (0, 2, 3) for row in spans[n][2]]
-    assert left[1].lost_messages is None
-    assert 0 < left[1].least_lost_messages <= CHUNK_ROWS
+    assert left[1].messages.lost is None
+    assert 0 < left[1].messages.least_lost <= CHUNK_ROWS
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -339,7 +339,7 @@ def test_a_file_without_summary_gets_one(
         file.write(bare)
     assert not is_whole(tmp_path / "bare.mcap")
     damage = repair(tmp_path / "bare.mcap", tmp_path / "repaired.mcap", Existing.REFUSE)
-    assert (damage.gaps, damage.messages) == ([], 60)
+    assert (damage.gaps, damage.kept) == ([], 60)
     assert is_whole(tmp_path / "repaired.mcap")
     assert list(RecordingReader(tmp_path / "repaired.mcap")) == rows
 
@@ -353,7 +353,7 @@ def test_events_are_kept_too(
     damage = repair(path, tmp_path / "repaired.mcap", Existing.REFUSE)
     reader = RecordingReader(tmp_path / "repaired.mcap")
     assert events_in(reader) == events
-    assert (damage.messages, damage.lost_messages) == (len(rows) + len(events), 0)
+    assert (damage.kept, damage.messages.lost) == (len(rows) + len(events), 0)
 
 
 def test_a_file_is_not_repaired_over_another_unless_asked(
