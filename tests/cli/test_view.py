@@ -190,9 +190,7 @@ def test_it_can_be_left_while_it_loads(
     assert b" FILE " not in screen.drawn
 
 
-LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
-FLUSHED_OFTEN = ("--flush-every", "0.1")
-"""How long the end may take; on a quiet machine two seconds."""
+LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800", "--flush-every", "0.1")
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"
@@ -204,7 +202,7 @@ TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1")
 def draws_much(screen: Terminal) -> None:
     """Wait until the screen is up, and have it draw at every key."""
     screen.until(ROWS_TERMINAL)
-    screen.type("M" + "kkkjjj" * 10)
+    screen.type("M" + "kkkjjj" * 3)
 
 
 def stands_still(recording: Path) -> None:
@@ -321,9 +319,8 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
     run, environment, tmp_path: Path
 ) -> None:
     recording = tmp_path / "x.mcap"
-    arguments = (*LIVE, *FLUSHED_OFTEN)
     with terminal(
-        environment, tmp_path, *arguments, size=(200, 60), session=controlling_terminal
+        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
     ) as screen:
         before = screen.attributes
         screen.until(ROWS_TERMINAL)
@@ -366,7 +363,7 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
         environment, tmp_path, size=(200, 60), session=controlling_terminal, program=bash
     ) as screen:
         screen.until("<ready>")
-        line = [*PROGRAM, *(f"'{word}'" for word in (*LIVE, *FLUSHED_OFTEN))]
+        line = [*PROGRAM, *(f"'{word}'" for word in LIVE)]
         screen.type(" ".join(line) + "\r")
         screen.until(ROWS_TERMINAL)
         for _ in range(2):
@@ -398,9 +395,8 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
 def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
     run, environment, tmp_path: Path
 ) -> None:
-    arguments = (*LIVE, *FLUSHED_OFTEN)
     with terminal(
-        environment, tmp_path, *arguments, size=(200, 60), session=controlling_terminal
+        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
     ) as screen:
         screen.until(ROWS_TERMINAL)
         screen.type("\x1a")
