@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
+from typing import Any
 
 import fte_sniff
 from tests.framer_form import interpret
@@ -156,15 +157,20 @@ def capture() -> CallRecorder:
 
 
 def screen() -> CallRecorder:
-    """The screen, from rows of a feed to drawn lines."""
+    """The screen, from rows of a feed to drawn lines.
+
+    Its clock stands still meanwhile: what it does once a second, the health of the motors, would be
+    counted on a busy machine only.
+    """
     from tests.tui.conftest import ListFeed, _speed_rows, play, settle
 
     feed, recorder = ListFeed(), CallRecorder()
 
-    async def scenario(app: object, pilot: object) -> None:
+    async def scenario(app: Any, pilot: object) -> None:
         feed.give(_speed_rows(30))
         await settle(app, pilot)  # type: ignore[arg-type]
-        rows = _speed_rows(5, 30)
+        rows, now_ns = _speed_rows(5, 30), app.now_ns()
+        app.now_ns = lambda: now_ns
         with recorder.recording():
             feed.give(rows)
             await settle(app, pilot)  # type: ignore[arg-type]
