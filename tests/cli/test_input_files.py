@@ -93,6 +93,7 @@ def test_an_empty_text_is_not_a_span() -> None:
         (None, "+10s", None, "--to +10s: the input has no times"),
         ("12:00", None, None, "the input has no times"),
         ("+20s", "+10s", (FIRST, LAST), "no row is between"),
+        ("+10s", "+10s", (FIRST, LAST), "no row is between"),
         ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
         ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
         ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),

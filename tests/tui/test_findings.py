@@ -175,7 +175,7 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
 ) -> None:
     feed.state = replace(feed.state, live=False, running=False, recording=None)
     rows = session(THIRD)
-    damaged = {len(rows) // 3, 2 * len(rows) // 3, 2 * len(rows) // 3 + 1}
+    damaged = {len(rows) // 3, 2 * len(rows) // 3 + 3, 2 * len(rows) // 3 + 4}
     feed.give(
         [
             Damage("p", row.offset, row.raw[:9], row.t_ns, (Fault.TRUNCATED,))

@@ -410,10 +410,12 @@ def test_a_file_is_played_with_all_panes_as_live(
         await press(app, pilot, "greater_than_sign")
         await after(50)
         assert "PLAYING 2×" in page(app)
+        assert not app._model.at_rest
         assert rpms(app)[-1] == 250
         await press(app, pilot, "space")
         await after(50)
         assert "PAUSED AT 2×" in page(app)
+        assert app._model.at_rest
         assert rpms(app)[-1] == 250
         await after(2000)
         assert "speed 1" in page(app)

@@ -103,6 +103,8 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("row_number() OVER () > 1", ("one row at a time",)),
     ("read_csv('/etc/passwd') = 1", ("not a function of a filter", "there are abs, coalesce")),
     ("abs(rpm, 1) > 5", ("abs takes another number of values", "abs(rpm) > 500")),
+    ("previous(abs(rpm)) > 5", ("previous takes one field of a frame", "write one of motor, ")),
+    ("previous(offset) > 5", ("previous takes one field of a frame", "write one of motor, ")),
     ("motor (1)", ("a sign is missing",)),
     # writing
     ("", ("it is empty", "motor = 1 AND rpm > 500")),
