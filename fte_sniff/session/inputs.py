@@ -182,16 +182,6 @@ class InputBatch:
     origin: int | Ints = 0
     """The number of the input, or for each row that of its input."""
 
-    @property
-    def events(self) -> Sequence[PortEvent]:
-        """The port events between the rows."""
-        return self.rows.events
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Time of the first row and the latest time; None if a row has none, or without rows."""
-        return self.rows.times
-
     def select(self, row_filter: RowFilter) -> InputBatch:
         """A batch of the rows that match the filter."""
         if not self.changes:
@@ -209,7 +199,7 @@ class InputBatch:
             return self
         changes = [change for change in self.changes if change.index <= count]
         origin = self.origin if isinstance(self.origin, int) else self.origin[:count]
-        rows = self.rows[:count].with_columns(events=self.events)
+        rows = self.rows[:count].with_columns(events=self.rows.events)
         return replace(self, rows=rows, reload=None, changes=changes, origin=origin)
 
 
@@ -645,9 +635,9 @@ class FactStage:
 
     def feed(self, batch: InputBatch) -> Iterator[InputBatch]:
         """The next batch; returns the rows that are decided now, at least one batch."""
-        if batch.events:
-            places = rising_times(batch.rows).searchsorted([one.t_ns for one in batch.events])
-            numbered = zip((places + self._read).tolist(), batch.events, strict=True)
+        if batch.rows.events:
+            places = rising_times(batch.rows).searchsorted([one.t_ns for one in batch.rows.events])
+            numbered = zip((places + self._read).tolist(), batch.rows.events, strict=True)
             self._events.extend(sorted(numbered, key=lambda one: one[0]))
         self._changes.extend(shifted(batch.changes, self._read))
         self._read += len(batch.rows)
@@ -822,8 +812,8 @@ class InputReading:
 
     def _limited(self, batch: InputBatch, limit: int) -> InputBatch:
         found = batch.first(limit - self.written)
-        if found.times is not None:
-            self._last_ns = max(self._last_ns or 0, found.times[1])
+        if found.rows.times is not None:
+            self._last_ns = max(self._last_ns or 0, found.rows.times[1])
         return found
 
     def batches_of(self, one: Input) -> Iterator[InputBatch]:
@@ -911,13 +901,13 @@ class InputReading:
     def _observe(self, batch: InputBatch, detector: GapDetector) -> list[StreamChange]:
         """Count the rows of a batch; the changes before and between them."""
         changes = [detector.interrupt(*DAMAGED)] if batch.after_gap else []
-        if gap := detector.observe(batch.times):
+        if gap := detector.observe(batch.rows.times):
             self._gaps.append(gap)
         if batch.gaps:
             detector.expect(batch.gaps)
             self._report(batch.gaps)
         self.tally.observe(batch.rows)
-        return changes + detector.changes(batch.rows, batch.events)
+        return changes + detector.changes(batch.rows, batch.rows.events)
 
     def _report(self, gaps: Sequence[Gap]) -> None:
         self.reported_gaps += gaps

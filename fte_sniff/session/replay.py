@@ -101,7 +101,7 @@ class ReplaySession:
         self._polled_rows |= bool(reads)
         rows = Rows.concat([read.rows for read in reads if len(read.rows)])
         self._rows += len(rows)
-        events = [event for read in reads for event in read.events]
+        events = [event for read in reads for event in read.rows.events]
         return FeedUpdate(self._state(), rows, events, changes)
 
     def rest(self) -> None:

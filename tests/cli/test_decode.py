@@ -855,7 +855,7 @@ def viewed(paths: list[Path]) -> LiveModels:
     models = LiveModels(store, LineSetup())
     inputs = [RecordingInput(RecordingReader(path)) for path in paths]
     for read in InputReading(inputs):
-        models.add(read.events, shifted(read.changes, store.next))
+        models.add(read.rows.events, shifted(read.changes, store.next))
         store.append(read.rows)
     while not models.step(1000):
         pass

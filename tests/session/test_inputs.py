@@ -345,8 +345,8 @@ def test_nothing_is_lost_and_each_input_keeps_its_order(given_: list[list[InputB
         rows = [row for batch in batches for row in batch.rows]
         port = rows[0].port if rows else None
         assert [row for batch in merged for row in batch.rows if row.port == port] == rows
-        events = [event for batch in batches for event in batch.events]
-        assert [e for batch in merged for e in batch.events if e.port == port] == events
+        events = [event for batch in batches for event in batch.rows.events]
+        assert [e for batch in merged for e in batch.rows.events if e.port == port] == events
 
 
 @given(inputs())
@@ -593,7 +593,7 @@ def pieces_of(steps: list[Step]) -> InputBatch:
             if rows and rows[-1].t_ns is not None:
                 events.append(PortEvent(rows[-1].t_ns, "a", PortEventKind.OPENED, ""))
     found = Rows.from_rows(rows, events=events)
-    return InputBatch(found, found.events, changes=changes)
+    return InputBatch(found, changes=changes)
 
 
 def in_order(batch: InputBatch) -> list[Row | Gap]:
@@ -622,9 +622,9 @@ def test_rows_gaps_and_events_stay_in_order(
     assert [
         replace(one, readings=None) if isinstance(one, Row) else one for one in ordered
     ] == steps
-    events = [event for batch in found for event in batch.events]
+    events = [event for batch in found for event in batch.rows.events]
     assert sorted(events, key=lambda one: one.t_ns) == sorted(
-        (event for batch in batches for event in batch.events), key=lambda one: one.t_ns
+        (event for batch in batches for event in batch.rows.events), key=lambda one: one.t_ns
     )
     assert all(one.rows.has_facts is has_facts for one in found if len(one.rows))
     for row in ordered:
