@@ -12,12 +12,12 @@ import os
 import runpy
 import sys
 from pathlib import Path
-from sysconfig import get_config_var
+from sysconfig import get_config_var, get_path
+from tempfile import TemporaryDirectory
 from textwrap import shorten
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from setuptools import Extension
+from setuptools import Extension, setup
+from setuptools.errors import BaseError, CCompilerError
 
 ROOT = Path(__file__).parent
 FRAMER = Path("fte_sniff/protocol/framer")
@@ -27,6 +27,7 @@ NOTHING_BUILT = {"egg_info", "dist_info", "sdist", "clean"}
 """Commands that need no extension."""
 FLAGS = ("-Wno-error", "-fvisibility=hidden", "-fno-semantic-interposition")
 """Flags of the C compiler: warnings are no errors; functions are private, so it may inline them."""
+NEEDED = "it takes a C compiler and the headers of Python"
 IN_PLACE = {"editable_wheel", "develop", "--inplace", "-i"}
 
 
@@ -49,6 +50,24 @@ def interpreted(reason: object) -> None:
     print(line, file=sys.stderr)
 
 
+def check_compiler() -> None:
+    """Compile nothing but Python.h: without a C compiler the framer need not be translated to C.
+
+    Raises:
+        BaseError, CCompilerError: it cannot be compiled.
+    """
+    # Those of setuptools: Python's own are gone since 3.12.
+    from distutils.ccompiler import new_compiler
+    from distutils.sysconfig import customize_compiler
+
+    with TemporaryDirectory() as folder:
+        source = Path(folder, "headers.c")
+        source.write_text("#include <Python.h>\n")
+        compiler = new_compiler()
+        customize_compiler(compiler)
+        compiler.compile([str(source)], folder, include_dirs=[get_path("include")])
+
+
 def extensions() -> list[Extension]:
     """Extensions of the library and each module; empty if mypyc cannot translate them."""
     if os.environ.get(CHOICE) == "0":
@@ -56,6 +75,7 @@ def extensions() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
+        check_compiler()
         sources = HASH["framer_sources"](ROOT / FRAMER)
         library = HASH["library_name"](ROOT / FRAMER)
         made: list[Extension] = mypycify(
@@ -67,6 +87,9 @@ def extensions() -> list[Extension]:
     except ImportError as error:
         interpreted(f"{error}; it takes mypy[mypyc]")
         return []
+    except (BaseError, CCompilerError) as error:
+        interpreted(f"{NEEDED}; {error}")
+        return []
     except SystemExit:
         interpreted("mypy refuses it")  # and has said why
         return []
@@ -77,9 +100,7 @@ def extensions() -> list[Extension]:
 
 def build() -> None:
     """Run setuptools."""
-    from setuptools import setup
     from setuptools.command.build_ext import build_ext
-    from setuptools.errors import BaseError, CCompilerError
 
     class AllOrNothing(build_ext):
         """Drops all extensions if one fails: modules cannot be loaded without their library."""
@@ -88,7 +109,7 @@ def build() -> None:
             try:
                 super().build_extensions()
             except (BaseError, CCompilerError) as error:
-                interpreted(f"it takes a C compiler and the headers of Python; {error}")
+                interpreted(f"{NEEDED}; {error}")
                 forget(Path(self.build_lib, FRAMER))
                 self.extensions = []
 

@@ -72,7 +72,7 @@ class Other(NamedTuple):
 def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Other]:
     """The other program, loaded once."""
     folder = tmp_path_factory.mktemp("other")
-    ignored = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+    ignored = shutil.ignore_patterns("*.so", "*.pyd")
     shutil.copytree(ROOT / "fte_sniff", folder / "fte_sniff", ignore=ignored)
     spec = folder / "fte_sniff/protocol/spec.py"
     source = spec.read_text()
