@@ -337,8 +337,10 @@ def test_matches_are_counted_while_one_types_and_a_mistake_is_shown_by_enter(fee
         assert "of 400 rows" not in page(app)
         await press(app, pilot, "enter")
         assert "✗" in page(app)
+        assert app.query_one(FilterField).has_class("-bad")
         await press(app, pilot, "backspace")
         assert "✗" not in page(app)
+        assert not app.query_one(FilterField).has_class("-bad")
 
     play(feed, scenario, rows=400)
 
