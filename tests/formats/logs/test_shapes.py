@@ -59,3 +59,17 @@ def test_lanes_of_single_numbers_are_chosen_once(monkeypatch: pytest.MonkeyPatch
     form = next(one for one in EXTRACTORS if one.name == "decimal, spaces")
     hypotheses(content.splitlines(), [form])
     assert 0 < len(compared) <= 200
+
+
+@pytest.mark.parametrize("size", [6000, 6001, 6015, 6016])
+def test_swapped_words_are_read_to_the_last_byte(size: int) -> None:
+    data = varied_log("decimals", 700)[1][:size]
+    lines = []
+    for at in range(0, size, 16):
+        row = data[at : min(at + 16, size)]
+        words = (int.from_bytes(row[place : place + 2], "little") for place in range(0, 16, 2))
+        lines.append(
+            " ".join([f"{at:07x}", *(f"{word:04x}" for word in words)][: 1 + (len(row) + 1) // 2])
+        )
+    rows, notes = rows_of("\n".join([*lines, f"{size:07x}", ""]).encode())
+    assert b"".join(row.raw for row in rows) == data, notes
