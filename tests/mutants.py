@@ -222,27 +222,26 @@ def near(module: Path) -> Iterator[str]:
             yield file
 
 
+def probed(module: Path, lines: Collection[int]) -> str:
+    """The source of a module with a probe before the statements at some lines."""
+    tree = tree_of(module)
+    new: dict[ast.AST, list[ast.stmt]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.stmt) and node.lineno in lines:
+            probe = f"__import__('{PACKAGE}.reached').reached.reached('{module}:{node.lineno}')"
+            new[node] = [*ast.parse(probe).body, node]
+    return replaced(tree, new)
+
+
 def all_tests(folder: Path, mutants: Collection[Mutant]) -> Tests:
     """Run all tests of a copy, with a probe at the statement of each mutant."""
-    records = folder / "records"
+    records, probe = folder / "records", folder / PACKAGE / "reached.py"
     records.mkdir()
-    probe = folder / PACKAGE / "reached.py"
     probe.write_text(f"FOLDER = {str(records)!r}\n{PROBE}")
     modules = {one.module for one in mutants if not one.module.is_relative_to(FRAMER)}
     for module in modules:
         lines = {one.statement for one in mutants if one.module == module}
-        tree = tree_of(module)
-        probed = {
-            node: [
-                *ast.parse(
-                    f"__import__('{PACKAGE}.reached').reached.reached('{module}:{node.lineno}')"
-                ).body,
-                node,
-            ]
-            for node in ast.walk(tree)
-            if isinstance(node, ast.stmt) and node.lineno in lines
-        }
-        (folder / PACKAGE / module).write_text(replaced(tree, probed), "utf-8")
+        (folder / PACKAGE / module).write_text(probed(module, lines), "utf-8")
     run = _pytest(folder, [], "-n", "auto", "--dist", "worksteal", "-vv", "--durations", "0")
     if run.returncode == pytest.ExitCode.USAGE_ERROR:
         raise SystemExit(run.stderr)
