@@ -103,7 +103,7 @@ def survey(path: Path) -> None:
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path))
     for columns in RecordingReader(path).batches():
-        numbers.observe(columns, columns.events)
+        numbers.observe(columns)
 
 
 def read_messages(path: Path) -> None:

@@ -100,7 +100,7 @@ class LiveModels:
             self.events.observe_facts(rows)
             changes = self._changes_in(self.known, start + len(rows))
             places = [StreamChange(max(0, one.index - start), one.what) for one in changes]
-            self._findings.observe(rows, changes=places)
+            self._findings.observe(rows, places)
             start = self.known = start + len(rows)
 
     def add(self, events: Sequence[PortEvent] = (), changes: Sequence[StreamChange] = ()) -> None:

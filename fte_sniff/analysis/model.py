@@ -110,19 +110,16 @@ class GapDetector:
             return None
         return replace(gap, start_ns=last_ns + 1, end_ns=first_ns - 1)
 
-    def changes(
-        self, rows: Rows, events: Sequence[PortEvent] = (), not_shown: int = 0
-    ) -> list[StreamChange]:
+    def changes(self, rows: Rows, not_shown: int = 0) -> list[StreamChange]:
         """The changes before, between and after the next rows, by rising index.
 
-        `events` are the port events of the same time; `not_shown` counts the rows that were left
-        out of the view so far, these included.
+        `not_shown` counts the rows that were left out of the view so far, these included.
         """
         found: list[StreamChange] = []
         if not_shown > self._not_shown:
             found.append(StreamChange(0, Gap(GapKind.NOT_SHOWN, not_shown - self._not_shown)))
             self._not_shown = not_shown
-        happened = [(event.t_ns, what) for event in events if (what := self._effect(event))]
+        happened = [(event.t_ns, what) for event in rows.events if (what := self._effect(event))]
         if not happened and not self._edges:
             return found
         times = rising_times(rows)
@@ -230,13 +227,8 @@ class RowModel(Model, ABC):
     def begin(self, name: str) -> None:
         """Start the next input."""
 
-    def observe(
-        self,
-        rows: Rows,
-        events: Sequence[PortEvent] = (),
-        changes: Sequence[StreamChange] = (),
-    ) -> None:
-        """Add the next rows, and the port events and changes among them."""
+    def observe(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> None:
+        """Add the next rows with their port events, and the changes among them."""
         start = 0
         for change in changes:
             if change.index > start:
@@ -245,7 +237,7 @@ class RowModel(Model, ABC):
             start = change.index
         if len(rows) > start:
             self._observe(rows[start:])
-        self.observe_events(events)
+        self.observe_events(rows.events)
 
     @abstractmethod
     def _observe(self, rows: Rows) -> None:

@@ -530,7 +530,7 @@ class Judge(Observer):
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Check the rows and events."""
-        self._check.observe(update.rows, update.events, update.changes)
+        self._check.observe(update.rows, update.changes)
 
     def ended(self, session: LiveSession) -> None:
         """Print the verdicts, unless the capture failed before the first row."""

@@ -113,7 +113,7 @@ def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> S
     for one in reading.inputs:
         summary.begin(one.name)
         for batch in reading.batches_of(one):
-            summary.observe(batch.rows, batch.rows.events, batch.changes)
+            summary.observe(batch.rows, batch.changes)
             timeline.observe(batch.rows, batch.changes)
     return summary
 

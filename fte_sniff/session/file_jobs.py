@@ -177,7 +177,7 @@ def _count(
         if isinstance(change.what, BaudChange):
             result.bauds[change.what.port] = change.what.baud
     with interrupts.held() if interrupts is not None else nullcontext():
-        result.model.observe(batch.rows, batch.rows.events, changes)
+        result.model.observe(batch.rows, changes)
 
 
 def _compiled(text: str | None) -> Any:

@@ -907,7 +907,7 @@ class InputReading:
             detector.expect(batch.gaps)
             self._report(batch.gaps)
         self.tally.observe(batch.rows)
-        return changes + detector.changes(batch.rows, batch.rows.events)
+        return changes + detector.changes(batch.rows)
 
     def _report(self, gaps: Sequence[Gap]) -> None:
         self.reported_gaps += gaps

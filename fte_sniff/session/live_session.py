@@ -248,7 +248,7 @@ class LiveSession:
             message = self._receive()
             self.state = self.state.after(message)
             if isinstance(message, RowsMessage):
-                found = self._gaps.changes(message.rows, message.rows.events, message.not_shown)
+                found = self._gaps.changes(message.rows, message.not_shown)
                 changes += shifted(found, count)
                 parts.append(message.rows)
                 count += len(message.rows)

@@ -93,7 +93,7 @@ def observe(model: Any, steps: Sequence[Step]) -> None:
             rows.append(step)
         else:
             changes.append(StreamChange(len(rows), step))
-    model.observe(Rows.from_rows(rows), changes=changes)
+    model.observe(Rows.from_rows(rows), changes)
 
 
 def bauds_after(steps: Sequence[Step]) -> list[Step]:

@@ -255,7 +255,8 @@ def test_errors_of_a_port_are_a_finding_with_their_times(
     rows = recording(np.random.default_rng(5), 300, None)
     times = [START_NS + 100 * SECOND + n * SECOND // 3 for n in range(count)]
     model = Findings()
-    model.observe(rows, [PortEvent(t_ns, "bus", kind, "") for t_ns in times])
+    events = [PortEvent(t_ns, "bus", kind, "") for t_ns in times]
+    model.observe(rows.with_columns(events=events))
     found = [(one.cause, one.events, one.first_ns, one.last_ns) for one in model.found()]
     assert found == [(Cause.PORT, count, times[0], times[-1])] * is_wrong
 
@@ -351,7 +352,7 @@ def test_a_lost_port_explains_what_happens_while_it_is_lost() -> None:
         PortEvent(end, "bus", PortEventKind.FOUND_AGAIN, ""),
     ]
     model = Findings()
-    model.observe(rows, events)
+    model.observe(rows.with_columns(events=events))
     assert [(one.cause, one.port) for one in model.found()] == [(Cause.PORT, "bus")]
 
 

@@ -75,7 +75,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(25, "q", PortEventKind.BAUD_CHANGED, "", 1200),
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
-    assert detector.changes(Rows.from_rows(rows_at([10, 20, 30])), events) == [
+    assert detector.changes(Rows.from_rows(rows_at([10, 20, 30]), events=events)) == [
         StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p", port_lost=True)),
         StreamChange(2, BaudChange("p", 1200)),
         StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p", port_lost=True)),
@@ -83,7 +83,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
     found = [PortEvent(95, name, PortEventKind.FOUND_AGAIN, "") for name in "qp"]
     assert [
         change.what.port_lost
-        for change in detector.changes(Rows.from_rows(rows_at([99])), found)
+        for change in detector.changes(Rows.from_rows(rows_at([99]), events=found))
         if isinstance(change.what, Gap)
     ] == [True, False]
     assert (detector.lost, detector.found) == (set(), {"q"})

@@ -201,7 +201,7 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
     detector = GapDetector()
     detector.begin({}, gaps)
     for part in (rows[:cut], rows[cut:]):
-        summary.observe(Rows.from_rows(part), changes=detector.changes(Rows.from_rows(part)))
+        summary.observe(Rows.from_rows(part), detector.changes(Rows.from_rows(part)))
     (port,), (stream,) = summary.statistics.ports(), summary.statistics.streams(None)
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
@@ -327,11 +327,8 @@ def test_utilization_follows_a_baud_change() -> None:
             summary.begin(name)
             # The second file of a capture names the baud of its beginning too.
             changes = detector.begin({"p": 115_200})
-            summary.observe(
-                Rows.from_rows(part),
-                events,
-                changes + detector.changes(Rows.from_rows(part), events),
-            )
+            observed = Rows.from_rows(part, events=events)
+            summary.observe(observed, changes + detector.changes(observed))
         (port,) = summary.statistics.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
@@ -343,9 +340,8 @@ def test_the_baud_of_the_user_has_priority() -> None:
     summary.begin("a")
     rows = [frame("reset", at * SECOND) for at in range(2)]
     events = [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)]
-    summary.observe(
-        Rows.from_rows(rows), events, GapDetector().changes(Rows.from_rows(rows), events)
-    )
+    observed = Rows.from_rows(rows, events=events)
+    summary.observe(observed, GapDetector().changes(observed))
     assert summary.statistics.ports()[0].baud == 1200
 
 

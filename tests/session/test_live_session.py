@@ -356,7 +356,7 @@ def test_the_verdicts_of_a_capture_are_those_of_its_recording(
     judged, read = RuleCheck(rules), RuleCheck(rules)
 
     def observe(update: FeedUpdate) -> None:
-        judged.observe(update.rows, update.events, update.changes)
+        judged.observe(update.rows, update.changes)
 
     wanted = CapturePlan(PortGroup(ports, reconnect=False), recording, count=120 * len(ports))
     with running(LiveSession(wanted, observe)) as session:
@@ -364,7 +364,7 @@ def test_the_verdicts_of_a_capture_are_those_of_its_recording(
     one = RecordingInput(RecordingReader(recording))
     reading = InputReading([one])
     for batch in reading.batches_of(one):
-        read.observe(batch.rows, batch.rows.events, batch.changes)
+        read.observe(batch.rows, batch.changes)
     assert judged.total == read.total
     assert judged.total.rows
     assert judged.verdicts() == read.verdicts()
