@@ -4,9 +4,9 @@
 
 Each mutant is one changed expression or statement in a copy of the project. First all tests run
 once, with a probe at each statement that is to change: it records the tests that execute it. Then
-these tests run for each mutant, those of its module first, then the fastest. What an import
-executes belongs to no test, and what is compiled has no probe: there the tests are those of the
-module, those that import it, and those of its package.
+these tests run for each mutant, the nearest first, then the fastest. What an import executes
+belongs to no test, and what is compiled has no probe: there the tests are those of the module,
+those that import it, and those of its package.
 
 A mutant that no test notices has survived. One is undecided if its tests do not end, or fail
 without it too. Exit code 1 if one survived.
@@ -25,6 +25,7 @@ import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate
+from os.path import commonpath
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,7 +74,7 @@ def reached(statement):
             Path(FOLDER, name).write_text(f"{statement}\\t{test}")
 """
 """A module of the copy. A record is a file, because some tests limit the sizes of files."""
-MOST_S = 100.0
+MOST_S = 120.0
 """Duration of the tests of a mutant in the first run, at most."""
 LONGER = 10
 """How many times as long they may take with the mutant, and a minute more."""
@@ -194,13 +195,18 @@ class Tests(NamedTuple):
         if "" in reaching or one.module.is_relative_to(FRAMER):
             files.update(near(one.module))
         tests = {test.rpartition(" (")[0] for test in reaching}
-        own = own_tests(one.module)
+        own, place = own_tests(one.module), f"tests/{one.module}"
+
+        def order(found: tuple[str, float]) -> tuple[bool, int, float]:
+            test, seconds = found
+            return not test.startswith(own), -len(commonpath((test, place))), seconds
+
         found = [
             (test, seconds)
             for test, seconds in self.seconds.items()
             if test in tests or test.partition("::")[0] in files
         ]
-        found.sort(key=lambda one: (not one[0].startswith(own), one[1]))
+        found.sort(key=order)
         sums = accumulate(seconds for _, seconds in found)
         return dict(one for one, total in zip(found, sums, strict=True) if total < MOST_S)
 
