@@ -367,11 +367,11 @@ def _main() -> None:
         os.environ.update(request["environment"])
         time.tzset()
         sys.argv = ["fte-sniff", *request["argv"]]
+        if hasattr(os, "fork"):
+            _fork_workers()
         if request["code"] is not None:
             exec(request["code"], {"__name__": "__main__"})
         else:
-            if hasattr(os, "fork"):
-                _fork_workers()
             _run_program()
 
 

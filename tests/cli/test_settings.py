@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -22,6 +23,8 @@ from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
+from tests.cli.forked import Program
+from tests.cli.processes import ended, wire
 from tests.cli.terminals import terminal
 from tests.cost import grows_linearly
 from tests.slow import first
@@ -434,40 +437,31 @@ def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_fi
 
 
 BAUD = """
-import os, sys, termios
+import sys, termios
 from fte_sniff.cli import main
 try:
     main([*sys.argv[1:], "--plain", "--no-record", "--duration", "0.3"])
 finally:
-    print(termios.tcgetattr(int(os.environ["NEAR"]))[4], file=sys.stderr)
+    print(termios.tcgetattr(0)[4], file=sys.stderr)
 """
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a pty has no baud")
-@pytest.mark.parametrize(("option", "baud"), [((), 9600), (("--baud", "57600"), 57_600)])
+@pytest.mark.parametrize(("option", "baud"), [([], 9600), (["--baud", "57600"], 57_600)])
 def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
-    environment, settings_file: Path, tmp_path: Path, option: tuple[str, ...], baud: int
+    environment, program: Program, settings_file: Path, tmp_path: Path, option: list[str], baud: int
 ) -> None:
-    import subprocess
     import termios
-
-    from tests.cli.processes import BOUND_S, wire
 
     with wire() as (_, device):
         settings_file.write_text(f'[port."{device}"]\nbaud = 9600\n')
+        words = ["live", device, *option]
         with Path(device).open("rb", buffering=0) as near:
-            done = subprocess.run(
-                [sys.executable, "-c", BAUD, "live", device, *option],
-                capture_output=True,
-                text=True,
-                timeout=BOUND_S,
-                check=False,
-                cwd=tmp_path,
-                env=environment | {"NEAR": str(near.fileno())},
-                pass_fds=[near.fileno()],
-            )
+            streams = (near.fileno(), subprocess.PIPE, subprocess.PIPE)
+            with program.start(words, tmp_path, environment, streams=streams, code=BAUD) as process:
+                _, _, errors = ended(process)
     names = {9600: termios.B9600, 57_600: termios.B57600}
-    assert done.stderr.splitlines()[-1] == str(names[baud])
+    assert errors.splitlines()[-1] == str(names[baud])
 
 
 def test_ports_with_different_bauds_in_the_settings_need_an_option(
