@@ -66,7 +66,8 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.enable()
     # An app is many objects in cycles: to look for them again and again is a quarter of a test.
-    gc.set_threshold(500_000, 50, 100)
+    # Not to look for old ones at all would take more than a gigabyte in each worker.
+    gc.set_threshold(200_000, 10, 5)
     # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
     sys.dont_write_bytecode = True
 

@@ -455,7 +455,7 @@ def texts_of(picture: str) -> list[tuple[float, float, str]]:
     return sorted(found)
 
 
-ALIKE = {"small", "narrow", "filter-empty", "colourless", "light", "screen-zh"}
+ALIKE = {"small", "narrow", "filter-empty", "colourless", "light"}
 """Pictures whose texts are much like those of others."""
 
 
