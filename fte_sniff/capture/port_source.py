@@ -146,7 +146,7 @@ class PortSource(ThreadedSource):
     def _read_chunks(self) -> OSError | None:
         while True:
             # Checked before the read, so that bytes that arrived before `stop` are still read.
-            last = self._end_due()
+            last = self._stopping
             try:
                 data = self._read()
             except OSError as error:
@@ -156,7 +156,7 @@ class PortSource(ThreadedSource):
             self._put_line_errors(now_ns, self._line.report(now_ns))
             self._items.put(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
-            if last:
+            if last or now_ns >= self._stop_at_ns:
                 return None
 
     def _first_wait_s(self) -> float:

@@ -48,16 +48,21 @@ _GATHER_S = 0.01
 class _PortState:
     """What a port has in the queue, and what was dropped of it."""
 
-    put_cost: int = 0
+    put_items: int = 0
     put_bytes: int = 0
     # Only the consumer writes these, so reading needs no lock.
-    taken_cost: int = 0
+    taken_items: int = 0
     taken_bytes: int = 0
     dropped: int = 0
     dropped_at_ns: int = 0
     is_full: bool = False
     read_ns: float = inf
     unseen: bool = False
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Number of bytes that wait for the consumer."""
+        return self.put_bytes - self.taken_bytes
 
     def was_held_up(self, t_ns: int) -> bool:
         """Whether the reader did not run before this time, so that bytes may have waited for it."""
@@ -79,13 +84,13 @@ class ChunkQueue:
         self._ports = {port: _PortState() for port in ports}
         self._capacity = capacity
         self._open = readers
-        self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[Item, _PortState, int] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
 
     @property
     def waiting(self) -> int:
         """Number of bytes that wait for the consumer."""
-        return sum(port.put_bytes - port.taken_bytes for port in self._ports.values())
+        return sum(port.waiting_bytes for port in self._ports.values())
 
     def __iter__(self) -> Iterator[Item]:
         while (item := self._next()) is not None:
@@ -98,30 +103,32 @@ class ChunkQueue:
 
         After a pause of the reader it is ignored too: bytes may have arrived since it was read.
         """
+        size = len(chunk.data)
+        has_news = bool(size or chunk.line_errors)
         with self._lock:
             port = self._ports[chunk.port]
             held_up = port.was_held_up(chunk.t_ns or 0)
-            if chunk.data and (held_up or port.unseen):
+            if size and (held_up or port.unseen):
                 chunk = replace(chunk, is_late=True)
-            port.unseen = held_up and not (chunk.data or chunk.line_errors)
+            port.unseen = held_up and not has_news
             if port.unseen:
                 return
-            waiting = port.put_cost - port.taken_cost
-            if waiting and not (chunk.data or chunk.line_errors):
+            waiting = _ITEM_COST * (port.put_items - port.taken_items) + port.waiting_bytes
+            if waiting and not has_news:
                 return
             # Hysteresis: once full, wait until half is free. Each overrun cuts frames apart.
             limit = self._capacity // 2 if port.is_full else self._capacity
-            port.is_full = waiting + _cost(chunk) > limit
+            port.is_full = waiting + _ITEM_COST + size > limit
             if port.is_full:
                 port.dropped_at_ns = port.dropped_at_ns or chunk.t_ns or 0
-                port.dropped += len(chunk.data)
+                port.dropped += size
                 return
-            self._append(chunk)
+            self._append(chunk, port, size)
 
     def put_event(self, event: PortEvent) -> None:
         """Append an event; events are never dropped."""
         with self._lock:
-            self._append(event)
+            self._append(event, self._ports[event.port], 0)
 
     def close(self) -> None:
         """End the iteration after the items that wait now, once all readers have closed it."""
@@ -130,42 +137,31 @@ class ChunkQueue:
             if self._open <= 0:
                 self._queue.put(None)
 
-    def _append(self, item: Item) -> None:
-        port = self._ports[item.port]
+    def _append(self, item: Item, port: _PortState, size: int) -> None:
         if port.dropped:
             reason = TranslatableText("they arrived faster than they were processed")
-            self._put(_overrun(item.port, port.dropped_at_ns, port.dropped, reason))
+            overrun = _overrun(item.port, port.dropped_at_ns, port.dropped, reason)
             port.dropped = port.dropped_at_ns = 0
-        self._put(item)
-
-    def _put(self, item: Item) -> None:
-        port = self._ports[item.port]
-        port.put_cost += _cost(item)
-        port.put_bytes += _length(item)
-        self._queue.put(item)
+            self._append(overrun, port, 0)
+        port.put_items += 1
+        port.put_bytes += size
+        self._queue.put((item, port, size))
 
     def _next(self) -> Item | None:
         if self._queue.empty():
             time.sleep(_GATHER_S)
-        item = self._queue.get()
-        if item is not None:
-            port = self._ports[item.port]
-            port.taken_cost += _cost(item)
-            port.taken_bytes += _length(item)
+        entry = self._queue.get()
+        if entry is None:
+            return None
+        item, port, size = entry
+        port.taken_items += 1
+        port.taken_bytes += size
         return item
 
 
 def _overrun(port: str, t_ns: int, count: int, reason: str) -> PortEvent:
     detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
     return PortEvent(t_ns, port, PortEventKind.OVERRUN, detail, count)
-
-
-def _length(item: Item) -> int:
-    return len(item.data) if isinstance(item, Chunk) else 0
-
-
-def _cost(item: Item) -> int:
-    return _ITEM_COST + _length(item)
 
 
 class SourceEnd(StrEnum):

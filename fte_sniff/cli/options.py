@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from datetime import tzinfo
 from decimal import Decimal
 from functools import partial, reduce
-from importlib.metadata import requires
 from importlib.util import find_spec
 from math import isfinite, isnan
 from pathlib import Path
@@ -114,6 +113,8 @@ def install_command(extra: str) -> str:
     It names the packages themselves: fte-sniff is on no package index, and an installation from its
     folder would compile the framer again.
     """
+    from importlib.metadata import requires  # slow
+
     needs = [
         need.split(";")[0].strip() for need in requires("fte-sniff") or () if f'"{extra}"' in need
     ]
