@@ -18,6 +18,7 @@ from fte_sniff.analysis.facts import (
     NAMES_MOTOR,
     NO_STREAM,
     MotorFrames,
+    MotorRows,
     find_answers,
     motor_rows,
     stream_keys,
@@ -60,14 +61,14 @@ def change_ages(raw: Codes, before: Ints) -> Codes:
 
 def answer_pairs(rows: Rows) -> tuple[Ints, Ints]:
     """The positions of commands and of their answers in the batch, for each motor's answer."""
-    pairs = [_answers_of(rows, motor) for motor in MOTORS]
+    found = motor_rows(rows)
+    pairs = [_answers_of(rows, found, motor) for motor in MOTORS]
     commands, answers = (np.concatenate(one) for one in zip(*pairs, strict=True))
     return commands[answers >= 0], answers[answers >= 0]
 
 
-def _answers_of(rows: Rows, motor: int) -> tuple[Ints, Ints]:
+def _answers_of(rows: Rows, found: MotorRows, motor: int) -> tuple[Ints, Ints]:
     """The positions of the commands to a motor, and for each that of its answer, or -1."""
-    found = motor_rows(rows)
     asking = MotorFrames.of(rows, found.commands[motor])
     feedback = MotorFrames.of(rows, found.feedback[motor])
     at, answered = find_answers(asking, feedback)
@@ -210,7 +211,7 @@ class RowRelations:
         end = min(gap, self._store.next, index + 1 + MOST_SEARCHED)
         for reach in _reaches(end - index):
             rows = self._rows(index, index + reach)
-            commands, answers = _answers_of(rows, motor)
+            commands, answers = _answers_of(rows, motor_rows(rows), motor)
             if answers[0] >= 0:
                 return _answered(motor, index, rows, 0, int(answers[0]))
             if len(commands) > 1:
@@ -228,7 +229,7 @@ class RowRelations:
         for reach in _reaches(index + 1 - first):
             start = index + 1 - reach
             rows = self._rows(start, index + 1)
-            commands, answers = _answers_of(rows, motor)
+            commands, answers = _answers_of(rows, motor_rows(rows), motor)
             for command in commands[answers == reach - 1].tolist():
                 return _answered(motor, start, rows, command, reach - 1)
             same = FEEDBACK[rows.kinds] & (rows.nums == motor) & (rows.cmds == row.cmds[0])

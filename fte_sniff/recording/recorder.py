@@ -211,11 +211,8 @@ class Recorder:
         took_ns = time.monotonic_ns() - began_ns
         self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
 
-    def flush(self) -> None:
-        """Push all rows to the disk; begin another file if that is due."""
-        self._flush()
-
-    def _flush(self, *, is_due: bool = False) -> None:
+    def flush(self, *, is_rotation_due: bool = False) -> None:
+        """Push all rows to the disk; begin another file if a limit or the caller demands it."""
         writer = self._writer
         if writer is None:
             if self._backoff.is_due:
@@ -229,7 +226,7 @@ class Recorder:
             self._fail(writer, failure)
             return
         if self._files.are_regular:
-            self._rotate_if_due(writer, is_due=is_due)
+            self._rotate_if_due(writer, is_due=is_rotation_due)
             self._check_limits()
 
     def rotate(self) -> None:
@@ -273,7 +270,7 @@ class Recorder:
             self._append(before)
             if not (len(rows) or rows.events):
                 break
-            self._flush(is_due=True)
+            self.flush(is_rotation_due=True)
             if self._writer is writer:
                 break
         return rows
