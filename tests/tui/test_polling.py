@@ -291,7 +291,9 @@ def test_rows_are_counted_before_they_leave_memory(
     monkeypatch.setattr(start_options, "RowStore", small)
     monkeypatch.setattr(switcher, "STEP_ROWS", 50)
     monkeypatch.setattr(switcher, "CLOSED_BUDGET_S", 0.0)
-    rows = speed_rows(1200)
+    # A command may wait a second for its answer, and what follows is known only then; so that few
+    # rows wait, 20 ms part two of them.
+    rows = [replace(row, t_ns=20 * at * STEP_NS) for at, row in enumerate(speed_rows(1200))]
     source = Rereading(rows)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
