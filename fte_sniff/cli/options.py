@@ -6,10 +6,9 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from datetime import tzinfo
-from decimal import Decimal
 from functools import partial, reduce
 from importlib.util import find_spec
-from math import isfinite, isnan
+from math import inf, isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -138,7 +137,10 @@ def parse_seconds(text: str) -> float | None:
     None for other texts.
     """
     found = duration_ns(text)
-    return None if found is None else float(Decimal(found) / SECOND_NS)
+    try:
+        return None if found is None else found / SECOND_NS
+    except OverflowError:
+        return inf
 
 
 class Seconds(click.FloatRange):
