@@ -108,7 +108,7 @@ class GapDetector:
         self._last_ns = latest_ns if last_ns is None else max(last_ns, latest_ns)
         if gap is None or last_ns is None or first_ns - last_ns <= 1:
             return None
-        return replace(gap, start_ns=last_ns + 1, end_ns=first_ns - 1)
+        return gap._replace(start_ns=last_ns + 1, end_ns=first_ns - 1)
 
     def changes(self, rows: Rows, not_shown: int = 0) -> list[StreamChange]:
         """The changes before, between and after the next rows, by rising index.

@@ -13,6 +13,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
+from decimal import Decimal
+from difflib import get_close_matches
 from typing import Final
 
 from fte_sniff.errors import InputTextError, quoted
@@ -130,8 +132,6 @@ def duration_ns(text: str) -> int | None:
     """A duration in nanoseconds; None if the text is not one."""
     if not _DURATION.fullmatch(text):
         return None
-    from decimal import Decimal  # slow to import, as `difflib` is
-
     parts = _PARTS.findall(text)
     return sum(int(Decimal(number) * _UNITS[unit.lower()]) for number, unit in parts)
 
@@ -200,8 +200,6 @@ def zone_of(text: str) -> tzinfo:
 
 def _nearest_zone(text: str, names: Iterable[str]) -> str:
     """The zone with the most similar name, or the most similar city; empty if none is similar."""
-    from difflib import get_close_matches
-
     known = {name.lower(): name for name in sorted(names)}
     known |= {name.rsplit("/", 1)[-1]: full for name, full in known.items() if "/" in name} | known
     typed = re.sub(r"\s+", "_", text.lower())

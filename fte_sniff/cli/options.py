@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from datetime import tzinfo
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import UsageError
 from fte_sniff.platform import POSIX
@@ -112,6 +110,7 @@ def install_command(extra: str) -> str:
     It names the packages themselves: fte-sniff is on no package index, and an installation from its
     folder would compile the framer again.
     """
+    import shlex
     from importlib.metadata import requires  # slow
 
     needs = [
@@ -136,6 +135,8 @@ def parse_seconds(text: str) -> float | None:
 
     None for other texts.
     """
+    from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
+
     found = duration_ns(text)
     try:
         return None if found is None else found / SECOND_NS

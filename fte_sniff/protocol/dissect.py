@@ -28,7 +28,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import cache, reduce
 from itertools import pairwise, takewhile
 from typing import Final, NamedTuple
@@ -107,8 +106,7 @@ _LAYOUTS = [
 _LEAST_SHARE = 0.0001
 
 
-@dataclass(frozen=True, slots=True)
-class ExplainedBit:
+class ExplainedBit(NamedTuple):
     """One bit of a flag byte."""
 
     number: int
@@ -121,8 +119,7 @@ class ExplainedBit:
     meaning: str
 
 
-@dataclass(frozen=True, slots=True)
-class ExplainedField:
+class ExplainedField(NamedTuple):
     """Adjacent bytes of a row with one meaning."""
 
     offsets: range
@@ -303,7 +300,7 @@ def _number(row: Frame, field: Field) -> ExplainedField:
         note="" if legal else _expected(field.range_text, value),
     )
     if value and field.erratum:
-        return replace(number, note=TranslatableText(field.erratum))
+        return number._replace(note=TranslatableText(field.erratum))
     return number
 
 
@@ -385,9 +382,9 @@ def _in_step(row: Damage) -> Iterator[ExplainedField]:
     kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
     for field in _undecoded_slots(row, kind, range(FRAME_LENGTH)):
         if field.name == "cmd" and kind is not None:
-            yield replace(field, meaning=TranslatableText("CMD: {kind}", kind=kind.name))
+            yield field._replace(meaning=TranslatableText("CMD: {kind}", kind=kind.name))
         elif field.name == "payload":
-            yield replace(field, meaning=TranslatableText("not decoded"))
+            yield field._replace(meaning=TranslatableText("not decoded"))
         else:
             yield field
 

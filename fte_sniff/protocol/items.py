@@ -9,9 +9,10 @@ LineErrorCounts  how many errors of each kind the UART reported
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import reduce
+from typing import NamedTuple
 
 from fte_sniff.errors import TranslatableText
 
@@ -126,8 +127,7 @@ class GapKind(StrEnum):
     """The view was too slow to receive them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gap:
+class Gap(NamedTuple):
     """Rows that are missing between others: no period, rate or silence spans a gap."""
 
     kind: GapKind
@@ -159,4 +159,4 @@ class Gap:
         last = self.end_ns if last_ns is None else min(last_ns, self.end_ns)
         if (first, last) == (self.start_ns, self.end_ns):
             return self
-        return replace(self, rows=None, start_ns=first, end_ns=last) if first <= last else None
+        return self._replace(rows=None, start_ns=first, end_ns=last) if first <= last else None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -115,8 +113,8 @@ def test_an_interruption_is_a_gap_once_the_rows_on_both_sides_have_times() -> No
 def test_a_clipped_gap_has_an_unknown_number_of_rows() -> None:
     gap = Gap(GapKind.LEFT_OUT, 7, 10, 20, "why")
     assert gap.within(None, 20) is gap
-    assert gap.within(11, None) == replace(gap, rows=None, start_ns=11)
-    assert gap.within(5, 10) == replace(gap, rows=None, end_ns=10)
+    assert gap.within(11, None) == gap._replace(rows=None, start_ns=11)
+    assert gap.within(5, 10) == gap._replace(rows=None, end_ns=10)
     assert gap.within(21, None) is None
 
 

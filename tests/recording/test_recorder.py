@@ -576,6 +576,6 @@ def test_metadata_that_makes_no_sense_is_not_a_gap(changed: dict[str, str]) -> N
     gap = Gap(GapKind.WRITE_ERROR, 3, START, START + 5, "why")
     items = gap_to_metadata(gap)
     assert gap_from_metadata(GAP_NAME, items) == gap
-    assert gap_from_metadata(LEFT_OUT_NAME, items) == replace(gap, kind=GapKind.LEFT_OUT)
+    assert gap_from_metadata(LEFT_OUT_NAME, items) == gap._replace(kind=GapKind.LEFT_OUT)
     assert gap_from_metadata(NEXT_NAME, items) is None
     assert gap_from_metadata(GAP_NAME, items | changed) is None

@@ -299,8 +299,7 @@ LATEST_NS: Final = 2**63 - 1
 NO_TIME: Final = -(2**63)
 
 
-@dataclass(frozen=True, slots=True)
-class LogOptions:
+class LogOptions(NamedTuple):
     """What the user says of a log."""
 
     day: date | None = None

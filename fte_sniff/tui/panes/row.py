@@ -153,7 +153,7 @@ def _with_turns(field: ExplainedField, line_setup: LineSetup) -> ExplainedField:
     if field.name != NAME_OF_ROLE[Role.POSITION] or not field.value:
         return field
     turns = turns_text(int.from_bytes(field.raw, "big", signed=True), line_setup)
-    return replace(field, value=f"{field.value}, {turns}") if turns else field
+    return field._replace(value=f"{field.value}, {turns}") if turns else field
 
 
 def _field_lines(
