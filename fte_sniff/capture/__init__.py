@@ -13,7 +13,7 @@ Modules:
     simulation    Simulated motors, controller, host and line with faults; parameters.
     source        Source interface; reader thread, and its bounded queue of chunks.
     uart_errors   Line errors of a UART: counters and marks (PARMRK).
-    url_handlers  sim://, socket:// and rfc2217:// for pyserial.
+    url_handlers  URL schemes for pyserial, and what differs between them.
 """
 
 import serial

@@ -15,15 +15,13 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.discovery import holders_of, holders_text
+from fte_sniff.capture.url_handlers import scheme_of, url_scheme
 from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
 
 if POSIX:
     import grp
     import pwd
-
-NETWORK_SCHEMES = ("socket", "rfc2217")
-"""URL schemes of ports behind a server."""
 
 _OWN_TERMINAL = "/dev/tty"
 _LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
@@ -38,11 +36,10 @@ _HANDLER_PREFIX = "protocol_"
 
 def check_name(name: str) -> None:
     """Raise PortError if a name cannot be a port's; opens nothing."""
-    scheme, mark, _ = name.partition("://")
     if not name.strip():
         raise PortError("a port has an empty name; {there}", there=_existing_ports(""))
-    if mark:
-        _check_url(name, scheme.lower())
+    if "://" in name:
+        _check_url(name, scheme_of(name))
     elif "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
         raise PortError(
             "{port} is the terminal that this runs in, no port; {there}",
@@ -58,7 +55,7 @@ def _check_url(url: str, scheme: str) -> None:
         raise PortError(
             "{port}: no such kind of port; known are {listed}", port=port, listed=schemes
         )
-    if scheme in NETWORK_SCHEMES and not _has_host_and_port(url):
+    if url_scheme(url).has_server and not _has_host_and_port(url):
         example = f"{scheme}://192.168.0.7:4001"
         raise PortError(
             "{port} names no host and TCP port: write it like {example}", port=port, example=example
@@ -109,8 +106,8 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     if isinstance(error.__cause__, PortError):
         return error.__cause__
     named, number = printable(name), _errno_of(error)
-    scheme, _, rest = name.partition("://")
-    scheme, bare = scheme.lower(), printable(f"socket://{re.split('[/?#]', rest)[0]}")
+    scheme, rest = scheme_of(name), name.partition("://")[2]
+    bare = printable(f"socket://{re.split('[/?#]', rest)[0]}")
     reason: str | None = None
     if _NO_RFC2217 in str(error):
         # pyserial's own text ends with a dump of the telnet options.
@@ -137,7 +134,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         if isinstance(error, LookupError):
             reason = TranslatableText("its options cannot be read")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
-        if scheme in NETWORK_SCHEMES:
+        if url_scheme(name).has_server:
             what = TranslatableText(
                 " cannot be opened: {why}; does a server listen there?", why=reason
             )

@@ -17,8 +17,8 @@ from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.discovery import holders_of, holders_text
-from fte_sniff.capture.port_errors import NETWORK_SCHEMES
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
+from fte_sniff.capture.url_handlers import url_scheme
 from fte_sniff.errors import PortError, TranslatableText
 from fte_sniff.platform import POSIX
 
@@ -212,7 +212,7 @@ def identity_of(
 ) -> Identity | None:
     """How to recognize an open port later among the `plugged_in`; None if it cannot come back."""
     if device is None:
-        return SameName(name) if name.partition("://")[0].lower() in NETWORK_SCHEMES else None
+        return SameName(name) if url_scheme(name).comes_back else None
     if "://" not in name and Path(name).is_symlink():
         return SameName(name)
     real = os.path.realpath(device)

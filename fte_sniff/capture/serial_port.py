@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, TypeAlias, cast
-from urllib.parse import urlsplit
 
 import serial
 from serial.urlhandler import protocol_socket
 
-from fte_sniff.capture.port_errors import NETWORK_SCHEMES, check_name, port_error
+from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.capture.uart_errors import LineWatch, line_watch_of
+from fte_sniff.capture.url_handlers import scheme_of, url_scheme
 from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
 from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
@@ -78,9 +78,8 @@ DEFAULT_SETTINGS = PortSettings()
 
 
 def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Serial:
-    """Open a device (`/dev/ttyUSB0`) or a URL, ready to be read.
+    """Open a device (`/dev/ttyUSB0`), or a URL of `url_handlers` or pyserial, ready to be read.
 
-    URLs are `sim://`, `socket://host:port`, `rfc2217://host:port`, and those of pyserial.
     Raises PortError, with the fix: the port is absent, busy, forbidden or no serial port.
     """
     check_name(name)
@@ -118,8 +117,10 @@ def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None
         return
     device = device_of(port)
     if device is None:
-        if urlsplit(port.port or "").scheme == "rfc2217":
-            raise PortError("rfc2217:// cannot leave DTR and RTS as they are: use on or off")
+        if url_scheme(url := port.port or "").sets_lines:
+            raise PortError(
+                f"{scheme_of(url)}:// cannot leave DTR and RTS as they are: use on or off"
+            )
         yield
         return
     if not POSIX:
@@ -171,9 +172,10 @@ _HUNG_UP = TranslatableText("the other end has hung up")
 
 def reader_of(port: serial.Serial) -> Read:
     """The fastest safe way to read `port`."""
-    if isinstance(port, protocol_socket.Serial):
+    read: Any = type(port).read
+    if read is protocol_socket.Serial.read:
         return _SocketReader(cast(Any, port)._socket).read
-    if POSIX and type(port).read is serial.Serial.read:
+    if POSIX and read is serial.Serial.read:
         return _DescriptorReader(port.fileno()).read
     return _PortReader(port).read
 
@@ -246,7 +248,7 @@ class _PortReader:
 
 def writer_of(port: serial.Serial) -> Write:
     """The fastest way to write to `port`."""
-    if isinstance(port, protocol_socket.Serial) or type(port).write is serial.Serial.write:
+    if type(port).write in (serial.Serial.write, protocol_socket.Serial.write):
         return _DescriptorWriter(port.fileno()).write
     return lambda data: port.write(data) or 0
 
@@ -373,7 +375,6 @@ def request_capabilities(port: serial.Serial) -> PortCapabilities:
 HOST_NS = 1_000_000  # until this program runs after bytes have arrived
 USB_FRAME_NS = 1_000_000  # polling interval of a full-speed USB host
 USB_UNKNOWN_NS = 16_000_000  # usual latency timer, for an adapter where it cannot be read
-NETWORK_NS = 20_000_000  # a port server on a healthy local network
 FIFO_BYTES = 16  # byte times that an on-board UART holds bytes: FIFO full, or four unused
 
 _SYS_TTY = Path("/sys/class/tty")
@@ -383,8 +384,7 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     """Largest delay from the wire to the read, nanoseconds, on a machine that is not overloaded."""
     device = device_of(port)
     if device is None:
-        network = (port.port or "").partition("://")[0].lower() in NETWORK_SCHEMES
-        return HOST_NS + NETWORK_NS * network
+        return HOST_NS + url_scheme(port.port or "").latency_ns
     return HOST_NS + _driver_ns(sys_tty / Path(device).resolve().name / "device", port.baudrate)
 
 

@@ -42,11 +42,11 @@ def command(
 ) -> None:
     """Capture PORT, record it and watch it; a second PORT is the other wire.
 
-    PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
-    hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).
-    Nothing is ever written to it. The recording goes to fte-sniff-<UTC time>.mcap in this folder;
-    -o names another file ('-' is standard output), --no-record records nothing. The filter applies
-    to the display only: all rows are recorded, unless --trigger selects the rows around an event.
+    PORT is a device, or a URL that pyserial opens, such as socket://host:port, or sim://, a
+    simulated host and controller (sim://?seed=1&rate=200&drop=0.01). Nothing is ever written to it.
+    The recording goes to fte-sniff-<UTC time>.mcap in this folder; -o names another file ('-' is
+    standard output), --no-record records nothing. The filter applies to the display only: all rows
+    are recorded, unless --trigger selects the rows around an event.
     A device or a server that is lost is waited for, and found again by its link, USB serial number
     or USB socket. Without PORT, the ports of the settings are opened.
 

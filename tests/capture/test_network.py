@@ -87,21 +87,6 @@ def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty, unti
     assert source.end is SourceEnd.LOST
 
 
-def test_what_came_in_before_the_connection_died_can_still_be_read(server, pty, until):
-    port = open_port(server.url)
-    try:
-        pty.send(b"last words")
-        until(lambda: port.in_waiting == 10)
-        server.hang_up()
-        until(lambda: not port._thread.is_alive())
-        assert port.read(4) == b"last"
-        assert port.read(100) == b" words"
-        with pytest.raises(OSError, match="hung up"):
-            port.read(1)
-    finally:
-        port.close()
-
-
 def test_a_server_that_does_not_speak_rfc2217_is_refused():
     with server_socket() as listening:
         url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"

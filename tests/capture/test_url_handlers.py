@@ -1,20 +1,159 @@
+"""The rules for URL handlers, for each scheme; the simulated port."""
+
 import itertools
 import math
 import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import pytest
 import serial
 
-import fte_sniff.capture  # noqa: F401
+from fte_sniff.capture import url_handlers
+from fte_sniff.capture.port_errors import known_schemes
+from fte_sniff.capture.serial_port import open_port, reader_of, writer_of
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.capture.url_handlers import protocol_sim
+from fte_sniff.capture.url_handlers import URL_SCHEMES, protocol_sim, protocol_socket
+from fte_sniff.errors import PortError
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
-from tests.beside import Work
+from tests.beside import Work, server_socket
+from tests.rfc2217_server import serving
+from tests.waiting import BOUND_S
+
+DATA = bytes(range(256))
+
+
+class Line(NamedTuple):
+    """A line behind a URL."""
+
+    url: str
+    data: bytes
+    """What comes on it."""
+    begin: Callable[[], object]
+    """Send the data; the port is open."""
+    lose: Callable[[], object]
+    """End the line; all data has come."""
+    silent: str
+    """The URL of a line, perhaps of this one, on which nothing comes before `begin`."""
+
+
+@contextmanager
+def simulated_line(_pty):
+    data = b"".join(item.data for item in Simulation(SimulationParameters(frames=5)))
+    nothing = tuple
+    yield Line("sim://?frames=5", data, nothing, nothing, "sim://?host=off&wire=control")
+
+
+@contextmanager
+def line_over_socket(_pty):
+    clients = []
+
+    def begin():
+        clients.append(listening.accept()[0])
+        clients[0].sendall(DATA)
+
+    with server_socket() as listening:
+        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
+        yield Line(url, DATA, begin, lambda: clients[0].close(), url)
+
+
+@contextmanager
+def line_over_rfc2217(pty):
+    with serving(pty.device) as server:
+        yield Line(server.url, DATA, lambda: pty.send(DATA), server.hang_up, server.url)
+
+
+LINES = {"rfc2217": line_over_rfc2217, "sim": simulated_line, "socket": line_over_socket}
+"""By scheme, a line for the tests of the rules."""
+
+
+@pytest.fixture(params=LINES)
+def line(request, pty):
+    with LINES[request.param](pty) as made:
+        yield made
+
+
+def test_each_scheme_is_tested():
+    modules = Path(url_handlers.__file__).parent.glob("protocol_*.py")
+    assert sorted(LINES) == sorted(path.stem.removeprefix("protocol_") for path in modules)
+    assert set(URL_SCHEMES) <= set(known_schemes())
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["read", "reader_of"])
+def test_all_bytes_can_be_read_before_a_loss_raises(line, own, until):
+    with open_port(line.url) as port:
+        read = (lambda: port.read(port.in_waiting or 1)) if own else reader_of(port)
+        port.timeout = BOUND_S
+        line.begin()
+        found = port.read(len(line.data) - 1)
+        until(lambda: port.in_waiting == 1)
+        line.lose()
+        assert found + read() == line.data
+        with pytest.raises(OSError, match=r"hung up|disconnected|unplugged"):
+            until(read)
+
+
+@pytest.mark.parametrize("size", [1, 1000])
+def test_a_read_waits_at_most_for_the_timeout(line, size):
+    with open_port(line.silent) as port:
+        assert port.read(size) == b""
+        assert reader_of(port)() == b""
+        assert port.in_waiting == 0
+
+
+def test_a_closed_port_can_be_closed_and_neither_read_nor_written(line):
+    port = open_port(line.silent)
+    port.close()
+    port.close()
+    for used in (lambda: port.read(1), lambda: port.in_waiting, lambda: port.write(b"a")):
+        with pytest.raises(serial.PortNotOpenError):
+            used()
+
+
+def test_a_bridge_can_change_settings_and_write(line):
+    with open_port(line.silent) as port:
+        for baud in (9600, 115_200):
+            with suppress(ValueError):
+                port.baudrate = baud
+        for value in (True, False):
+            with suppress(OSError):
+                port.dtr = port.rts = value
+        assert writer_of(port)(b"a") == 1
+
+
+@pytest.mark.parametrize("scheme", LINES)
+def test_a_url_that_cannot_be_opened_is_one_line_that_names_it(scheme):
+    with pytest.raises(PortError) as refused:
+        open_port(f"{scheme}://x:y?z=1")
+    assert str(refused.value).isprintable()
+
+
+def test_own_read_and_write_of_a_socket_are_used():
+    class Inverted(protocol_socket.Serial):
+        def read(self, size=1):
+            return bytes(255 - byte for byte in super().read(size))
+
+        def write(self, data):
+            return super().write(bytes(255 - byte for byte in data))
+
+    with (
+        server_socket() as listening,
+        Inverted(f"socket://127.0.0.1:{listening.getsockname()[1]}", timeout=BOUND_S) as port,
+        listening.accept()[0] as client,
+    ):
+        client.sendall(b"\x01")
+        assert reader_of(port)() == b"\xfe"
+        assert writer_of(port)(b"\x02") == 1
+        assert client.recv(1) == b"\xfd"
+
+
+# The simulated port
 
 
 @pytest.fixture
@@ -137,13 +276,9 @@ def test_a_blocked_read_ends_when_another_thread_cancels_it(opened, ending, unti
     assert got in ([b""], [])
 
 
-def test_a_read_of_a_closed_port_raises(opened):
+def test_a_closed_port_can_be_opened_again_once(opened):
     port = opened("")
     port.close()
-    port.close()
-    for used in (lambda: port.read(1), lambda: port.in_waiting, lambda: port.write(b"")):
-        with pytest.raises(serial.PortNotOpenError):
-            used()
     port.open()
     assert len(port.read(10)) == 10
     with pytest.raises(serial.SerialException, match="already open"):

@@ -331,8 +331,14 @@ class Serial(protocol_loop.Serial):
         self.write(self._bytes)
 ''',
     )
+    folder = "fte_sniff/capture/url_handlers/__init__.py"
+    recipe.before(
+        folder, "    protocol_rfc2217  ", "    protocol_echo     The bytes of its name.\n"
+    )
+    recipe.before(folder, '    "socket": ', '    "echo": UrlScheme(sets_lines=True),\n')
     with recipe.program() as copy:
         port = f"echo://{SPEED.hex()}"
+        copy.run("live", port, "--dtr", "leave", "--plain", code=3)
         assert "rpm=1000" in copy.run("live", port, "--plain", "--count", "1", "-o", "a.mcap")
         assert [row["port"] for row in rows_of(copy, "a.mcap")] == [port]
 
