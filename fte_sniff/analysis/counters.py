@@ -49,7 +49,7 @@ class Durations(Model):
         """Number of the first bin in `_bins`; the first of an octave."""
 
     def observe(self, durations_ns: Ints, ends_ns: Ints) -> None:
-        """Count durations, each with the time of its end."""
+        """Count durations, none of them negative, each with the time of its end."""
         if not len(durations_ns):
             return
         longest, shortest = int(durations_ns.argmax()), int(durations_ns.min())

@@ -2,6 +2,14 @@
 
 A measure counts consecutive rows, and `merge` adds those of another measure that counted the rows
 after them: the result is that of a single pass. Times are integers in nanoseconds.
+
+A new measure is a class, for which `Measure` has the rules, and an entry of `MEASURES`, for which
+`MeasureKind` has them. Each class below `Measure` stands alone. They count with:
+
+    model.Ends           facts of the first and the last row, for measures of adjacent rows
+    facts.Pairing        commands and their answers
+    counters.Durations   percentiles of times
+    findings.Findings    findings
 """
 
 from __future__ import annotations
@@ -56,14 +64,15 @@ class Argument(Enum):
 
 @dataclass(frozen=True, slots=True)
 class MeasureKind:
-    """A measure of the language."""
+    """A measure of the language: an entry of `MEASURES`, by its name."""
 
     make: Callable[[Rule], Measure]
+    """The class."""
     takes: Argument
     """The first argument; PERCENTILE and FIELD may be followed by a filter."""
     example: str
     needs: str
-    """What it needs to have a value."""
+    """What it needs to have a value: `a row`."""
     unit: str = ""
     """Of its value; empty for a field's own unit, and for shares."""
     is_timed: bool = False
@@ -122,13 +131,6 @@ class Rule:
         return (self.number if lower else -math.inf), self.operator == ">"
 
 
-MOST_KEPT: Final = 1000
-"""Most rows that a measure keeps to find the first one beyond its limit."""
-
-_SECOND: Final = 1e9
-_MILLISECOND: Final = 1e6
-
-
 class RowPosition(NamedTuple):
     """Where a row is; sorts by time."""
 
@@ -143,6 +145,94 @@ class RowPosition(NamedTuple):
     motor: int | None = None
     """The motor that the row names."""
     raw: bytes = b""
+
+
+class Measure(Model, ABC):
+    """One measure of the rows so far.
+
+    A class has to write `observe`, `merge` and `value`. Its attributes are its state: numbers, and
+    the containers, arrays and models that `Model` copies; no filters, because it is pickled.
+    """
+
+    def __init__(self, rule: Rule) -> None:
+        self._filter = rule.filter_text
+        self._too_large = rule.least_too_large
+        self._too_small = rule.greatest_too_small
+        self._first = _FirstRows(self._least_violating())
+
+    @abstractmethod
+    def observe(self, rows: Rows, matches: Bools) -> None:
+        """Add the next rows; `matches` is a mask of those that the rule's filter selects."""
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow; a class that counts calls this too, and adds its counts."""
+        self._first.merge(later._first)
+
+    @abstractmethod
+    def value(self, total: RowCount) -> float | None:
+        """The measure, in its unit; None if it has no value. `total` counts all rows."""
+
+    # For a measure that depends on adjacent rows, port events or findings
+
+    def interrupt(self, gap: Gap | None = None) -> None:
+        """Rows are missing here."""
+
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Add port events."""
+
+    def finding(self) -> Finding | None:
+        """The best finding that the rule counts, if it counts findings."""
+        return None
+
+    # For a measure whose violation one row can show: `observe` adds its rows to `_first`
+
+    def _least_violating(self) -> int:
+        """The number of rows that violates the rule, the last of which is shown; 0 to show none."""
+        return 0
+
+    def conditions(self) -> list[str]:
+        """Filters that the row that is shown passes, and others like it."""
+        return [] if self._filter is None else [self._filter]
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first row at which the rule was violated, if one row can show it."""
+        return self._first.last
+
+    # What the measures share
+
+    def begin(self, name: str) -> None:
+        """Start the next input."""
+        self._first.file = name
+
+    def _exceeds(self, values: Array) -> Bools:
+        """Which values are too large for the rule."""
+        number, inclusive = self._too_large
+        found: Bools = values >= number if inclusive else values > number
+        return found
+
+    def _falls_below(self, values: Array) -> Bools:
+        """Which values are too small for the rule."""
+        number, inclusive = self._too_small
+        found: Bools = values <= number if inclusive else values < number
+        return found
+
+    def _least_count_too_large(self) -> int:
+        """The smallest number of rows that is too large; more than `MOST_KEPT` for none."""
+        number, inclusive = self._too_large
+        if number > MOST_KEPT:
+            return MOST_KEPT + 1
+        return max(1, math.ceil(number) if inclusive else math.floor(number) + 1)
+
+    def _beyond(self, field: str, *, below: bool = False) -> str:
+        """The filter for values of a field that violate the rule."""
+        number, inclusive = self._too_small if below else self._too_large
+        operator = f"{'<' if below else '>'}{'=' if inclusive else ''}"
+        return f"{field} {operator} {number:.15g}" if math.isfinite(number) else ""
+
+
+MOST_KEPT: Final = 1000
+"""Most rows that a measure keeps to find the first one beyond its limit."""
 
 
 class _FirstRows(Model):
@@ -187,76 +277,10 @@ class _FirstRows(Model):
         return self._rows[-1] if self._rows and len(self._rows) == self._most else None
 
 
-class Measure(Model, ABC):
-    """One measure of the rows so far."""
+# The measures
 
-    def __init__(self, rule: Rule) -> None:
-        self._filter = rule.filter_text
-        self._too_large = rule.least_too_large
-        self._too_small = rule.greatest_too_small
-        self._first = _FirstRows(self._least_violating())
-
-    def conditions(self) -> list[str]:
-        """Filters that the row that is shown passes, and others like it."""
-        return [] if self._filter is None else [self._filter]
-
-    def _least_violating(self) -> int:
-        """The number of rows that violates the rule, the last of which is shown; 0 to show none."""
-        return 0
-
-    def _exceeds(self, values: Array) -> Bools:
-        number, inclusive = self._too_large
-        found: Bools = values >= number if inclusive else values > number
-        return found
-
-    def _least_count_too_large(self) -> int:
-        """The smallest number of rows that is too large; more than `MOST_KEPT` for none."""
-        number, inclusive = self._too_large
-        if number > MOST_KEPT:
-            return MOST_KEPT + 1
-        return max(1, math.ceil(number) if inclusive else math.floor(number) + 1)
-
-    def _beyond(self, field: str, *, below: bool = False) -> str:
-        """The filter for values of a field that violate the rule."""
-        number, inclusive = self._too_small if below else self._too_large
-        operator = f"{'<' if below else '>'}{'=' if inclusive else ''}"
-        return f"{field} {operator} {number:.15g}" if math.isfinite(number) else ""
-
-    def _falls_below(self, values: Array) -> Bools:
-        number, inclusive = self._too_small
-        found: Bools = values <= number if inclusive else values < number
-        return found
-
-    def begin(self, name: str) -> None:
-        """Start the next input."""
-        self._first.file = name
-
-    @abstractmethod
-    def observe(self, rows: Rows, matches: Bools) -> None:
-        """Add the next rows; `matches` is a mask of those that the rule's filter selects."""
-
-    def merge(self, later: Self) -> None:
-        """Add the rows that follow."""
-        self._first.merge(later._first)
-
-    @abstractmethod
-    def value(self, total: RowCount) -> float | None:
-        """The measure, in its unit; None if it has no value. `total` counts all rows."""
-
-    def finding(self) -> Finding | None:
-        """The best finding that the rule counts, if it counts findings."""
-        return None
-
-    def interrupt(self, gap: Gap | None = None) -> None:
-        """Rows are missing here."""
-
-    def observe_events(self, events: Sequence[PortEvent]) -> None:
-        """Add port events."""
-
-    @property
-    def row(self) -> RowPosition | None:
-        """The first row at which the rule was violated, if one row can show it."""
-        return self._first.last
+_SECOND: Final = 1e9
+_MILLISECOND: Final = 1e6
 
 
 class _Duration(Measure):
@@ -842,4 +866,4 @@ MEASURES: Final[Mapping[str, MeasureKind]] = {
         _Duration, Argument.NOTHING, "duration() >= 60", "two rows with times", "s", is_timed=True
     ),
 }
-"""The measures of the language: a new one is one entry, and a class that can `merge`."""
+"""The measures of the language."""

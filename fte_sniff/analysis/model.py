@@ -179,10 +179,11 @@ class Model:
 
 def _copied(value: Any) -> Any:
     match value:
-        case dict():
-            return {key: _copied(one) for key, one in value.items()}
-        case list():
-            return [_copied(one) for one in value]
+        case dict() | list() | deque():
+            found = copy(value)  # of its own type: a Counter adds where a dict replaces
+            for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+                found[key] = _copied(one)
+            return found
         case set() | Model():
             return value.copy()
     return value.copy() if hasattr(value, "dtype") else value  # numpy is not loaded for this

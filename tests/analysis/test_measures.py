@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.facts import DEADLINE_NS
-from fte_sniff.analysis.measures import OPERATORS, RowPosition
+from fte_sniff.analysis.measures import MEASURES, OPERATORS, RowPosition
 from fte_sniff.analysis.rules import RuleCheck, RuleResult, Verdict, parse_rule
 from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
 from fte_sniff.protocol.rows import NO_TIME, Rows
@@ -40,6 +40,7 @@ EXPECTED = [
     "mean(offset) == -1",
     "duration() <= 0.1",
 ]
+"""At least one rule for each measure but `findings`, whose state is that of `Findings`."""
 
 
 @cache
@@ -52,6 +53,10 @@ def checked(*parts: Sequence[Step], rules: Sequence[str] = EXPECTED) -> RuleChec
     for part in parts:
         observe(check, part)
     return check
+
+
+def test_each_measure_is_tested() -> None:
+    assert {text.partition("(")[0] for text in EXPECTED} == {*MEASURES} - {"findings"}
 
 
 @examples(25)

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter, OrderedDict, defaultdict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -9,6 +15,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.model import (
     BaudChange,
     GapDetector,
+    Model,
     Rate,
     RowCount,
     StreamChange,
@@ -185,3 +192,35 @@ def test_a_rate_looks_back_two_seconds(
     for count, at in fed:
         meter.observe(count, int(at * SECOND))
     assert meter.per_second(int(now * SECOND)) == pytest.approx(rate)
+
+
+@dataclass
+class State(Model):
+    value: Any
+
+
+@pytest.mark.parametrize(
+    ("value", "change"),
+    [
+        ({1: [2]}, lambda value: value[1].append(3)),
+        (Counter("aab"), lambda value: value.update("ab")),
+        (defaultdict(list, {1: [2]}), lambda value: value[3].append(4)),
+        (OrderedDict({1: {2: 3}}), lambda value: value[1].update({2: 4})),
+        ([{1}, {2}], lambda value: value[0].add(3)),
+        (deque([[1], [2]], 2), lambda value: value.append([3])),
+        (deque([[1], [2]], 2), lambda value: value[0].append(3)),
+        ({1, 2}, lambda value: value.add(3)),
+        (State([1]), lambda value: value.value.append(2)),
+        (np.arange(3), lambda value: value.fill(7)),
+        ({1: np.arange(3)}, lambda value: value[1].fill(7)),
+    ],
+)
+def test_copy_is_independent_and_has_the_same_types(
+    value: Any, change: Callable[[Any], object]
+) -> None:
+    before, changed = repr(value), State(value).copy().value
+    assert repr(changed) == before
+    change(changed)
+    assert repr(value) == before
+    change(value)
+    assert repr(value) == repr(changed) != before
