@@ -150,8 +150,8 @@ class RowPosition(NamedTuple):
 class Measure(Model, ABC):
     """One measure of the rows so far.
 
-    A class has to write `observe`, `merge` and `value`. Its attributes are its state: numbers, and
-    the containers, arrays and models that `Model` copies; no filters, because it is pickled.
+    A class has to write `observe`, `merge` and `value`. Its attributes are copied (see `Model`) and
+    pickled.
     """
 
     def __init__(self, rule: Rule) -> None:

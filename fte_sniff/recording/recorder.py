@@ -6,8 +6,8 @@ file can be made, rows are only counted, and the next file reports the gap:
     name_00001 --rotation--> name_00002 --disk full--> (gap) --space again--> name_00003
 
 Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed
-(`Recorder.flush_if_due`), when `writer.MAX_PENDING` rows wait, before a rotation, and at the end.
-Each flush ends a chunk of the file.
+(`Recorder.flush_if_due`), when `MAX_PENDING` rows wait, before a rotation, and at the end. Each
+flush ends a chunk of the file.
 """
 
 from __future__ import annotations
@@ -39,6 +39,9 @@ from fte_sniff.recording.writer import RecordingWriter
 
 RETRY_S, MAX_RETRY_S = 3.0, 60.0
 """Seconds from a failure to the next attempt to record again: the first time, and at most."""
+
+MAX_PENDING = 16_384
+"""Rows that wait for a flush at most; then they are flushed."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -270,22 +273,22 @@ class Recorder:
             self._append(before)
             if not (len(rows) or rows.events):
                 break
-            self.flush(is_rotation_due=True)
+            self.flush(is_rotation_due=self._writer is writer)
             if self._writer is writer:
                 break
         return rows
 
     def _append(self, rows: Rows) -> None:
-        writer = self._writer
-        if writer is None:
-            self._miss(rows)
-            return
-        try:
-            writer.write(rows)
-        except FileError as failure:
-            if writer.failure is None:
-                raise
-            self._fail(writer, failure)
+        while len(rows) or rows.events:
+            writer = self._writer
+            if writer is None:
+                self._miss(rows)
+                return
+            part = rows[: MAX_PENDING - self.unflushed_rows].with_columns(events=rows.events)
+            rows = rows[len(part) :]
+            writer.write(part)
+            if self.unflushed_rows >= MAX_PENDING:
+                self.flush()
 
     def _miss(self, rows: Rows) -> None:
         if self._failure is None or rows.span_ns is None:

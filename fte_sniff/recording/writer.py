@@ -21,7 +21,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol.rows import NO_ROWS, Bools, Ints, Rows
+from fte_sniff.protocol.rows import Bools, Ints, Rows
 from fte_sniff.recording.mcap.reader import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import (
     AppendFile,
@@ -52,9 +52,6 @@ from fte_sniff.recording.output_file import (
     is_stream,
     stopped_by_error,
 )
-
-MAX_PENDING = 16_384
-"""Rows that may wait for the end of their chunk; then the chunk ends by itself."""
 
 
 class RecordingFile:
@@ -135,8 +132,6 @@ class RecordingWriter:
         exist, or the system refuses it. The disk is unchanged then.
         """
         self._pending: list[_Pending] = []
-        self._pending_rows = 0
-        self._unwritten = NO_ROWS
         self.rows = 0
         """Rows written so far, flushed or not."""
         self.flushed_rows = self.flushed_events = 0
@@ -176,8 +171,8 @@ class RecordingWriter:
 
     @property
     def unflushed(self) -> Rows:
-        """The rows and events that are not in the file, also those of a `write` that failed."""
-        return Rows.concat([*(one.rows for one in self._pending), self._unwritten])
+        """The rows and events that are not in the file."""
+        return Rows.concat([one.rows for one in self._pending])
 
     def write(self, rows: Rows) -> None:
         """Write rows, each port's in the order of its stream, and events; `flush` stores them.
@@ -186,16 +181,8 @@ class RecordingWriter:
         """
         self._check()
         _check_times(rows)
-        while len(rows) or rows.events:
-            part = rows[: MAX_PENDING - self._pending_rows].with_columns(events=rows.events)
-            rows = rows[len(part) :]
-            self._append(part)
-            if self._pending_rows >= MAX_PENDING:
-                try:
-                    self.flush()
-                except FileError:
-                    self._unwritten = rows  # for the next file
-                    raise
+        if len(rows) or rows.events:
+            self._append(rows)
 
     def write_metadata(self, metadata: Metadata) -> None:
         """Write one more metadata record; `flush` stores it."""
@@ -218,7 +205,7 @@ class RecordingWriter:
                 self._file.mcap.write_metadata(self._metadata)
             self.flushed_events += sum(len(one.rows.events) for one in self._pending)
             self.flushed_rows = self.rows
-            self._pending, self._pending_rows, self._metadata = [], 0, []
+            self._pending, self._metadata = [], []
             self._output.check()
         except OSError as error:
             raise self._stop(error) from error
@@ -274,7 +261,6 @@ class RecordingWriter:
         spans = np.concatenate([times, events, *known])
         self.span_ns = int(spans.min()), int(spans.max())
         self.rows += len(rows)
-        self._pending_rows += len(rows)
         for event, t_ns in zip(rows.events, events.tolist(), strict=True):
             floors[event.port] = max(t_ns, floors.get(event.port, 0))
         self._pending.append(_Pending(rows, *among(times, events)))

@@ -182,6 +182,7 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list
         for start in range(0, 30_000, 1000):
             for own in rows.values():
                 writer.write(in_columns(own[start : start + 1000]))
+            writer.flush()
     return path, rows
 
 

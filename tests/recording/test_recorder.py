@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +31,7 @@ from fte_sniff.recording.metadata import (
 )
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.recorder import MAX_PENDING, Recorder
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, file_size_limit, some_rows, unprivileged
@@ -84,6 +84,61 @@ def test_flush_is_due_after_the_interval(tmp_path: Path, every_s: float) -> None
         flushed.append(recorder.unflushed_rows == 0)
     recorder.close()
     assert flushed == [True, False, False, True, False, True, False, True]
+
+
+def test_flush_is_due_when_many_rows_wait(tmp_path: Path) -> None:
+    rows, path = some_rows(2 * MAX_PENDING + 5), tmp_path / "x.mcap"
+    event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
+    recorder = Recorder(path, (PORT,), options=ALL)
+    recorder.write(in_columns(rows[:3], event))
+    recorder.write(in_columns(rows[3:-1]))
+    assert recorder.unflushed_rows == 4
+    recorder.write(in_columns(rows[-1:]))
+    assert recorder.unflushed_rows == 5
+    recorder.close()
+    assert _rows(path) == rows
+    assert events_in(RecordingReader(path)) == [event]
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == 3
+
+
+@examples(25)
+@given(
+    sizes=st.lists(st.integers(1, 60), min_size=1, max_size=8),
+    most=st.integers(1, 70),
+    rotate_bytes=st.sampled_from([None, 1, 25_000]),
+    rotate_s=st.sampled_from([None, 0.01, 0.05]),
+    cut=st.integers(0, 5),
+)
+def test_no_row_is_doubled_or_lost_unreported_by_a_flush_amid_a_batch(
+    tmp_path_factory: pytest.TempPathFactory,
+    sizes: list[int],
+    most: int,
+    rotate_bytes: int | None,
+    rotate_s: float | None,
+    cut: int,
+) -> None:
+    folder, rows, start = tmp_path_factory.mktemp("amid"), some_rows(sum(sizes)), 0
+    options = replace(ALL, rotate_bytes=rotate_bytes, rotate_s=rotate_s)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(recorder_module, "MAX_PENDING", most)
+        patched.setattr(recorder_module, "RETRY_S", 0.0)
+        recorder = Recorder(folder / "x.mcap", [PORT], options=options)
+        for number, size in enumerate(sizes):
+            with file_size_limit(recorder.path.stat().st_size) if number == cut else nullcontext():
+                recorder.write(in_columns(rows[start : start + size]))
+            start += size
+            assert recorder.unflushed_rows < most
+        recorder.close()
+    found = [row for file in sorted(_files(folder), key=_part) for row in _rows(file)]
+    assert found == [row for row in rows if row in found]
+    if len(found) == len(rows):
+        assert recorder.failure is None
+    else:  # the small file was followed by one that was as small
+        assert cut < len(sizes)
+        assert str(recorder.failure).startswith(f"{len(rows) - len(found):,} rows ")
 
 
 @pytest.fixture

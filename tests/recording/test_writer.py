@@ -30,7 +30,7 @@ from fte_sniff.recording.metadata import (
 )
 from fte_sniff.recording.output_file import stopped_by_error
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
+from fte_sniff.recording.writer import Existing, RecordingWriter
 from tests.recording.conftest import file_size_limit, some_rows, unprivileged
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import events_in
@@ -198,16 +198,6 @@ def test_close_can_be_repeated_and_writing_afterwards_is_a_mistake(
     writer.close()
     with pytest.raises(ValueError, match="closed"):
         writer.write(in_columns(make_rows(1)))
-
-
-def test_many_rows_make_chunks_by_themselves(tmp_path: Path, make_rows: Rows) -> None:
-    rows = make_rows(MAX_PENDING + 5)
-    path = tmp_path / "x.mcap"
-    with RecordingWriter(path, [PORT]) as writer:
-        writer.write(in_columns(rows))
-        assert writer.flushed_rows == MAX_PENDING
-    assert _statistics(path).chunk_count == 2
-    assert list(RecordingReader(path)) == rows
 
 
 def test_a_port_that_nobody_named_gets_its_channels(tmp_path: Path, make_rows: Rows) -> None:
