@@ -47,7 +47,6 @@ from fte_sniff.protocol import (
     MOTORS,
     Direction,
     Fault,
-    Status,
     faults_text,
     iso_time,
     spaced_hex,
@@ -72,9 +71,10 @@ FIRST_ROWS: Final = 5
 _LONGEST_SHOWN: Final = 32
 """Bytes of a row that the page has."""
 
-_TARGET, _ACTUAL, _OFF = "#d9822b", "#3a7bd5", "#8a8f98"
-_BAD: Final = LOOKS[Status.MALFORMED].plot
-_CHASSIS: Final = (_ACTUAL, _TARGET, "#3c9d5b")
+# Curves, motors and bands have no status, so their colours are not those of LOOKS.
+_CURVES: Final = ("#3a7bd5", "#d9822b", "#3c9d5b", "#d03b3b")
+_ACTUAL, _TARGET = _CURVES[:2]
+_ERROR, _OFF = "#d03b3b", "#8a8f98"
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,7 +304,7 @@ class _Plots:
         title = _("Motor {motor}: {name}").format(motor=motor, name=f"{name}{unit}")
         made = self._figure(plot, title, 230, y_range=Range1d(start=0, end=1))
         if self._timeline.errors[motor].points()[1].any():
-            self._bands(made, f"{plot}-error", _BAD, "ERROR")
+            self._bands(made, f"{plot}-error", _ERROR, "ERROR")
         if not self._timeline.online[motor].points()[1].all():
             label = _("{bit} is 0", bit=_(online_bit_text(motor)))
             self._bands(made, f"{plot}-offline", _OFF, label, hatch_pattern="/")
@@ -347,7 +347,7 @@ class _Plots:
         if not traces:
             return
         made = self._figure("chassis", _("Chassis commands"), 230, y_range=Range1d(start=0, end=1))
-        for trace, colour in zip(traces, _CHASSIS, strict=False):
+        for trace, colour in zip(traces, _CURVES, strict=False):
             field = FIELD_BY_NAME[trace.field]
             label = f"{field.option} [{field.unit}]"
             self._line(made, f"chassis-{trace.field}", colour, label, holds=True)
@@ -414,7 +414,7 @@ def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any
             right=[high / 1e6 for _low, high, _count in bars],
             bottom=bottoms,
             top=[tops[low] for low, _high, _count in bars],
-            fill_color=(*_CHASSIS, _BAD)[motor - 1],
+            fill_color=_CURVES[motor - 1],
             fill_alpha=0.6,
             line_color=None,
             name=_("motor {motor}").format(motor=motor),

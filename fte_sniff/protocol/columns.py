@@ -293,11 +293,12 @@ class Ground(StrEnum):
 
 
 class Ink(NamedTuple):
-    """Colours on one ground, as `#rrggbb`."""
+    """Colours on one ground, as `#rrggbb`; tests/tui/test_painter.py checks their contrast."""
 
     text: str
+    """Its contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page."""
     sign: str
-    """Colour of a sign that has its own background."""
+    """Colour of a sign that has its own background, with a contrast of at least 4.5."""
     sign_ground: str
 
 
@@ -310,7 +311,7 @@ class Look(NamedTuple):
     """Colour on a terminal whose ground is unknown, by its ANSI name."""
     bold: bool = False
     plot: str = "#3a7bd5"
-    """Colour in plots, on light and dark ground."""
+    """Colour in plots, with a contrast of about 3, at least 2.9, on light and dark ground."""
     inks: Mapping[Ground, Ink] = MappingProxyType({})
     """The colours by ground; empty for those of plain text."""
 

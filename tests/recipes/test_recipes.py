@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
+from base64 import b64decode
 
 import pytest
 
@@ -671,8 +673,8 @@ def test_filter_function(recipe: Recipe) -> None:
 @pytest.mark.slow
 def test_look_of_a_status(recipe: Recipe) -> None:
     look = "fte_sniff/protocol/columns.py"
-    for old, new in (('"!"', '"§"'), ('"#d03b3b"', '"#123456"')):
-        recipe.replace(look, old, new)
+    for old, new in (('"!"', "§"), ('"#d03b3b"', "#123456"), ('Ink("#a33c00"', "#654321")):
+        recipe.replace(look, old, re.sub('".*"', f'"{new}"', old))
     with recipe.program() as copy:
         few = write(copy, "a.raw", FRAMES + b"\0\0\0" + FRAMES)
         many = write(copy, "b.raw", FRAMES * 99 + b"\0\0\0" + FRAMES)
@@ -684,8 +686,10 @@ def test_look_of_a_status(recipe: Recipe) -> None:
         assert all("§" in text and "!" not in text for text in texts)
         copy.run("report", "samples/damaged.mcap", "-o", "a.html")
         page = (copy.folder / "a.html").read_text()
-        assert "#123456" in page
-        assert "#d03b3b" not in page
+        data = zlib.decompress(b64decode(page.partition('id="data">')[2].partition("<")[0]))
+        assert b"#123456" in data
+        assert b"#d03b3b" not in data
+        assert "--malformed: #654321" in page
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from textual.color import rgb_to_lab
 from textual.theme import BUILTIN_THEMES, Theme
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
-from fte_sniff.protocol.columns import LOOKS
+from fte_sniff.protocol.columns import LOOKS, Ground
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.tui.cells import RAISED_MARK
 from fte_sniff.tui.i18n import THEMES
@@ -29,6 +29,7 @@ from fte_sniff.tui.painter import (
     SHADES,
     BarSign,
     Colors,
+    Palette,
     ReadableColors,
     Sign,
     over_line,
@@ -72,13 +73,34 @@ def test_bytes_have_contrast_under_every_theme(name: str) -> None:
     assert not low
 
 
+WRONG = (Status.SUSPECT, Status.MALFORMED)
+
+
+def signs_of(palette: Palette) -> list[Style]:
+    texts = [palette.raised, *(palette.statuses[status] for status in WRONG)]
+    return [*texts, palette.raised_mark, *(palette.marks[status] for status in WRONG)]
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_signs_of_rows_have_contrast_under_every_theme(name: str) -> None:
+    theme = ALL_THEMES[name]
+    for style in signs_of(palette_of(theme)):
+        assert contrast(style, background_of(theme)) >= 4.5
+
+
+@pytest.mark.parametrize(
+    ("ground", "page"), [(Ground.LIGHT, "#ffffff"), (Ground.DARK, "#161a20")], ids=["light", "dark"]
+)
+def test_looks_have_contrast_on_a_page(ground: Ground, page: str) -> None:
+    for look in LOOKS.values():
+        assert contrast(Style(color=look.plot), page) >= 2.9
+    for status in WRONG:
+        assert contrast(Style(color=LOOKS[status].inks[ground].text), page) >= 4.5
+
+
 @pytest.mark.parametrize(("name", "background"), [("textual-dark", 0), ("textual-light", 15)])
 def test_signs_of_rows_have_contrast_in_16_colours(name: str, background: int) -> None:
-    palette = palette_of(ALL_THEMES[name], Colors.SIXTEEN)
-    wrong = (Status.SUSPECT, Status.MALFORMED)
-    texts = [palette.raised, *(palette.statuses[status] for status in wrong)]
-    signs = [palette.raised_mark, *(palette.marks[status] for status in wrong)]
-    for style in (*texts, *signs):
+    for style in signs_of(palette_of(ALL_THEMES[name], Colors.SIXTEEN)):
         assert style.color
         colors = [style.color, style.bgcolor or Color.parse(f"color({background})")]
         text, behind = (in_16_colours(color) for color in colors)
@@ -96,7 +118,9 @@ XTERM_16 = f"{XTERM} 5c5cff ff00ff 00ffff ffffff".split()
 
 
 @pytest.mark.parametrize(("name", "ground"), [("textual-dark", 0), ("textual-light", 15)])
-def test_texts_are_readable_in_16_colours_and_only_damage_is_red(name: str, ground: int) -> None:
+def test_texts_are_readable_in_16_colours_and_none_has_that_of_damage(
+    name: str, ground: int
+) -> None:
     palette = palette_of(ALL_THEMES[name], Colors.SIXTEEN)
     texts = {
         **{name: getattr(palette, name) for name in ("muted", "target", "signs")},
