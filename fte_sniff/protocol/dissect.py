@@ -134,7 +134,8 @@ class ExplainedField(NamedTuple):
     """Description, with the range of a number."""
     fault: Fault | None = None
     note: str = ""
-    """With a fault, what was expected and what was found; without one, the field's erratum."""
+    """With a fault, what was expected and what was found, and where bytes are missing, what the
+    next one had to be; without one, the field's erratum."""
     bits: tuple[ExplainedBit, ...] = ()
     """The bits of a flag byte, from bit 0 up."""
     is_raised: bool = False
@@ -391,7 +392,7 @@ def _in_step(row: Damage) -> Iterator[ExplainedField]:
 
 def _spliced(row: Damage, fault: Fault) -> Iterator[ExplainedField]:
     """The head of a frame, the bytes that are missing or too many, and its rest."""
-    size = len(row.raw)
+    size, note = len(row.raw), ""
     kind, head, rest = _split(row.raw)
     inner = range(head, size - rest)
     if head + rest < min(size, FRAME_LENGTH):
@@ -410,6 +411,7 @@ def _spliced(row: Damage, fault: Fault) -> Iterator[ExplainedField]:
             count=FRAME_LENGTH - size,
             length=FRAME_LENGTH,
         )
+        note = _next_byte(kind, head) if kind is not None and not rest else ""
     else:
         name = "extra"
         meaning = TranslatableText(
@@ -419,9 +421,35 @@ def _spliced(row: Damage, fault: Fault) -> Iterator[ExplainedField]:
             length=FRAME_LENGTH,
         )
     yield from _undecoded_slots(row, kind, range(head))
-    yield _explained(row, inner, name, meaning, fault=fault)
+    yield _explained(row, inner, name, meaning, fault=fault, note=note)
     ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
     yield from _undecoded_slots(row, kind, ending, size - FRAME_LENGTH)
+
+
+def _next_byte(kind: FrameKind, offset: int) -> str:
+    """Why a truncated frame may end before an offset: a byte that is not legal there."""
+    if offset in kind.open_reserve:
+        return TranslatableText(
+            "DATA[{offset}] is reserve; where that is constant on the line, "
+            "a truncated frame ends before another byte",
+            offset=offset,
+        )
+    legal = FTE_FORMAT.legal_bytes(kind)[offset]
+    if legal is None or offset == FRAME_LENGTH - 1:  # with another tail it is `bad_tail`
+        return ""
+    return TranslatableText(
+        "DATA[{offset}] is {legal}; a truncated frame ends before another byte",
+        offset=offset,
+        legal=ranges_text(legal),
+    )
+
+
+def ranges_text(numbers: bytes) -> str:
+    """Bytes in rising order: `00`, `01 or 03`, `01-04`."""
+    starts = [at for at, one in enumerate(numbers) if not at or one != numbers[at - 1] + 1]
+    runs = [numbers[start:stop] for start, stop in pairwise([*starts, len(numbers)])]
+    texts = (f"{run[0]:02X}" if len(run) == 1 else f"{run[0]:02X}-{run[-1]:02X}" for run in runs)
+    return listed(texts, Joint.OR)
 
 
 def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:

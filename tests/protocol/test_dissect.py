@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import pytest
@@ -13,15 +13,18 @@ from hypothesis import strategies as st
 
 from fte_sniff.protocol import (
     HEADERS,
+    KINDS,
     TAIL,
     Chunk,
     Damage,
     Fault,
     Frame,
+    FrameKind,
     Framer,
     LineErrorMarker,
     Row,
     Rows,
+    encode,
     spaced_hex,
 )
 from fte_sniff.protocol.dissect import (
@@ -34,6 +37,7 @@ from fte_sniff.protocol.dissect import (
     explain,
     explain_readings,
     is_doubtful,
+    ranges_text,
     readings,
     with_readings,
 )
@@ -45,6 +49,7 @@ from fte_sniff.protocol.framer.decoder import (
 )
 from fte_sniff.protocol.framer.model import BOUNDARY, CLOSED, KNOWN, OPEN
 from fte_sniff.protocol.rows import Reading
+from fte_sniff.protocol.spec import FTE_FORMAT
 from tests.examples import examples
 from tests.protocol.framer.test_decoder import EXAMPLE, FRAME, PAGE
 from tests.protocol.oracle import IS_HEADER, LINES, Oracle, frame_faults, noise_score
@@ -227,6 +232,41 @@ def test_missing_and_extra_bytes_are_located() -> None:
     extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
     assert extra.raw == b"\x12\x34"
     assert "2 bytes too many" in extra.meaning
+
+
+@pytest.mark.parametrize("offset", range(2, 9))
+@pytest.mark.parametrize("kind", KINDS, ids=[kind.name for kind in KINDS])
+def test_truncated_frame_names_the_byte_that_would_continue_it(
+    kind: FrameKind, offset: int
+) -> None:
+    whole = encode(kind, {one.name: 1 for one in kind.fields if one.legal_bits is None})
+    byte = b"\x77"
+    legal = FTE_FORMAT.legal_bytes(kind, dict.fromkeys(kind.open_reserve, 0))[offset]
+    stream = whole * (KNOWN + 1) + whole[:offset] + byte + whole * 3
+    framer = Framer("p")
+    rows = [*framer.feed(Chunk("p", None, stream)), *framer.flush()]
+    damaged = [(row.raw, row.faults) for row in rows if isinstance(row, Damage)]
+    note = named(damage(whole[:offset].hex(), Fault.TRUNCATED), "missing").note
+    if legal is None:
+        assert damaged == [(whole[:offset] + byte, (Fault.TRUNCATED,))]
+        assert note == ""
+    else:
+        assert damaged == [(whole[:offset], (Fault.TRUNCATED,)), (byte, (Fault.NOISE,))]
+        values = "reserve" if offset in kind.open_reserve else ranges_text(legal)
+        assert note.startswith(f"DATA[{offset}] is {values};")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [
+        ([0], "00"),
+        ([1, 3], "01 or 03"),
+        (range(1, 5), "01-04"),
+        ([0, 1, 2, 8, 10, 11], "00-02 or 08 or 0A-0B"),
+    ],
+)
+def test_ranges_of_bytes_have_a_text(numbers: Iterable[int], text: str) -> None:
+    assert ranges_text(bytes(numbers)) == text
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]), st.booleans())
