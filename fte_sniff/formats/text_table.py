@@ -59,7 +59,10 @@ def _time_width(zone: tzinfo) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TextLayout:
-    """The cells of all lines of one output, padded to their widths; the last may be empty."""
+    """The cells of all lines of one output, padded to their widths; the last may be empty.
+
+    They are fixed: a new column of `COLUMNS` is not among them.
+    """
 
     times: bool
     ports: bool

@@ -1,8 +1,9 @@
 """The column table, and how rows look: values as text, the signs and colours of a status.
 
 Filters, CSV, JSON lines, Parquet, the screen's table, measures of `check`, help and docs derive
-from `COLUMNS`: a new column whose value follows from its row is one entry there. Plain text, the
-screen and pages derive their signs and colours from `LOOKS`.
+from `COLUMNS`: a new column whose value follows from its row is one entry there. Plain tables have
+cells of their own (`formats/text_table.py`). Plain text, the screen and pages derive their signs
+and colours from `LOOKS`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
-from fte_sniff.protocol.rows import NO_FACT, Frame, Row
+from fte_sniff.protocol.rows import NO_FACT, Frame, Row, Rows
 from fte_sniff.protocol.spec import (
     FAULT_MEANINGS,
     FRAME_LENGTH,
@@ -55,7 +56,8 @@ class ColumnData(NamedTuple):
     """The values of a column in many rows."""
 
     values: Any
-    """A numpy array: numbers, or indices into `words`."""
+    """A numpy array: numbers, of any width, for they are cast to the column's; or indices into
+    `words`."""
     known: Any = None
     """A mask of the rows that have a value; None if all have one."""
     words: Sequence[object] | None = None
@@ -71,8 +73,8 @@ class Column:
     meaning: str
     of_row: Callable[[Row], Value] | None
     """The value in a row; None for a field of a frame, which `record` reads with all others."""
-    of_rows: Callable[[Any], ColumnData] | None
-    """The values in a Rows; None for HEX."""
+    of_rows: Callable[[Rows], ColumnData] | None
+    """The same values in a Rows, which has the bytes in `raw` and `long`; None for HEX."""
     words: tuple[str, ...] = ()
     """All possible words of a WORD or WORDS column."""
     unit: str = ""

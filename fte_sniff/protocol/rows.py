@@ -259,7 +259,7 @@ class Rows(Sequence["Row"]):
     buffers: Mapping[str, Buffer]
     """The columns but `raw`, for code that does not load numpy."""
     long: dict[int, bytes]
-    """All bytes of the rows longer than ten, by index."""
+    """All bytes of the rows longer than ten, by index; `raw` has the first ten."""
     events: tuple[PortEvent, ...]
     readings: dict[int, tuple[Reading, ...]]
     """The readings of rows by index, where they were computed."""
