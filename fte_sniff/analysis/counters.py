@@ -238,7 +238,7 @@ class EnvelopeColumns:
     last: Floats
 
 
-class _Level(Model):
+class _Resolution(Model):
     """The latest windows of one duration."""
 
     def __init__(self, window_ns: int, keep: Sequence[Keep], first: int = 0) -> None:
@@ -291,7 +291,7 @@ class _Level(Model):
         for keep, kept in self.kept.items():
             keep.add(kept.reshape(-1), cells, values)
 
-    def include(self, other: _Level, groups: Ints) -> None:
+    def include(self, other: _Resolution, groups: Ints) -> None:
         """Add the windows of a level whose windows are not longer; `groups` are its groups here."""
         for keep, kept in other.kept.items():
             rows, columns = np.nonzero(kept != keep.value)
@@ -300,9 +300,9 @@ class _Level(Model):
             cells = (groups[rows] * self.shape[1] + numbers)[inside]
             keep.add(self.kept[keep].reshape(-1), cells, kept[rows, columns][inside])
 
-    def coarser(self, by: int) -> _Level:
+    def coarser(self, by: int) -> _Resolution:
         """A level of the same values, with windows that are `by` times as long."""
-        found = _Level(by * self.window_ns, [*self.kept])
+        found = _Resolution(by * self.window_ns, [*self.kept])
         groups, windows = self.shape
         if windows:
             first, last = self.first * self.window_ns, (self.end - 1) * self.window_ns
@@ -331,7 +331,7 @@ class Series(Model):
         """
         self._keep = keep or (Keep.TOTAL,)
         self._windows, self._most_levels = windows, levels
-        self._levels = [_Level(shortest_ns, self._keep)]
+        self._levels = [_Resolution(shortest_ns, self._keep)]
         self.first_ns: int | None = None
         """Earliest time, nanoseconds since 1970 UTC; None without any."""
         self.last_ns: int | None = None
@@ -423,7 +423,7 @@ class Series(Model):
             found.append(np.where(column == keep.value, np.nan, column))
         return EnvelopeColumns(*found)
 
-    def _columns(self, span: tuple[int, int], columns: int) -> tuple[_Level, Ints, Ints]:
+    def _columns(self, span: tuple[int, int], columns: int) -> tuple[_Resolution, Ints, Ints]:
         """The shortest windows that cover a span: their level, numbers and columns."""
         start, end = span
         level = next(filter(lambda one: self._reaches(one, start), self._levels))
@@ -433,7 +433,7 @@ class Series(Model):
         at = (middles - start) / max(1, end - start) * columns
         return level, numbers, np.clip(at.astype(np.int64), 0, columns - 1)
 
-    def _reaches(self, level: _Level, start_ns: int) -> bool:
+    def _reaches(self, level: _Resolution, start_ns: int) -> bool:
         """Whether a level has all values since a time."""
         oldest = max(start_ns, start_ns if self.first_ns is None else self.first_ns)
         return level is self._levels[-1] or level.first <= oldest // level.window_ns

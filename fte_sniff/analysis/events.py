@@ -314,7 +314,7 @@ _ENDS: Final = 4
 _NO_VALUES: Final[Ints] = np.zeros((2, 0), np.int64)
 
 
-class _Stream(NamedTuple):
+class _StreamEnds(NamedTuple):
     """The first and the last times and values of a stream; shape (2, up to `_ENDS`)."""
 
     first: Ints = _NO_VALUES
@@ -323,28 +323,28 @@ class _Stream(NamedTuple):
     """Whether values are missing somewhere."""
 
     @classmethod
-    def of(cls, t_ns: Ints, values: Ints) -> _Stream:
+    def of(cls, t_ns: Ints, values: Ints) -> _StreamEnds:
         """All values of a part without a gap."""
         return cls(
             np.array((t_ns[:_ENDS], values[:_ENDS]), np.int64),
             np.array((t_ns[-_ENDS:], values[-_ENDS:]), np.int64),
         )
 
-    def followed_by(self, later: _Stream) -> _Stream:
+    def followed_by(self, later: _StreamEnds) -> _StreamEnds:
         """Both, one after the other."""
         first, last = self.first, later.last
         if not self.interrupted:
             first = np.concatenate((first, later.first), axis=1)[:, :_ENDS]
         if not later.interrupted:
             last = np.concatenate((self.last, last), axis=1)[:, -_ENDS:]
-        return _Stream(first, last, self.interrupted or later.interrupted)
+        return _StreamEnds(first, last, self.interrupted or later.interrupted)
 
-    def interrupt(self) -> _Stream:
+    def interrupt(self) -> _StreamEnds:
         """The stream with a gap after it."""
-        return _Stream(self.first, _NO_VALUES, interrupted=True)
+        return _StreamEnds(self.first, _NO_VALUES, interrupted=True)
 
 
-def _events_between(name: str, before: _Stream, after: _Stream) -> tuple[Ints, Ints, Ints]:
+def _events_between(name: str, before: _StreamEnds, after: _StreamEnds) -> tuple[Ints, Ints, Ints]:
     """Times, values and grades of the events that neither of two adjacent parts has alone."""
     grades = _GRADES[name.split(" ", 1)[0]]
     joint = np.concatenate((before.last, after.first), axis=1)
@@ -383,7 +383,7 @@ class Events(Model):
         self._ports: dict[str, Windows] = {}
         self._port_events: list[PortEvent] = []
         """Ports that were lost, and found again."""
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, _StreamEnds] = {}
         self._interrupted = False
         """Whether rows are missing somewhere."""
         self._waiting: list[Rows] = []
@@ -454,14 +454,14 @@ class Events(Model):
             self._ports.setdefault(port, Windows()).merge(windows)
         self._port_events += later._port_events
         names = dict.fromkeys((*self._streams, *later._streams))
-        missing = _Stream(interrupted=later._interrupted)
+        missing = _StreamEnds(interrupted=later._interrupted)
         self._join({name: later._streams.get(name, missing) for name in names})
         self._interrupted |= later._interrupted
 
-    def _join(self, streams: dict[str, _Stream]) -> None:
+    def _join(self, streams: dict[str, _StreamEnds]) -> None:
         """Add the values of streams that follow."""
         for name, later in streams.items():
-            before = self._streams.get(name, _Stream(interrupted=self._interrupted))
+            before = self._streams.get(name, _StreamEnds(interrupted=self._interrupted))
             self._streams[name] = before.followed_by(later)
             t_ns, values, grades = _events_between(name, before, later)
             if len(t_ns):
@@ -488,7 +488,7 @@ class Events(Model):
     def _count(self, rows: Rows) -> None:
         if not len(rows):
             return
-        streams = dict[str, _Stream]()
+        streams = dict[str, _StreamEnds]()
         for code in rows.counts("port"):
             port = rows.codebook.ports[code]
             streams |= self._count_damage(port, rows, np.flatnonzero(rows.port == code))
@@ -498,7 +498,7 @@ class Events(Model):
         self._windows.add(batch)
         self._join(streams)
 
-    def _count_damage(self, port: str, rows: Rows, own: Ints) -> dict[str, _Stream]:
+    def _count_damage(self, port: str, rows: Rows, own: Ints) -> dict[str, _StreamEnds]:
         windows = self._ports.setdefault(port, Windows())
         batch = Batch(rows.t_ns[own], windows.shift)
         faults = rows.codebook.faults
@@ -528,14 +528,14 @@ class Events(Model):
         return {name: stream}
 
 
-def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _Stream:
+def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _StreamEnds:
     """Count the events of the rows of a stream; returns their part of the stream."""
     t_ns = batch.t_ns[own]
     grades = _GRADES[name.split(" ", 1)[0]](t_ns, values)
     hits = np.flatnonzero(grades != _NO_EVENT)
     if len(hits):
         _count_hits(batch, name, own[hits], values[hits], grades[hits])
-    return _Stream.of(t_ns, values)
+    return _StreamEnds.of(t_ns, values)
 
 
 _ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)

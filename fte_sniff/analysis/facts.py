@@ -105,7 +105,7 @@ def motor_rows(rows: Rows) -> MotorRows:
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class _OpenCommand:
     """A command that may still be answered."""
 
     cmd: int
@@ -205,7 +205,7 @@ class Pairing(Model):
         """Those of them that are unanswered if feedback came before these rows."""
         self.delays = RecentValues()
         """Latest answer times, nanoseconds."""
-        self._waiting: _Waiting | None = None
+        self._waiting: _OpenCommand | None = None
         """The last command, if it may still be answered."""
         self._early: dict[int, int] = {}
         """By CMD, the time of the first feedback before `_begins_with`."""
@@ -328,7 +328,7 @@ class Pairing(Model):
         overdue = is_overdue(int(commands.t_ns[-1]), t_ns[int(commands.indices[-1]) + 1 :])
         waits = bool(answerable[-1] and not answered[-1] and not overdue)
         last = int(commands.cmds[-1]), int(commands.t_ns[-1]), bool(covered[-1])
-        self._waiting = _Waiting(*last) if waits else None
+        self._waiting = _OpenCommand(*last) if waits else None
         unanswered = answerable & ~answered & (not self._port_lost)
         unanswered[-1] &= overdue
         uncovered = commands.indices[unanswered & ~covered]

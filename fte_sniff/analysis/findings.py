@@ -301,7 +301,7 @@ _Describe: TypeAlias = Callable[[_Seen], tuple[TranslatableText, str]]
 
 
 @dataclass(frozen=True, slots=True)
-class _Series:
+class _CauseCounts:
     """The counts of one cause by window, and how to describe a span of it."""
 
     cause: Cause
@@ -324,7 +324,7 @@ class _Series:
     """Share of rows that are events in a finding."""
 
 
-def _sure_spans(series: _Series) -> Iterator[tuple[int, int, float]]:
+def _sure_spans(series: _CauseCounts) -> Iterator[tuple[int, int, float]]:
     """The spans of events that need no comparison, at most `_MOST_SPANS`."""
     counted = series.counted
     hits = np.flatnonzero(counted.events)
@@ -337,7 +337,9 @@ def _sure_spans(series: _Series) -> Iterator[tuple[int, int, float]]:
             yield int(own[0]), int(own[-1]), -events * log(_CHANCE)
 
 
-def _examined(events: Events, windows: Windows, series: _Series, alpha: float) -> Iterator[Finding]:
+def _examined(
+    events: Events, windows: Windows, series: _CauseCounts, alpha: float
+) -> Iterator[Finding]:
     counted, exposed = series.counted, series.rows > 0
     spans = list(_sure_spans(series)) if series.sure else spans_of(counted.events, exposed, alpha)
     total = int(counted.events.sum())
@@ -700,7 +702,7 @@ A few line errors alone may come from a plug.
 """
 
 
-def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Series]:
+def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_CauseCounts]:
     rows = windows.count("rows")
     own_port = f"port = {quoted(port)}" if several else ""
     yield _damage(windows, port, own_port)
@@ -709,7 +711,7 @@ def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Ser
     for kind, meaning, shown, least in _PORT_EVENTS:
         own_filter = " AND ".join(filter(None, (shown, own_port)))
         describe = _sentence("{meaning}, {events} times", own_filter, meaning=meaning)
-        yield _Series(
+        yield _CauseCounts(
             Cause.PORT,
             _Counted.of(windows, kind),
             rows,
@@ -720,7 +722,7 @@ def _port_series(port: str, windows: Windows, *, several: bool) -> Iterator[_Ser
         )
 
 
-def _damage(windows: Windows, port: str, own_port: str, motor: int | None = None) -> _Series:
+def _damage(windows: Windows, port: str, own_port: str, motor: int | None = None) -> _CauseCounts:
     """The damaged rows of a port, or those that probably belong to one of its motors."""
     of = "" if motor is None else f" {motor}"
     hint = "" if motor is None else f"motor_hint = {motor}"
@@ -740,7 +742,7 @@ def _damage(windows: Windows, port: str, own_port: str, motor: int | None = None
 
     counted, rows = _Counted.of(windows, f"damaged{of}"), windows.count(f"rows{of}")
     whole = _WHOLE_DAMAGE if motor is None else None
-    return _Series(Cause.DAMAGE, counted, rows, describe, port, motor, whole_share=whole)
+    return _CauseCounts(Cause.DAMAGE, counted, rows, describe, port, motor, whole_share=whole)
 
 
 def _prevailing(
@@ -767,7 +769,7 @@ def _sentence(form: str, shown: str, **values: object) -> _Describe:
     return describe
 
 
-def _motor_series(windows: Windows) -> Iterator[_Series]:
+def _motor_series(windows: Windows) -> Iterator[_CauseCounts]:
     for motor in MOTORS:
         yield _unanswered(windows, motor)
         yield from _late(windows, motor)
@@ -781,7 +783,7 @@ def _motor_series(windows: Windows) -> Iterator[_Series]:
 _MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 
 
-def _unanswered(windows: Windows, motor: int) -> _Series:
+def _unanswered(windows: Windows, motor: int) -> _CauseCounts:
     def describe(seen: _Seen) -> tuple[TranslatableText, str]:
         share = TranslatableText("usually {percent} %", percent=f"{100 * (1 - seen.usual):.3g}")
         text = TranslatableText(
@@ -797,10 +799,12 @@ def _unanswered(windows: Windows, motor: int) -> _Series:
         return text, f"unanswered AND {own_filter}"
 
     missed, asked = _Counted.of(windows, f"missed {motor}"), windows.count(f"asked {motor}")
-    return _Series(Cause.UNANSWERED, missed, asked, describe, motor=motor, whole_share=_WHOLE_SHARE)
+    return _CauseCounts(
+        Cause.UNANSWERED, missed, asked, describe, motor=motor, whole_share=_WHOLE_SHARE
+    )
 
 
-def _late(windows: Windows, motor: int) -> Iterator[_Series]:
+def _late(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     for kind in KINDS:
         names = [f"delay {motor} {kind.name} {grade}" for grade in range(GRADES)]
         grades = np.array([windows.count(name) for name in names])
@@ -821,7 +825,7 @@ def _late(windows: Windows, motor: int) -> Iterator[_Series]:
                 limit=f"{limit:g}",
                 usual_ms=f"{usual_ms:.2g}",
             )
-            yield _Series(
+            yield _CauseCounts(
                 Cause.LATE,
                 _Counted.of(windows, *names[grade:]),
                 grades.sum(axis=0),
@@ -832,7 +836,7 @@ def _late(windows: Windows, motor: int) -> Iterator[_Series]:
             )
 
 
-def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
+def _flags(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     feedback, any_feedback = windows.count(f"feedback {motor}"), windows.count("feedback")
     errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
 
@@ -861,7 +865,7 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
         (Cause.OFFLINE, "offline", exposed, of_online),
     ):
         if rows.any():
-            yield _Series(
+            yield _CauseCounts(
                 cause,
                 _Counted.of(windows, f"{name} {motor}"),
                 rows,
@@ -876,7 +880,7 @@ _EXPECTED: Final = 6
 """Feedback of a motor in a window from which on its absence is silence."""
 
 
-def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
+def _silences(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     """Windows without feedback of a motor, in which commands to it went on."""
     commands = _Counted.of(windows, f"commands {motor}")
     feedback = _Counted.of(windows, f"feedback {motor}")
@@ -910,7 +914,7 @@ def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
         np.where(before > starts - near, before, first_ns),
         np.where(after < starts + windows.width_ns + near, after, last_ns),
     )
-    yield _Series(
+    yield _CauseCounts(
         Cause.SILENCE,
         counted,
         active.astype(np.int64),
@@ -933,7 +937,7 @@ def _recent(values: Ints, known: Bools, width: int) -> Ints:
     return found
 
 
-def _off_target(windows: Windows, motor: int) -> Iterator[_Series]:
+def _off_target(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     """Windows in which all present values are outside of the range of the recent targets."""
     if len(windows) <= _SETTLES:
         return
@@ -960,7 +964,7 @@ def _off_target(windows: Windows, motor: int) -> Iterator[_Series]:
             value=TranslatableText(role),
         )
         kinds = by_role(role, target=True)
-        yield _Series(
+        yield _CauseCounts(
             Cause.OFF_TARGET,
             _Counted(off.astype(np.int64), feedback.first_ns, feedback.last_ns),
             exposed.astype(np.int64),
@@ -976,7 +980,7 @@ _TOLERANCE: Final = {Role.SPEED: 15, Role.POSITION: 50}
 """How near a value is to its target at least, RPM and pulses."""
 
 
-def _jumps(windows: Windows, motor: int) -> Iterator[_Series]:
+def _jumps(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     for role in (Role.SPEED, Role.POSITION):
         names = [f"jump {role} {motor} {grade}" for grade in range(GRADES)]
         counted = _Counted.of(windows, *names)
@@ -990,7 +994,7 @@ def _jumps(windows: Windows, motor: int) -> Iterator[_Series]:
             value=TranslatableText(role),
         )
         kinds = by_role(role, target=False)
-        yield _Series(
+        yield _CauseCounts(
             Cause.JUMP,
             counted,
             windows.count(f"present {role} {motor}"),
@@ -1001,7 +1005,7 @@ def _jumps(windows: Windows, motor: int) -> Iterator[_Series]:
         )
 
 
-def _irregular(windows: Windows) -> Iterator[_Series]:
+def _irregular(windows: Windows) -> Iterator[_CauseCounts]:
     """Periods of commands that differ from the one before by half an octave, or by one."""
     prefix = "ratio "
     streams = {
@@ -1030,7 +1034,7 @@ def _irregular(windows: Windows) -> Iterator[_Series]:
                 motor=motor,
             )
         for octaves in (0.5, 1.0):
-            yield _Series(
+            yield _CauseCounts(
                 Cause.IRREGULAR_COMMANDS,
                 _Counted.of(windows, *names[int(octaves * RATIO_UNIT) :]),
                 _Counted.of(windows, *names).events,

@@ -83,7 +83,7 @@ class AnsweredCommands:
     """Median of the latest answer times."""
 
 
-class _Answers(Model):
+class _AnswersToCmd(Model):
     def __init__(self) -> None:
         self._answered = self._unanswered = 0
         self._delays = RecentValues()
@@ -165,14 +165,14 @@ _SUBJECTS: Final = [
 ]
 
 
-class _Motor(Model):
+class _TrackedMotor(Model):
     def __init__(self, number: int) -> None:
         self.number = number
         self.commands = self.feedback = 0
         self.pairing = Pairing()
         self.decided = NO_COMMANDS
         """The commands that the last batch decided."""
-        self._answers = {cmd: _Answers() for cmd in ANSWERABLE.tolist()}
+        self._answers = {cmd: _AnswersToCmd() for cmd in ANSWERABLE.tolist()}
         self._target: MotorTarget | None = None
         self._present: dict[str, MotorReading] = {}
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
@@ -257,7 +257,7 @@ class Motors(Model):
     """Models of all motors."""
 
     def __init__(self) -> None:
-        self._motors = [_Motor(number) for number in MOTORS]
+        self._motors = [_TrackedMotor(number) for number in MOTORS]
         self._online = _FlagByte()
 
     def observe(self, rows: Rows, found: MotorRows | None = None) -> None:

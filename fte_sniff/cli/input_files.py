@@ -738,7 +738,7 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
     return LogInput(LogReader(name, query.log_options(), stream))
 
 
-class _Waiting(FileIO):
+class _InterruptiblePipe(FileIO):
     """A pipe; Ctrl-C ends the wait for its next bytes.
 
     With polars, the system continues a read after a signal, so that Python does not notice it.
@@ -753,8 +753,8 @@ class _Waiting(FileIO):
 def _stream_of(path: Path) -> BufferedReader | None:
     """Standard input or a pipe, which can be read once; None for a file."""
     if path == STDIN:
-        return BufferedReader(_Waiting(sys.stdin.fileno(), closefd=False))
-    return BufferedReader(_Waiting(path)) if path.is_fifo() else None
+        return BufferedReader(_InterruptiblePipe(sys.stdin.fileno(), closefd=False))
+    return BufferedReader(_InterruptiblePipe(path)) if path.is_fifo() else None
 
 
 def _kind_of(stream: BufferedReader, name: str) -> InputKind:

@@ -133,7 +133,7 @@ def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None
         FileError: it cannot be read, or is empty.
         InputTextError: no bytes are found in it, or something in plain hex is not hex.
     """
-    streams = _Streams(log)
+    streams = _LogStreams(log)
     try:
         yield from _framed(log, streams)
     except GeneratorExit:
@@ -146,7 +146,7 @@ def rows_of_log(log: LogReader, note: Callable[[str], None] = lambda _note: None
         note(f"{log.where}{text}")
 
 
-def _framed(log: LogReader, streams: _Streams) -> Iterator[Rows]:
+def _framed(log: LogReader, streams: _LogStreams) -> Iterator[Rows]:
     """All rows of the log; raises as `rows_of_log` does."""
     failed = None
     try:
@@ -174,7 +174,7 @@ class _LogWire:
     resolution of the stamps is none. The times of rows come from the stamps.
     """
 
-    def __init__(self, port: str, log: _Streams) -> None:
+    def __init__(self, port: str, log: _LogStreams) -> None:
         self.port, self._log = port, log
         self._framer = Framer(port, log.baud, codebook=log.codebook)
         self._clock_ns, self._size, self._last_ns = log.start_ns or 0, 0, NO_TIME
@@ -275,7 +275,7 @@ class _LogWire:
         return (self.last_key_ns, line) if self._log.by_time else (line, 0)
 
 
-class _Streams:
+class _LogStreams:
     """All streams of a log."""
 
     def __init__(self, log: LogReader) -> None:

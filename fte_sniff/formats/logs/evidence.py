@@ -301,18 +301,18 @@ _LONGEST_UNDECIDED: Final = 1000
 """Bytes that wait at most until one reading is clearly the best."""
 
 
-class _Path(NamedTuple):
+class _WirePath(NamedTuple):
     """The wires of the last bytes of a reading."""
 
-    before: _Path | None
+    before: _WirePath | None
     wire: int
 
 
-class _Reading(NamedTuple):
+class _WireReading(NamedTuple):
     """A reading of the bytes so far."""
 
     score: float
-    path: _Path | None
+    path: _WirePath | None
 
 
 _State = tuple[int, int, int]
@@ -333,7 +333,7 @@ class Weave:
     """Decides to which of two wires each byte belongs, by the frames that then are whole."""
 
     def __init__(self) -> None:
-        self._readings: dict[_State, _Reading] = {(0, 0, 0): _Reading(0.0, None)}
+        self._readings: dict[_State, _WireReading] = {(0, 0, 0): _WireReading(0.0, None)}
         self._size = 0
         """Bytes that are not decided."""
 
@@ -352,22 +352,22 @@ class Weave:
             decided += self._decide(*max(self._readings.items(), key=lambda own: own[1].score))
         return bytes(decided)
 
-    def _decide(self, state: _State, best: _Reading) -> bytes:
+    def _decide(self, state: _State, best: _WireReading) -> bytes:
         wires, path = bytearray(), best.path
         while path is not None:
             wires.append(path.wire)
             path = path.before
-        self._readings, self._size = {state: _Reading(0.0, None)}, 0
+        self._readings, self._size = {state: _WireReading(0.0, None)}, 0
         return bytes(wires[::-1])
 
-    def _after(self, byte: int) -> dict[_State, _Reading]:
+    def _after(self, byte: int) -> dict[_State, _WireReading]:
         """The readings with one more byte, the best of each state."""
-        readings = dict[_State, _Reading]()
+        readings = dict[_State, _WireReading]()
         for state, reading in self._readings.items():
             for after, gain in _steps(state, byte):
                 score = reading.score + gain
                 if after not in readings or readings[after].score < score:
-                    readings[after] = _Reading(score, _Path(reading.path, after[2]))
+                    readings[after] = _WireReading(score, _WirePath(reading.path, after[2]))
         least = max(own.score for own in readings.values()) - _BEHIND
         kept = {state: own for state, own in readings.items() if own.score >= least}
         if len(kept) > _MOST_READINGS:
