@@ -430,15 +430,15 @@ def _next_byte(kind: FrameKind, offset: int) -> str:
     """Why a truncated frame may end before an offset: a byte that is not legal there."""
     if offset in kind.open_reserve:
         return TranslatableText(
-            "DATA[{offset}] is reserve; where that is constant on the line, "
-            "a truncated frame ends before another byte",
+            "DATA[{offset}] is reserve: where it is constant on the line, "
+            "another byte ends the frame here",
             offset=offset,
         )
     legal = FTE_FORMAT.legal_bytes(kind)[offset]
     if legal is None or offset == FRAME_LENGTH - 1:  # with another tail it is `bad_tail`
         return ""
     return TranslatableText(
-        "DATA[{offset}] is {legal}; a truncated frame ends before another byte",
+        "DATA[{offset}] must be {legal}: another byte ends the frame here",
         offset=offset,
         legal=ranges_text(legal),
     )

@@ -252,8 +252,9 @@ def test_truncated_frame_names_the_byte_that_would_continue_it(
         assert note == ""
     else:
         assert damaged == [(whole[:offset], (Fault.TRUNCATED,)), (byte, (Fault.NOISE,))]
-        values = "reserve" if offset in kind.open_reserve else ranges_text(legal)
-        assert note.startswith(f"DATA[{offset}] is {values};")
+        is_reserve = offset in kind.open_reserve
+        what = "is reserve: " if is_reserve else f"must be {ranges_text(legal)}: "
+        assert note.startswith(f"DATA[{offset}] {what}")
 
 
 @pytest.mark.parametrize(
