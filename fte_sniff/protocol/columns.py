@@ -74,7 +74,7 @@ class Column:
     of_row: Callable[[Row], Value] | None
     """The value in a row; None for a field of a frame, which `record` reads with all others."""
     of_rows: Callable[[Rows], ColumnData] | None
-    """The same values in a Rows, which has the bytes in `raw` and `long`; None for HEX."""
+    """The values in a Rows, whose bytes are in `raw` and `long`; None for HEX."""
     words: tuple[str, ...] = ()
     """All possible words of a WORD or WORDS column."""
     unit: str = ""
