@@ -18,6 +18,8 @@ from pathlib import Path
 SIZE = (60, 200)
 """Lines and columns of the screen."""
 
+_BEGUN = (b"LIVE", b"capturing ")
+"""What shows that a capture runs: on the screen, and in the first line of `--headless`."""
 _BOUND_S = 60.0
 _TICKS = os.sysconf("SC_CLK_TCK")
 _KEYS = (b"\x1b[6~", b"\x1b[5~", b"g", b"G", b"j", b"k", b" ", b" ")
@@ -36,7 +38,7 @@ class LiveProgram:
     """`fte-sniff ...` on a screen of its own, drawn and thrown away."""
 
     def __init__(self, arguments: list[str], folder: Path) -> None:
-        """Start it, and wait until it shows that it is LIVE."""
+        """Start it, and wait until it shows that it captures."""
         self.pid, self._screen = pty.fork()
         if self.pid == 0:
             os.chdir(folder)
@@ -78,7 +80,7 @@ class LiveProgram:
                     return
                 self.drawn += len(drawn)
                 self._shown += drawn
-                if b"LIVE" in self._shown:
+                if any(one in self._shown for one in _BEGUN):
                     self._live.set()
                 self._shown = self._shown[-4096:]
             if self._busy and time.monotonic() > pressed / 50:

@@ -298,7 +298,7 @@ class HitStatus:
 TICK_S: Final = 1 / 20
 """Interval at which the clock polls the feed, seconds."""
 
-SHARE_OF_CORE: Final = 0.15
+SHARE_OF_CORE: Final = 0.12
 """Processor time that new rows of a capture may take on the screen, as a share of a core; if a
 frame takes longer, the next rows wait."""
 
