@@ -12,7 +12,15 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.model import BaudChange, StreamChange
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.protocol import rows as columns
 from fte_sniff.protocol.rows import Codebook
 from fte_sniff.tui import options as start_options
@@ -38,6 +46,7 @@ from tests.tui.conftest import (
 )
 
 SECOND_NS = 1_000_000_000
+RESET = encode(KIND_BY_NAME["reset"], {})
 
 
 class Resting(ListFeed):
@@ -291,9 +300,8 @@ def test_rows_are_counted_before_they_leave_memory(
     monkeypatch.setattr(start_options, "RowStore", small)
     monkeypatch.setattr(switcher, "STEP_ROWS", 50)
     monkeypatch.setattr(switcher, "CLOSED_BUDGET_S", 0.0)
-    # A command may wait a second for its answer, and what follows is known only then; so that few
-    # rows wait, 20 ms part two of them.
-    rows = [replace(row, t_ns=20 * at * STEP_NS) for at, row in enumerate(speed_rows(1200))]
+    # Nothing answers a reset, so that no search for answers reads other rows meanwhile.
+    rows: list[Row] = [replace(row, raw=RESET) for row in speed_rows(1200)]
     source = Rereading(rows)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
