@@ -99,9 +99,9 @@ def test_form_of_writing_bytes_in_logs(recipe: Recipe) -> None:
 
 
 def test_column(recipe: Recipe) -> None:
-    recipe.after(
+    recipe.before(
         "fte_sniff/protocol/columns.py",
-        "COLUMNS: tuple[Column, ...] = (",
+        '    Column(\n        "answer_ms",',
         """    Column(
         "bits",
         ColumnType.INT,
@@ -117,8 +117,13 @@ def test_column(recipe: Recipe) -> None:
         raw = write(copy, "a.raw", FRAMES * 200)
         few = copy.run("decode", raw, "--format", "csv", "--limit", "2").splitlines()
         many = copy.run("decode", raw, "--format", "csv").splitlines()
-        assert [line.partition(",")[0] for line in few] == ["bits", "80", "80"]
-        assert [line.partition(",")[0] for line in many] == ["bits", *["80"] * 600]
+        at = few[0].split(",").index("bits")
+        assert [line.split(",")[at] for line in few] == ["bits", "80", "80"]
+        assert [line.split(",")[at] for line in many] == ["bits", *["80"] * 600]
+        for form in ("csv", "jsonl"):
+            copy.run("decode", raw, "-o", f"a.{form}")
+            again = copy.run("decode", f"a.{form}", "--format", "hex")
+            assert again == copy.run("decode", raw, "--format", "hex")
         for words in (("--limit", "2"), (), ("--filter", "bits = 80")):
             assert {row["bits"] for row in rows_of(copy, raw, *words)} == {80}
         copy.run("decode", raw, "-o", "a.parquet")

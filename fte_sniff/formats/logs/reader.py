@@ -35,7 +35,7 @@ from fte_sniff.formats.logs.text import (
     text_blocks,
 )
 from fte_sniff.formats.logs.times import masked
-from fte_sniff.protocol.columns import ISO_TIME, iso_time_ns
+from fte_sniff.protocol.columns import COLUMNS, ISO_TIME, ColumnType, iso_time_ns
 
 _BLANKS: Final = bytes.maketrans(b",:;-", b"    ")
 _GAP: Final = rb"[\s,;:|\-\[\](){}\"'`<>]"
@@ -151,6 +151,18 @@ class PlainLog(LogForm):
 
 
 _OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
+_NAMES: Final = [column.name for column in COLUMNS]
+_CELLS: Final = {
+    ColumnType.REAL: r"[\d.]*",
+    ColumnType.BOOL: "(?:true|false|)",
+    ColumnType.INT: r"-?\d*",
+}
+"""Cells of CSV by type; those of other types are words, or quoted."""
+_AFTER_RAW: Final = "".join(
+    "," + _CELLS.get(column.type, r"(?:\"(?:[^\"]|\"\")*\"|[^,\"]*)")
+    for column in COLUMNS[_NAMES.index("raw") + 1 :]
+)
+"""The cells behind `raw`; a row may lack them all."""
 _OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
     "table": (
         r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw\b",
@@ -160,16 +172,17 @@ _OWN: Final[dict[str, tuple[str, str, Callable[[str], str]]]] = {
         str,
     ),
     "CSV": (
-        "time,port,offset,",
+        ",".join(_NAMES[: _NAMES.index("offset") + 1]) + ",",
         rf"(?=\d{{4}}-|,)(?:(?P<time>{ISO_TIME})?,(?P<port>\"(?:[^\"]|\"\")*\"|[^,]*),"
-        r".*,(?P<raw>(?:[0-9A-F]{2})+)(?:,[\d.]*,(?:true|false|),\d?)?\s*\Z)?",
+        rf".*?,(?P<raw>(?:[0-9A-F]{{2}})+)(?:{_AFTER_RAW})?\s*\Z)?",
         lambda port: port[1:-1].replace('""', '"') if port[:1] == '"' else port,
     ),
     "JSON lines": (
         r'\s*\{"time": *[^,]*, *"port":',
         rf'\s*\{{(?:"time": *(?:null|"(?P<time>{ISO_TIME})"), *'
         r'"port": *(?P<port>"(?:[^"\\]|\\.)*"),'
-        r'.*"raw": *"(?P<raw>(?:[0-9A-F]{2})+)"(?:, *"[a-z_]+": *[^,{}"]*)*\}\s*\Z)?',
+        r'.*"raw": *"(?P<raw>(?:[0-9A-F]{2})+)"'
+        r'(?:, *"\w+": *(?:"(?:[^"\\]|\\.)*"|[^,{}"]*))*\}\s*\Z)?',
         json.loads,
     ),
 }

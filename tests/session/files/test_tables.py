@@ -20,7 +20,7 @@ import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
-from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
+from fte_sniff.protocol import COLUMNS, Chunk, Fault, Frame, Framer, Row, record
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
@@ -162,7 +162,7 @@ def test_filters_columns_and_limits_reach_the_reader() -> None:
     query = fte_sniff.scan(SAMPLES / "damaged.mcap").filter(pl.col("rpm") > 500).select("motor")
     plan = query.explain()
     assert "SELECTION" in plan
-    assert "PROJECT 2/21" in plan or "PROJECT 1/21" in plan, plan
+    assert any(f"PROJECT {few}/{len(COLUMNS)}" in plan for few in (1, 2)), plan
 
 
 def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
