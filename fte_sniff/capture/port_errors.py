@@ -55,7 +55,7 @@ def _check_url(url: str, scheme: str) -> None:
         raise PortError(
             "{port}: no such kind of port; known are {listed}", port=port, listed=schemes
         )
-    if url_scheme(url).has_server and not _has_host_and_port(url):
+    if url_scheme(url).names_address and not _has_host_and_port(url):
         example = f"{scheme}://192.168.0.7:4001"
         raise PortError(
             "{port} names no host and TCP port: write it like {example}", port=port, example=example

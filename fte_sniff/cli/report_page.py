@@ -71,7 +71,7 @@ FIRST_ROWS: Final = 5
 _LONGEST_SHOWN: Final = 32
 """Bytes of a row that the page has."""
 
-# Curves, motors and bands have no status, so their colours are not those of LOOKS.
+# Curves, motors and bands have no status, so their colours do not follow LOOKS.
 _CURVES: Final = ("#3a7bd5", "#d9822b", "#3c9d5b", "#d03b3b")
 _ACTUAL, _TARGET = _CURVES[:2]
 _ERROR, _OFF = "#d03b3b", "#8a8f98"

@@ -36,8 +36,7 @@ Value: TypeAlias = int | float | str | list[str] | None
 
 
 class ColumnType(StrEnum):
-    """The type of a column's values; all columns but `offset`, `length`, `raw`, `status` and
-    `faults` may be null."""
+    """The type of a column's values; a row may have none in most columns, which is null then."""
 
     TIME = "time"
     """Nanoseconds since 1970 UTC."""

@@ -2,7 +2,8 @@
 
 A module has a class `Serial` with pyserial's interface. Of this the program uses:
 
-    open         May wait some seconds. An OSError or a ValueError becomes one line; where its cause
+    open         May wait some seconds, in which a capture does not end; where a port comes later,
+                 `read` waits for it. An OSError or a ValueError becomes one line; where its cause
                  is a PortError, that line.
     close        Also after a loss.
     in_waiting   The number of bytes to request from `read`; with 0, one is requested.
@@ -38,8 +39,10 @@ from typing import Final
 class UrlScheme:
     """What differs between URL schemes; the defaults are those of every scheme without an entry."""
 
+    names_address: bool = False
+    """Whether the URL must name a host and a TCP port."""
     has_server: bool = False
-    """Whether the URL must name a host and a TCP port, and errors ask if a server listens there."""
+    """Whether a server has to listen there, which an error asks."""
     comes_back: bool = False
     """Whether a lost port is opened again by its URL."""
     latency_ns: int = 0
@@ -48,7 +51,9 @@ class UrlScheme:
     """Whether opening always sets DTR and RTS, so that they cannot be left as they are."""
 
 
-_LOCAL_NETWORK: Final = UrlScheme(has_server=True, comes_back=True, latency_ns=20_000_000)
+_LOCAL_NETWORK: Final = UrlScheme(
+    names_address=True, has_server=True, comes_back=True, latency_ns=20_000_000
+)
 URL_SCHEMES: Final[Mapping[str, UrlScheme]] = {
     "rfc2217": replace(_LOCAL_NETWORK, sets_lines=True),
     "socket": _LOCAL_NETWORK,
