@@ -126,8 +126,10 @@ class ViewModel:
     def play(
         self, index: int, speed: float, now_ns: int
     ) -> tuple[Sequence[PortEvent], Sequence[StreamChange]]:
-        """Play a file from a row on; returns the events before it, and all gaps and changes."""
-        self.stop_playback()
+        """Play a file from a row on, while none is played.
+
+        Returns the events before it, and all gaps and changes.
+        """
         self.playback = Playback(self.store, index, speed, now_ns)
         self._events_played = 0
         return self._played_events(self.playback.t_ns), self._file_changes

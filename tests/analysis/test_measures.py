@@ -327,9 +327,11 @@ def test_times_are_needed_only_where_they_would_help() -> None:
 
 
 @pytest.mark.parametrize("text", EXPECTED)
-def test_without_rows_nothing_is_covered(text: str) -> None:
-    found = verdict(text)
+@pytest.mark.parametrize("steps", [[], [*THREE, Gap(GapKind.NOT_SHOWN, 1)]], ids=["none", "some"])
+def test_without_the_rows_nothing_is_covered(text: str, steps: Sequence[Step]) -> None:
+    (found,) = checked(steps, rules=[text]).verdicts()
     assert (found.value, found.result, found.refuses) == (None, RuleResult.NOT_COVERED, True)
+    assert bool(found.needs) is not bool(steps)
 
 
 def test_a_rule_may_be_uncovered() -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.model import GapDetector
@@ -377,7 +377,16 @@ def test_a_summary_without_rows() -> None:
     assert {status: count.rows for status, count in counts.items()} == dict.fromkeys(Status, 0)
 
 
+FOUND_AGAIN: Sequence[Step] = [
+    frame("speed_feedback", 0, motor=1, rpm=0),
+    *(Gap(GapKind.PORT, port_lost=is_lost) for is_lost in (True, False)),
+    *[frame("speed", 0, motor=1, rpm=0)] * 2,
+]
+"""A port that was lost for a time, then a command without an answer."""
+
+
 @given(captures(), st.lists(st.integers(0, 25), max_size=4), st.integers(0, 25))
+@example(FOUND_AGAIN, [2, 4], 0)
 def test_any_pieces_of_a_capture_merge_to_a_single_pass(
     steps: list[Step], cuts: list[int], batch: int
 ) -> None:

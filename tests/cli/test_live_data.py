@@ -400,7 +400,9 @@ def test_file_is_played_as_the_viewer_asks(environment, tmp_path: Path, samples:
             assert sought_ns <= found[1] < sought_ns + 5 * 10**9
             viewer.ask(plays=True, speed=1000)  # the fastest is 100
             assert viewer.state(PLAYING, speed=100)
-            assert viewer.state(ENDED).t_ns == max(time for _, time in recorded(Path(file)))
+            end = viewer.state(ENDED)
+            assert end.t_ns == max(time for _, time in recorded(Path(file)))
+            assert not end.jumped  # it followed from the times before
             viewer.ask(plays=True, speed=1)  # from the start again
             while not (found_state := viewer.state(PLAYING, speed=1)).jumped:
                 pass

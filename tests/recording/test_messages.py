@@ -388,6 +388,7 @@ def _check(messages: list[Message]) -> None:
 
 @pytest.mark.parametrize("uncertain", [False, True])
 def test_any_changed_byte_of_a_message_gives_what_protobuf_gives(uncertain: bool) -> None:
+    """In one message alone, and in one of the many that are compared at once."""
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     channel, time, data = _message(Frame("p", 10, raw, 1_000, (), 5, uncertain))
     changed = [
@@ -395,7 +396,9 @@ def test_any_changed_byte_of_a_message_gives_what_protobuf_gives(uncertain: bool
         for at in range(len(data))
         for bits in (1, 0x80, 0xFF)
     ]
-    _check([(channel, time, one) for one in changed])
+    for one in changed:
+        _check([(channel, time, one)])
+        _check([(channel, time, one), *[(channel, time, data)] * 127])
 
 
 def test_rows_without_faults_fit_a_template(make_rows: Callable[..., list[Row]]) -> None:

@@ -848,6 +848,26 @@ def test_pulses_are_turns_too_where_the_line_setup_has_the_number() -> None:
     assert "turns" not in grid(_look(rows, 1), 199, 37, DARK).plain
 
 
+@pytest.mark.parametrize(
+    ("size", "axes", "beside"),
+    [
+        ((199, 37), [4], False),
+        ((80, 24), [2, 2], False),
+        ((80, 16), [1], False),
+        ((120, 20), [3, 2], True),
+    ],
+)
+def test_speed_and_position_are_side_by_side_where_lines_are_few(
+    size: tuple[int, int], axes: list[int], beside: bool
+) -> None:
+    rows = [_row("speed_feedback", at, motor=1, rpm=190 * at) for at in (0, 1)]
+    rows += [_row("position_feedback", at, motor=1, pulses=1900 * at) for at in (0, 1)]
+    lines = grid(_look(rows, 2), *size, DARK).plain.split("\n")
+    for text in ("╵-10 s", "╵-5 s"):
+        assert [line.count(text) for line in lines if text in line] == axes
+    assert any(" 190 " in line and " 1900 " in line for line in lines[5:]) is beside
+
+
 def _spans(columns: int, at: dict[int, tuple[float, float]]) -> EnvelopeColumns:
     low, high = np.full(columns, np.nan), np.full(columns, np.nan)
     for column, (least, most) in at.items():

@@ -373,6 +373,7 @@ def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
     frames = [_frame(motor, "speed", motor=motor, rpm=1) for motor in (1, 2, 1)]
     alert = Alert(RowFilter.parse("motor = 1"))
     assert not alert.observe(Rows.from_rows(frames[1:2]), 0.0)
+    assert not alert.observe(NO_ROWS, 0.0)
     assert [alert.observe(Rows.from_rows(frames), at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
         *(True, False, False, True)
     ]
