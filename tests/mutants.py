@@ -55,8 +55,8 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
 }
 LINKED = ("samples", "benchmarks", "pyproject.toml", "setup.py", ".ci")
 """What tests use and no mutant changes."""
-FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
-"""A line of pytest's summary, with the test."""
+FAILED = re.compile(r"^(?:FAILED|ERROR) (.+)$", re.MULTILINE)
+"""A line of pytest's summary, with the test, and often ` - ` and a message."""
 DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(.+)$", re.MULTILINE)
 PROBE = """
 import os
@@ -257,7 +257,7 @@ def all_tests(folder: Path, mutants: Collection[Mutant]) -> Tests:
     seconds = defaultdict[str, float](float)
     for duration, test in DURATION.findall(run.stdout):
         seconds[test] += float(duration)
-    for test in FAILED.findall(run.stdout):
+    for test in failed_tests(run.stdout, seconds):
         seconds.pop(test, None)
     reaching = defaultdict[str, set[str]](set)
     for record in records.iterdir():
@@ -279,6 +279,15 @@ def _pytest(
     )
 
 
+def failed_tests(output: str, known: Collection[str]) -> list[str]:
+    """The tests of a summary; the name of a test may have a ` - ` too, as before its message."""
+    found = []
+    for line in FAILED.findall(output):
+        ends = [len(line), *(one.start() for one in re.finditer(" - ", line))]
+        found += [line[:end] for end in ends if line[:end] in known][:1]
+    return found
+
+
 def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
     """Whether tests notice a mutant. A test that also fails without it decides nothing."""
     if not tests:
@@ -291,7 +300,7 @@ def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
         run = _pytest(folder, tests, *options, limit_s=limit_s)
         if run.returncode == pytest.ExitCode.OK:
             return "survived"
-        failed = FAILED.findall(run.stdout)
+        failed = failed_tests(run.stdout, tests)
         # The source without comments, as that of the mutant: some tests read it.
         file.write_text(ast.unparse(tree_of(one.module)), "utf-8")
         run = _pytest(folder, failed or tests, *options, limit_s=limit_s)

@@ -459,9 +459,12 @@ def _shortest(names: Sequence[str]) -> dict[str, str]:
     """The shortest unique prefix of each name."""
     return {
         name: next(
-            name[:size]
-            for size in range(1, len(name) + 1)
-            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+            (
+                name[:size]
+                for size in range(1, len(name))
+                if sum(other.startswith(name[:size]) for other in names) == 1
+            ),
+            name,
         )
         for name in names
     }

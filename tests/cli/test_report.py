@@ -245,6 +245,12 @@ def test_the_plots_have_exactly_the_rows(run, made, browser, samples) -> None:
     assert [(row["raw"], ", ".join(row["faults"])) for row in rows] == [
         (cells[4].replace(" ", ""), cells[3])
     ]
+    script = """
+        const [axis] = Bokeh.documents[0].get_model_by_name("faults").left;
+        return Array.from(axis.major_label_overrides.values());
+    """
+    found = {fault for row in rows_of(run, damaged, "status <> 'ok'") for fault in row["faults"]}
+    assert set(browser.execute_script(script)) == found
 
 
 @needs_browser
@@ -304,6 +310,13 @@ def test_a_value_is_drawn_for_as_long_as_it_is_known(tmp_path, made, browser) ->
     assert lines("rpm-1-actual-dots") == lines("rpm-1-actual") == [(60, 1000)]
     assert lines("pulses-2-actual-dots") == [(80, 10_000)]
     assert set(lines("pulses-4-target-dots")) == {(210, 10_000)}
+    script = """
+        const glyphs = Bokeh.documents[0].roots().flatMap((one) => one.renderers);
+        return glyphs.filter((one) => one.glyph.type === "Step").map((one) => one.data_source.name);
+    """
+    steps = set(browser.execute_script(script))
+    assert {"rpm-1-target", "pulses-4-target", "chassis-vx_cm_s"} <= steps
+    assert not any(name.endswith("-actual") for name in steps)
     scrolled_to(browser, "rpm-1-actual")
     browser.find_element(By.XPATH, "//label[. = 'actual']").click()
     hidden = ["rpm-1-actual", "rpm-1-actual-dots"]

@@ -150,6 +150,11 @@ def test_a_recording_that_stops_is_reported_while_the_rows_go_on(
         feed.state = replace(feed.state, trouble=None)
         await settle(app, pilot)
         assert "9 bytes left" not in page(app)
+        feed.state = replace(feed.state, trouble="writing received data: 8 bytes left")
+        await settle(app, pilot)
+        feed.emit(PortEvent(0, "p", PortEventKind.LINE_ERROR, "2 framing", 2))
+        await settle(app, pilot)
+        assert "8 bytes left" not in page(app)  # under the newer warning
         feed.state = replace(feed.state, recording=None, trouble="recording stopped: disk full")
         await settle(app, pilot)
         assert "recording stopped: disk full" in page(app)
