@@ -7,7 +7,7 @@ import signal
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import reduce
 from pathlib import Path
 from time import monotonic
@@ -397,7 +397,7 @@ def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
 @pytest.mark.parametrize(
     ("messages", "shown"),
     [
-        ((), {}),
+        ((), asdict(FeedState("a + b"))),
         ((Started(None),), {}),
         ((BEGUN,), {"recording": "one.mcap", "files": ("one.mcap",)}),
         ((BEGUN, batch(rows=7)), {"rows": 7, "not_shown": 3}),
