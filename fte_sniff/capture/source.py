@@ -17,7 +17,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
 from typing import Protocol, Self, TypeAlias
@@ -109,7 +109,7 @@ class ChunkQueue:
             port = self._ports[chunk.port]
             held_up = port.was_held_up(chunk.t_ns or 0)
             if size and (held_up or port.unseen):
-                chunk = replace(chunk, is_late=True)
+                chunk = chunk._replace(is_late=True)
             port.unseen = held_up and not has_news
             if port.unseen:
                 return

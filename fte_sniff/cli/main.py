@@ -6,7 +6,6 @@ import errno
 import gc
 import os
 import re
-import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -100,6 +99,8 @@ class LazyGroup(click.Group):
 
 def _unknown_command(name: str) -> str:
     """That a command is unknown, and the command that was probably meant."""
+    import shlex
+
     from fte_sniff.cli.input_files import is_port_name
 
     shown = shlex.quote(name)

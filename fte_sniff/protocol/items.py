@@ -17,8 +17,7 @@ from typing import NamedTuple
 from fte_sniff.errors import TranslatableText
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
+class Chunk(NamedTuple):
     """The bytes of one read, with its time; without bytes it reports that the line was idle."""
 
     port: str

@@ -12,8 +12,7 @@ has the bytes of two wires in turn, `Weave` separates them by their frames.
 from __future__ import annotations
 
 import re
-from base64 import urlsafe_b64decode
-from binascii import unhexlify
+from binascii import a2b_base64, unhexlify
 from bisect import bisect
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -178,9 +177,10 @@ _CODES: Final = {
     "w": rf"[\[<{{(](?:(?:0x)?@@|(?P<n>{_CONTROLS}))[\]>}})]",
 }
 """By kind of form, the patterns of bytes that are not characters, in a text of characters."""
+_URL_SAFE: Final = bytes.maketrans(b"-_", b"+/")
 _KINDS: Final[dict[str, BytesOf]] = {
     "x": unhexlify,
-    "q": urlsafe_b64decode,
+    "q": lambda text: a2b_base64(text.translate(_URL_SAFE)),
     "n": lambda name: bytes([_VALUES[name.decode()]]),
     "e": lambda letter: letter.translate(_LETTERS),
     "c": bytes,
@@ -516,7 +516,7 @@ def label_of(kind: str, text: bytes) -> str | None:
 def without_labels(text: bytes) -> str:
     """The text without directions and ports."""
     readable = text.decode("utf-8", "replace")
-    for pattern in _PATTERNS.values():
+    for pattern in _PATTERNS.values() if readable else ():  # they are slow to compile
         readable = re.sub(pattern, "", readable)
     return readable
 

@@ -203,6 +203,8 @@ class OwnLog(LogForm):
     def by_sample(cls, lines: Sequence[bytes]) -> OwnLog | None:
         """The log, if the first line with text is one of this program's."""
         line = next((line for line in lines if line.strip()), b"").decode("utf-8", "replace")
+        if re.search("[g-z]", line) is None:
+            return None  # kinds and statuses have such letters; the patterns are slow to compile
         for what, (heading, row, _) in _OWN.items():
             found = re.match(row, line)
             if re.match(heading, line) or (found and found["raw"]):
