@@ -165,6 +165,8 @@ class Alert:
 
     def observe(self, rows: Rows, now_s: float) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
+        if not len(rows):  # most polls of a quiet line
+            return False
         (matching,) = self._filter.matches(rows).nonzero()
         if not len(matching):
             return False
