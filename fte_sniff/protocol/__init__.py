@@ -6,6 +6,7 @@ Modules:
     framer      The framer: chunks in, rows out.
     columns     The column table; values as text; signs and colours of each status.
     rows        Rows: the one container; a row.
+    table       Rows: the container of rows as fixed-size numpy columns; takes the place of `rows`.
     items       Chunks, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
