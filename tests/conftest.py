@@ -47,6 +47,7 @@ settings.load_profile("quick")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--interpreted", action="store_true", help="run the framer's source")
+    parser.addoption("--bless", action="store_true", help="write the present output of sessions")
 
 
 def pytest_configure(config: pytest.Config) -> None:
