@@ -122,6 +122,8 @@ class GapKind(StrEnum):
     OTHER_RECORDING = "other_recording"
     PORT = "port"
     """The port was lost, or bytes of it were."""
+    SELECTED = "selected"
+    """A filter selected the rows that follow; `reason` is its text."""
     NOT_SHOWN = "not_shown"
     """The view was too slow to receive them."""
 

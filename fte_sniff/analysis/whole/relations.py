@@ -1,0 +1,363 @@
+"""Which rows belong together: runs without a gap, the frame before, answers, the motor of damage.
+
+A relation is an array of indices, -1 where there is none, so that a period, an answer time or a
+jump is a difference of two values by index:
+
+    row         0    1    2    3    4          commands c to motors 1 and 2, feedback f, damage !
+                c1   c2   f1   !    c1
+    before     -1   -1   -1   -1    0          the frame before of the same port, kind and motor
+    answer      2   -1                         the first feedback with its CMD, before the next
+                                               command to the motor and the deadline
+
+Nothing here has a state. Rows that come in batches are completed by `segments`, which computes the
+relations of a batch together with the rows before and after it that they depend on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.model import BaudChange
+from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
+    FRAME_LENGTH,
+    FTE_FORMAT,
+    HEADERS,
+    KINDS,
+    MOTORS,
+    NUM_OFFSET,
+    TAIL,
+    Direction,
+    Fault,
+    motor_bit,
+)
+from fte_sniff.protocol.table import (
+    COLUMNS,
+    FACTS,
+    NO_FACT,
+    NO_KIND,
+    NO_TIME,
+    Array,
+    Bools,
+    Ints,
+    Rows,
+    field_of,
+)
+
+DEADLINE_NS: Final = 1_000_000_000
+"""Time in which a command must be answered."""
+
+LATE: Final = 2.0
+"""An answer is late from this many times the median of its motor and kind on."""
+
+NONE: Final = -1
+"""The index where there is no related row."""
+
+COMMANDS: Final = np.array([*(kind.direction is Direction.CONTROL for kind in KINDS), False])
+"""By kind code, whether it is a command."""
+FEEDBACK: Final = np.array([*(kind.direction is Direction.FEEDBACK for kind in KINDS), False])
+"""By kind code, whether it is feedback."""
+NAMES_MOTOR: Final = np.array([*(kind.names_motor for kind in KINDS), False])
+"""By kind code, whether it names a motor in NUM."""
+
+ANSWERABLE: Final = np.unique(
+    [cmd for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds]
+)
+"""The CMDs of feedback: commands with another CMD have no answer."""
+
+
+class Change(NamedTuple):
+    """A gap or a change of speed between two rows."""
+
+    index: int
+    """Of the first row after it."""
+    what: Gap | BaudChange
+
+
+def values_at(rows: Rows, name: str, at: Ints) -> Ints:
+    """A field of the rows at some indices; 0 where they do not have it."""
+    return field_of(rows.raw[at], rows.kinds[at], name)[0].astype(np.int64)
+
+
+# Runs
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Runs of rows without a gap between them; nothing is measured from one to the next."""
+
+    number: Ints
+    """Of the run, by row, rising."""
+    heard: Bools
+    """By row, whether feedback came before it in its recording."""
+    lost: Bools
+    """By row, whether a port is lost."""
+    hidden: Bools
+    """By row, whether the recording has only rows that a filter selected."""
+
+    @property
+    def ends(self) -> Ints:
+        """By run, the index after its last row."""
+        last = int(self.number[-1]) if len(self.number) else -1
+        return np.searchsorted(self.number, np.arange(last + 1), "right")
+
+    @property
+    def covered(self) -> Bools:
+        """By row, whether a command there can be known to be unanswered."""
+        return self.heard & ~self.lost & ~self.hidden
+
+    def select(self, at: Ints) -> Runs:
+        """The runs of some of the rows, by rising indices."""
+        number = self.number[at]
+        number -= number[:1].sum()
+        return Runs(number, self.heard[at], self.lost[at], self.hidden[at])
+
+    def followed_by(self, later: Runs) -> Runs:
+        """These runs and those of the rows that follow, of which `runs_of` got these."""
+        number = later.number + self.number[-1:].sum()
+        return Runs(
+            np.concatenate((self.number, number)),
+            np.concatenate((self.heard, later.heard)),
+            np.concatenate((self.lost, later.lost)),
+            np.concatenate((self.hidden, later.hidden)),
+        )
+
+
+def runs_of(rows: Rows, changes: Iterable[Change] = (), before: Runs | None = None) -> Runs:
+    """The runs of rows with changes between them; `before` are those of the rows before."""
+    gaps = [(one.index, one.what) for one in changes if isinstance(one.what, Gap)]
+    at, starts = np.arange(len(rows)), np.unique([index for index, _ in gaps])
+    recording = np.zeros(len(rows), np.int64)
+    heard, lost, hidden = (np.zeros(len(rows), np.bool_) for _ in range(3))
+    if before is not None and len(before.number):
+        heard[:], lost[:], hidden[:] = before.heard[-1], before.lost[-1], before.hidden[-1]
+    for index, gap in gaps:
+        if gap.kind is GapKind.OTHER_RECORDING:
+            recording[index:], heard[index:], hidden[index:] = index, False, False
+        if gap.kind is GapKind.SELECTED:
+            hidden[index:] = True
+        if gap.port_lost is not None:
+            lost[index:] = gap.port_lost
+    feedback = np.append(np.flatnonzero(FEEDBACK[rows.kinds]), len(rows))
+    heard |= at >= feedback[np.searchsorted(feedback, recording)]
+    return Runs(np.searchsorted(starts, at, side="right"), heard, lost, hidden)
+
+
+def row_before(keys: Ints, runs: Runs) -> Ints:
+    """For each row, the row before it with the same key in its run; keys below 0 have none."""
+    order = np.lexsort((np.arange(len(keys)), keys, runs.number))
+    same = (np.diff(keys[order]) == 0) & (np.diff(runs.number[order]) == 0)
+    found = np.full(len(keys), NONE, np.int64)
+    found[order[1:][same]] = order[:-1][same]
+    found[keys < 0] = NONE
+    return found
+
+
+def stream_keys(rows: Rows) -> Ints:
+    """A number for the port, kind and motor of each frame; -1 for rows without a kind."""
+    motors = np.where(NAMES_MOTOR[rows.kinds], rows.nums, 0).astype(np.int64)
+    keys = (rows.port.astype(np.int64) * (NO_KIND + 1) + rows.kinds) * 256 + motors
+    return np.where(rows.kinds == NO_KIND, NONE, keys)
+
+
+# Answers
+
+
+class AnswerState(IntEnum):
+    """Whether a command to one motor was answered."""
+
+    ANSWERED = 0
+    UNANSWERED = 1
+    """Another command to the motor, or the deadline, came first."""
+    UNKNOWN = 2
+    """The rows end, or rows are missing, before that; it needs no answer; or it is not covered."""
+    UNCOVERED = 3
+    """No answer came, and no feedback before it: the wire of the answers may not be recorded."""
+    HIDDEN = 4
+    """A filter selected the rows of the recording: the answer may be among the others."""
+
+
+def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
+    """The commands to each motor and their answers, a row for each command and motor.
+
+    Columns: `command` and `answer` (indices, -1 without an answer), `motor`, `kind` (code), `cmd`,
+    `state` (an `AnswerState`), `delay_ns` (null unless it is answered and both have times).
+    """
+    kinds = rows.kinds
+    is_command, is_feedback = COMMANDS[kinds], FEEDBACK[kinds]
+    to_all = is_command & ~NAMES_MOTOR[kinds]
+    return pl.concat(
+        _answers_of(
+            rows,
+            runs,
+            motor,
+            np.flatnonzero((is_command & (rows.nums == motor)) | to_all),
+            np.flatnonzero(is_feedback & (rows.nums == motor)),
+        )
+        for motor in MOTORS
+    )
+
+
+def _answers_of(rows: Rows, runs: Runs, motor: int, commands: Ints, feedback: Ints) -> pl.DataFrame:
+    cmds, count = rows.cmds[commands], len(rows)
+    t_ns = np.append(rows.t_ns, NO_TIME)
+    all_ends = runs.ends
+    run_ends = all_ends[runs.number[commands]]
+    ends = np.minimum(np.append(commands[1:], count), run_ends)
+    answer = np.full(len(commands), count)
+    for cmd in ANSWERABLE:
+        same = np.append(feedback[rows.cmds[feedback] == cmd], count)
+        own = cmds == cmd
+        answer[own] = same[np.searchsorted(same, commands[own])]
+    delays = t_ns[answer] - t_ns[commands]
+    timed = (t_ns[answer] != NO_TIME) & (t_ns[commands] != NO_TIME)
+    is_answered = (answer < ends) & ~(timed & (delays > DEADLINE_NS))
+    latest = np.maximum.accumulate(rows.t_ns)[run_ends - 1] if len(commands) else commands
+    waited = latest - t_ns[commands]
+    overdue = (ends < run_ends) | ((t_ns[commands] != NO_TIME) & (waited > DEADLINE_NS))
+    state = np.full(len(commands), AnswerState.UNKNOWN)
+    missing = ~is_answered & overdue & np.isin(cmds, ANSWERABLE)
+    state[missing] = np.where(
+        runs.covered[commands[missing]], AnswerState.UNANSWERED, AnswerState.UNCOVERED
+    )
+    state[is_answered] = AnswerState.ANSWERED
+    hidden = runs.hidden[commands]
+    state[hidden], is_answered[hidden] = AnswerState.HIDDEN, False
+    return pl.DataFrame(
+        {
+            "command": commands,
+            "answer": np.where(is_answered, answer, NONE),
+            "motor": np.full(len(commands), motor, np.uint8),
+            "kind": rows.kinds[commands],
+            "cmd": cmds,
+            "state": state.astype(np.uint8),
+            "delay_ns": np.where(is_answered & timed & (delays >= 0), delays, NONE),
+        }
+    ).with_columns(pl.col("delay_ns").replace(NONE, None))
+
+
+# The motor of damage
+
+_KIND_OF_HEAD: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
+_NAMING_CMDS: Final = np.unique([cmd for kind in KINDS if kind.names_motor for cmd in kind.cmds])
+_AROUND: Final = range(-2, 2)
+"""The frames before damage, and after it, that must be in step."""
+
+
+def motor_hints(rows: Rows, runs: Runs) -> Ints:
+    """The motors that damaged rows probably belonged to, or `NO_FACT`.
+
+    The first of these that names a motor: the row's own NUM; the frames of a direction before and
+    after it, in which one motor is missing; the command that alone awaits an answer.
+    """
+    damaged = np.flatnonzero(rows.is_malformed)
+    hints = np.full(len(rows), NO_FACT)
+    hints[damaged] = own = _own_motors(rows, damaged)
+    damaged = damaged[own == NO_FACT]
+    if not len(damaged):
+        return hints
+    named = NAMES_MOTOR[rows.kinds] & np.isin(rows.nums, MOTORS)
+    heads, found = rows.raw[damaged, 0], []
+    for direction, of_kind in ((Direction.CONTROL, COMMANDS), (Direction.FEEDBACK, FEEDBACK)):
+        other = np.isin(heads, [*HEADERS.values()]) & (heads != HEADERS[direction])
+        missing = _missing_motors(rows, runs, np.flatnonzero(named & of_kind[rows.kinds]), damaged)
+        found.append(np.where(other, NO_FACT, missing))
+    commanded, answered = found
+    clash = (NO_FACT != commanded) & (NO_FACT != answered) & (commanded != answered)
+    asked = _asked_motors(rows, runs, np.flatnonzero(named), damaged)
+    asked[heads == HEADERS[Direction.CONTROL]] = NO_FACT
+    best = np.where(commanded != NO_FACT, commanded, np.where(answered != NO_FACT, answered, asked))
+    hints[damaged] = np.where(clash, NO_FACT, best)
+    return hints
+
+
+def _own_motors(rows: Rows, at: Ints) -> Ints:
+    """NUM of the rows in which header and CMD, or CMD and tail, name a kind that names a motor."""
+    raw, length, nums = rows.raw[at], rows.length[at], rows.nums[at].astype(np.int64)
+    heads = raw[:, 0].astype(np.int64) << 8 | raw[:, CMD_OFFSET]
+    whole = rows.has(Fault.BAD_HEADER)[at] & (length == FRAME_LENGTH)
+    whole &= raw[:, FRAME_LENGTH - 1] == TAIL
+    whole &= np.isin(raw[:, CMD_OFFSET], _NAMING_CMDS)
+    names = (NAMES_MOTOR[_KIND_OF_HEAD[heads]] | whole) & (length > NUM_OFFSET)
+    return np.where(names & np.isin(nums, MOTORS), nums, NO_FACT)
+
+
+def _near(rows: Rows, runs: Runs, frames: Ints, numbers: Ints, at: Ints) -> tuple[Ints, Bools]:
+    """Frames by number, and whether each exists in a row's run, within the deadline."""
+    if not len(frames):
+        return np.zeros(len(at), np.int64), np.zeros(len(at), np.bool_)
+    found = frames[np.clip(numbers, 0, len(frames) - 1)]
+    own, t_ns = rows.t_ns[found], rows.t_ns[at]
+    far = (own != NO_TIME) & (t_ns != NO_TIME) & (np.abs(own - t_ns) > DEADLINE_NS)
+    own_run = runs.number[found] == runs.number[at]
+    return found, (numbers >= 0) & (numbers < len(frames)) & own_run & ~far
+
+
+def _missing_motors(rows: Rows, runs: Runs, frames: Ints, at: Ints) -> Ints:
+    """The motor that is missing at each row among frames of one direction."""
+    end, count = np.searchsorted(frames, at), len(MOTORS)
+    around = [_near(rows, runs, frames, end + by, at) for by in _AROUND]
+    second, first, next_, last = (rows.nums[one].astype(np.int64) for one, _ in around)
+    step = first - second
+    in_step = ((first + 2 * step - next_) % count == 0) & ((first + 3 * step - last) % count == 0)
+    in_step &= np.logical_and.reduce([near for _, near in around])
+    return np.where(in_step, (first + step - MOTORS[0]) % count + MOTORS[0], NO_FACT)
+
+
+def _asked_motors(rows: Rows, runs: Runs, frames: Ints, at: Ints) -> Ints:
+    """The motor whose command alone awaits an answer at each row."""
+    end = np.searchsorted(frames, at)
+    (last, near), (before, _) = (_near(rows, runs, frames, end - by, at) for by in (1, 2))
+    alone = ~COMMANDS[rows.kinds[before]] | (rows.nums[before] == rows.nums[last])
+    alone |= (end < 2) | (runs.number[before] != runs.number[at])
+    asked = near & COMMANDS[rows.kinds[last]] & alone
+    return np.where(asked, rows.nums[last].astype(np.int64), NO_FACT)
+
+
+# The facts of rows
+
+
+def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Rows:
+    """The rows with the columns of `FACTS`; `found` are their `answers`, if known."""
+    found = answers(rows, runs) if found is None else found
+    before = row_before(stream_keys(rows), runs)
+    previous = np.where(before == NONE, NO_FACT, rows.payloads[before] if len(rows) else before)
+    unanswered, answer_ns = np.full(len(rows), NO_FACT), np.full(len(rows), NO_FACT)
+    missed, undecided = np.zeros(len(rows), np.int64), np.zeros(len(rows), np.bool_)
+    for motor in MOTORS:
+        own = found.filter(pl.col("motor") == motor, pl.col("cmd").is_in(ANSWERABLE))
+        at, state = own["command"].to_numpy(), own["state"].to_numpy()
+        delays = own["delay_ns"].fill_null(2**62).to_numpy()
+        unanswered[at] = 0
+        missed[at[state == AnswerState.UNANSWERED]] |= 1 << motor_bit(motor)
+        undecided[at[state > AnswerState.UNANSWERED]] = True
+        answer_ns[at] = np.maximum(answer_ns[at], delays)
+    unanswered[undecided] = NO_FACT
+    unanswered[missed > 0] = missed[missed > 0]
+    answer_ns[answer_ns == 2**62] = NO_FACT
+    facts = {
+        "answer_ns": answer_ns,
+        "unanswered": unanswered,
+        "motor_hint": motor_hints(rows, runs),
+        "previous": previous,
+    }
+    return rows.replace(**{name: facts[name].astype(COLUMNS[name][0]) for name in FACTS})
+
+
+# What is late
+
+
+def with_late(found: pl.DataFrame) -> pl.DataFrame:
+    """Answers with `usual_ns`, the median delay of the motor and kind of command, and `late`.
+
+    Both are null without a delay.
+    """
+    usual = pl.col("delay_ns").median().over("motor", "kind")
+    return found.with_columns(usual_ns=usual, late=pl.col("delay_ns") >= LATE * usual)

@@ -1,0 +1,219 @@
+"""Tables of a stream, one after the other, and the sum of what is counted in each.
+
+A table has the rows around its own that their relations may depend on: before them the last second
+and the last frame of every stream, after them a second. So its numbers are those of a single table
+of all rows, and counts add up, over the segments of a file, files, processes and machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final, TypeAlias
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.model import BaudChange
+from fte_sniff.analysis.whole.relations import (
+    DEADLINE_NS,
+    Change,
+    runs_of,
+    stream_keys,
+)
+from fte_sniff.analysis.whole.table import EMPTY, RowTest, Table
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.protocol.table import NO_TIME, Ints, Rows
+
+Item: TypeAlias = Rows | PortEvent | Gap | BaudChange
+
+SEGMENT_ROWS: Final = 1 << 18
+"""Rows of a table, unless a test or the screen needs fewer."""
+
+UNTIMED_ROWS: Final = 1200
+"""Rows without a time that count as a second: those of a full line."""
+
+
+class Segments:
+    """Cuts a stream into tables."""
+
+    def __init__(
+        self,
+        most: int = SEGMENT_ROWS,
+        *,
+        baud: int | None = None,
+        test: RowTest | None = None,
+        keep: Callable[[Table], Ints] | None = None,
+    ) -> None:
+        """Begin a stream without rows.
+
+        Args:
+            most: rows from which on a table is complete.
+            baud: of every port; None for that of the stream's `BaudChange`s.
+            test: selects the rows that are counted; None for all.
+            keep: the indices of further rows of a table that the next ones need.
+        """
+        self._most, self._test, self._keep = most, test, keep
+        self._baud = baud
+        self._before = EMPTY
+        """The last table, with only the rows that the next one needs."""
+        self._rows, self._count = list[Rows](), 0
+        self._changes, self._events = list[Change](), list[PortEvent]()
+        self._begins = list[tuple[int, str]]()
+        self._hidden_by = list[str]()
+
+    def begin(self, name: str) -> None:
+        """Begin the next input of the stream."""
+        self._begins.append((self._count, name))
+
+    def push(self, item: Item) -> Iterator[Table]:
+        """Add the next item; yields the table that it completes."""
+        if isinstance(item, PortEvent):
+            self._events.append(item)
+        elif isinstance(item, Rows):
+            self._rows.append(item)
+            self._events += item.events
+            self._count += len(item)
+            if self._count >= self._most:
+                yield from self._cut(final=False)
+        elif isinstance(item, Gap) or self._baud is None:
+            self._changes.append(Change(self._count, item))
+            if isinstance(item, Gap) and item.kind is GapKind.SELECTED:
+                self._hidden_by.append(item.reason)
+
+    def finish(self) -> Iterator[Table]:
+        """End the stream; yields the rest."""
+        yield from self._cut(final=True)
+
+    def _cut(self, *, final: bool) -> Iterator[Table]:
+        table = self._joined()
+        stop = len(table.rows) if final else second_before(table.rows, len(table.rows))
+        if stop > table.start or final:
+            table = replace(table, stop=stop)
+            if self._test is not None:
+                table = table.narrowed(self._test)
+            yield table
+            self._before = self._needed(table)
+            self._rows, self._count, self._changes, self._events = [], 0, [], []
+            self._begins = []
+
+    def _joined(self) -> Table:
+        """The rows that wait, after those that were kept."""
+        before, rows = self._before, Rows.concat(self._rows)
+        runs = before.runs.followed_by(runs_of(rows, self._changes, before.runs))
+        bauds, byte_ns = dict(before.bauds), np.zeros(len(rows), np.int64)
+        default = self._baud or DEFAULT_BAUD
+        for code, port in enumerate(rows.ports):
+            byte_ns[rows.port == code] = byte_time_ns(bauds.get(port, default))
+        for index, what in self._changes:
+            if isinstance(what, BaudChange):
+                bauds[what.port] = what.baud
+                if what.port in rows.ports:
+                    own = rows.port == rows.ports.index(what.port)
+                    own[:index] = False
+                    byte_ns[own] = byte_time_ns(what.baud)
+        sources = [*before.sources, *(name for _, name in self._begins)]
+        starts = [index for index, _ in self._begins]
+        source = np.searchsorted(starts, np.arange(len(rows)), "right") + len(before.sources) - 1
+        return Table(
+            Rows.concat([one for one in (before.rows, rows) if len(one)]),
+            runs,
+            before.start,
+            0,
+            np.concatenate((before.byte_ns, byte_ns)),
+            np.concatenate((before.source, source)),
+            sources,
+            tuple(self._events),
+            bauds,
+            hidden_by=tuple(self._hidden_by),
+        )
+
+    def _needed(self, table: Table) -> Table:
+        """The rows of a table that the relations of later ones depend on."""
+        kept = context_of(table)
+        if self._keep is not None:
+            kept = np.union1d(kept, self._keep(table))
+        return Table(
+            table.rows.select(kept),
+            table.runs.select(kept),
+            int(np.searchsorted(kept, table.stop)),
+            0,
+            table.byte_ns[kept],
+            table.source[kept],
+            table.sources,
+            (),
+            table.bauds,
+        )
+
+
+def segments(items: Iterable[Item], most: int = SEGMENT_ROWS, name: str = "") -> Iterator[Table]:
+    """The tables of one input."""
+    cutter = Segments(most)
+    cutter.begin(name)
+    for item in items:
+        yield from cutter.push(item)
+    yield from cutter.finish()
+
+
+def second_before(rows: Rows, end: int) -> int:
+    """The index from which on rows are less than a second before another one."""
+    t_ns = rows.t_ns[:end]
+    latest = int(t_ns.max(initial=NO_TIME))
+    if latest == NO_TIME:
+        return max(0, end - UNTIMED_ROWS)
+    return int(np.argmax(t_ns >= latest - DEADLINE_NS))
+
+
+def context_of(table: Table) -> Ints:
+    """The indices of the rows that the relations of rows from `stop` on depend on, and of these.
+
+    The last second before it; the last row of every stream and port, of all rows and of those that
+    are selected; and the first row of the run.
+    """
+    stop = table.stop
+    rows, recent = table.rows.select(slice(0, stop)), second_before(table.rows, stop)
+    number = table.runs.number[:stop]
+    needed = [np.arange(recent, len(table.rows)), np.searchsorted(number, number[-1:])]
+    for some in (None, table.selected):
+        at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])
+        for keys in (stream_keys(rows), rows.port.astype(np.int64)):
+            own = at[keys[at] >= 0]
+            needed.append(own[_last_of(keys[own])])
+    return np.unique(np.concatenate(needed)).astype(np.int64)
+
+
+def _last_of(keys: Ints) -> Ints:
+    """The index of the last of each key."""
+    return len(keys) - 1 - np.unique(keys[::-1], return_index=True)[1]
+
+
+# Sums
+
+_ADDED: Final[Mapping[str, Callable[[pl.Expr], pl.Expr]]] = {
+    "sum": pl.Expr.sum,
+    "least": pl.Expr.min,
+    "greatest": pl.Expr.max,
+    "first": lambda one: one.drop_nulls().first(),
+    "last": lambda one: one.drop_nulls().last(),
+}
+"""By the first word of a column's name, how its parts add up."""
+
+
+def added(parts: Iterable[pl.DataFrame]) -> pl.DataFrame:
+    """Counts of several parts, in the order of time, as those of one.
+
+    A column with a name such as `sum rows` is added as its first word says; `until x` is the value
+    that belongs to `greatest x`; the others are keys.
+    """
+    frame = pl.concat(parts)
+    names = [name for name in frame.columns if " " in name]
+    keys = [name for name in frame.columns if name not in names]
+    return frame.group_by(keys, maintain_order=True).agg(map(_sum_of, names))
+
+
+def _sum_of(name: str) -> pl.Expr:
+    word, _, of = name.partition(" ")
+    if word == "until":
+        return pl.col(name).get(pl.col(f"greatest {of}").arg_max())
+    return _ADDED[word](pl.col(name))
