@@ -22,4 +22,5 @@ Modules:
     search        Search in a store: the next matching row, and a counter.
     statistics    Statistics of ports, streams, faults and motors, over one or more inputs.
     time_text     Times and durations that a user types.
+    whole         The same analyses as functions over columns; takes the place of the above.
 """

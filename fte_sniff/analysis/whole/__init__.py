@@ -1,9 +1,11 @@
-"""Prototype: analyses of a whole recording as functions over columns, without state and merging.
+"""Analyses as functions over columns, without state; take the place of the modules beside them.
 
 Modules:
 
-    relations    Which rows belong together: runs, the frame before, answers, the motor of damage.
-    statistics   Statistics of ports, streams, faults and motors.
-    check        Measures of rows, rules about them, and verdicts.
-    sql          The filter language: SQL conditions, by polars.
+    store      The rows of a screen by index, and those that a filter shows.
+    motors     The motors at a row: values, answers, and which one is in trouble.
+    plots      Values over time as minimum and maximum in columns of a span.
+    segments   A stream in tables, and the sum of what is counted in each.
+    table      Rows with the numbers that the analyses group and add up.
+    relations  Which rows belong together: runs, the frame before, answers, the motor of damage.
 """

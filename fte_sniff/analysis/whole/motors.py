@@ -1,11 +1,19 @@
-"""The motors at a row, from the rows before it: targets, present values, flags, answers, health."""
+"""The motors at a row: targets, present values, flags, answers, and which one is in trouble.
+
+All of it is a function of the rows before that row, so it is the same live, at the cursor of a
+recording, and after any filter. A screen calls it with the last `LOOK_BACK` rows:
+
+    rows = store.batch(index + 1 - LOOK_BACK, index + 1)
+    states = motors_at(rows, store.runs(index + 1 - LOOK_BACK, index + 1))
+    states[0].trouble, states[0].text          # Trouble.ERROR, "ERROR 04"
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -18,37 +26,60 @@ from fte_sniff.analysis.whole.relations import (
     AnswerState,
     Runs,
     answers,
+    is_off_target,
+    values_at,
+    with_late,
 )
-from fte_sniff.protocol import KINDS, MOTORS, FrameKind
-from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit
+from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, FrameKind, Role, motor_bit
+from fte_sniff.protocol.table import NO_TIME, Bools, Ints, Rows
 
 LOOK_BACK: Final = 20_000
-"""Rows before a row among which the state of the motors is looked for."""
+"""Rows that `motors_at` needs at most: those of 10 s of two full lines."""
 
 RATE_NS: Final = 2_000_000_000
+"""Time over which rates are counted."""
+
 HEALTH_NS: Final = 10_000_000_000
-LATE: Final = 2.0
+"""Time over which a motor's answers, damage and flags are judged."""
+
+SETTLING_NS: Final = 3_000_000_000
+"""Time in which a motor may move to a target."""
+
 TROUBLED: Final = 0.02
-"""Share of a motor's commands: with more events something is wrong."""
+"""Share of a motor's commands without an answer, or of its rows that are damaged, at most."""
+
+LATE_SHARE: Final = 0.05
+"""Share of a motor's answers that are late at most; and at most three times that of before."""
 
 
-class Health(Enum):
-    """How a motor answered in the last 10 s."""
+class Trouble(Enum):
+    """What is wrong with a motor in the last 10 s, the most serious first."""
 
-    SOUND = "in the last 10 s its commands were answered, and at most 2 % had an event"
-    TROUBLED = "events at more than 2 % of its commands: unanswered, late, damage, flags"
-    SILENT = "none of its commands was answered"
+    SILENT = "silent"
+    """Commands went on, and it sent nothing."""
+    OFFLINE = "offline"
+    """Its bit in the latest ONLINE byte is 0."""
+    ERROR = "ERROR"
+    """Its latest ERROR byte is not 00."""
+    UNANSWERED = "unanswered"
+    DAMAGE = "damage"
+    LATE = "late"
+    OFF_TARGET = "off target"
+    NONE = "ok"
+    UNKNOWN = "–"
+    """It had neither commands nor feedback."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A value, the time of its frame, and since when it has been the same."""
+class Reading(NamedTuple):
+    """The latest frame of a motor, and since when its bytes have been the same."""
 
-    value: Mapping[str, int]
+    values: Mapping[str, int]
+    """By row name, without the motor."""
     kind: FrameKind
     t_ns: int | None
     since_ns: int | None
+    """The time of the first frame in a row with these bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,70 +88,118 @@ class MotorState:
 
     motor: int
     target: Reading | None
+    """The latest command to it, also of a command to all motors."""
     present: Mapping[FrameKind, Reading]
     """By kind of feedback, the latest frame."""
     online: bool | None
     """Its bit in the ONLINE byte of the latest feedback of any motor."""
+    errors: int | None
+    """The ERROR byte of its latest feedback."""
     commands_per_s: float | None
     feedback_per_s: float | None
     answered: int
+    """Commands in the last 10 s that were answered; 0 where that cannot be known."""
     unanswered: int
-    """Commands in the last 10 s."""
+    late: int
+    """Answers among these that took at least twice the median."""
+    damaged: int
+    """Damaged rows in the last 10 s that probably belonged to it."""
     delay_p50_ns: float | None
     delay_p99_ns: float | None
-    health: Health | None
+    trouble: Trouble
+
+    @property
+    def text(self) -> str:
+        """The trouble in a word or two; `ERROR 04` names the byte."""
+        if self.trouble is Trouble.ERROR:
+            return f"ERROR {self.errors:02X}"
+        return TranslatableText(self.trouble.value)
 
 
 def motors_at(rows: Rows, runs: Runs) -> list[MotorState]:
     """The state of every motor after the last of some rows, which have their facts."""
     now_ns = int(rows.t_ns.max(initial=NO_TIME))
-    recent = answers(rows, runs)
-    return [_state(rows, recent, motor, now_ns) for motor in MOTORS]
-
-
-def _state(rows: Rows, found: pl.DataFrame, motor: int, now_ns: int) -> MotorState:
-    own = rows.nums == motor
-    commands = np.flatnonzero(COMMANDS[rows.kinds] & (own | ~NAMES_MOTOR[rows.kinds]))
-    anyone = np.flatnonzero(FEEDBACK[rows.kinds])
-    feedback = anyone[own[anyone]]
-    online = rows.values(Role.ONLINE, anyone[-1:]) >> motor_bit(motor) & 1
-    t_ns = rows.t_ns[found["command"].to_numpy()]
-    mine = found.filter(
-        pl.col("motor") == motor, pl.col("cmd").is_in(ANSWERABLE), pl.Series(t_ns > now_ns - HEALTH_NS)
+    found = with_late(answers(rows, runs)).filter(pl.col("cmd").is_in(ANSWERABLE))
+    is_recent = rows.t_ns > now_ns - HEALTH_NS
+    found = found.with_columns(
+        recent=pl.Series(is_recent[found["command"].to_numpy()], dtype=pl.Boolean)
     )
-    answered = int((mine["state"] == AnswerState.ANSWERED).sum())
-    unanswered = int((mine["state"] == AnswerState.UNANSWERED).sum())
-    delays = mine["delay_ns"]
-    damaged = np.count_nonzero((rows.motor_hint == motor) & (rows.t_ns > now_ns - HEALTH_NS))
-    late = int((delays > LATE * (delays.median() or 0)).sum())  # type: ignore[operator]
-    flagged = feedback[rows.t_ns[feedback] > now_ns - HEALTH_NS]
-    raised = np.count_nonzero(rows.values(Role.ERRORS, flagged))
-    return MotorState(
+    return [
+        _state(rows, found.filter(pl.col("motor") == motor), motor, is_recent) for motor in MOTORS
+    ]
+
+
+def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> MotorState:
+    now_ns, kinds, own = int(rows.t_ns.max(initial=NO_TIME)), rows.kinds, rows.nums == motor
+    commands = np.flatnonzero(COMMANDS[kinds] & (own | ~NAMES_MOTOR[kinds]))
+    anyone = np.flatnonzero(FEEDBACK[kinds])
+    feedback = anyone[own[anyone]]
+    online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone[-1:]) >> motor_bit(motor) & 1
+    errors = values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback[-1:]).tolist()
+    recent = found.filter("recent")
+    states, delays = recent["state"], recent["delay_ns"]
+    state = MotorState(
         motor=motor,
         target=_reading(rows, commands),
         present={
             KINDS[code]: reading
-            for code in np.unique(rows.kinds[feedback]).tolist()
-            if (reading := _reading(rows, feedback[rows.kinds[feedback] == code]))
+            for code in np.unique(kinds[feedback]).tolist()
+            if (reading := _reading(rows, feedback[kinds[feedback] == code]))
         },
         online=bool(online[0]) if len(online) else None,
+        errors=errors[0] if errors else None,
         commands_per_s=_rate(rows.t_ns[commands], now_ns),
         feedback_per_s=_rate(rows.t_ns[feedback], now_ns),
-        answered=answered,
-        unanswered=unanswered,
+        answered=int((states == AnswerState.ANSWERED).sum()),
+        unanswered=int((states == AnswerState.UNANSWERED).sum()),
+        late=int(recent["late"].sum()),
+        damaged=int(np.count_nonzero((rows.motor_hint == motor) & is_recent)),
         delay_p50_ns=delays.quantile(0.5, "equiprobable"),
         delay_p99_ns=delays.quantile(0.99, "equiprobable"),
-        health=_health(answered, unanswered, late + raised + int(damaged)),
+        trouble=Trouble.UNKNOWN,
     )
+    heard = np.count_nonzero(is_recent[feedback])
+    off = _is_off_target(rows, commands, feedback, now_ns)
+    return _judged(state, int(heard), found.filter(~pl.col("recent"))["late"], off=off)
 
 
-def _health(answered: int, unanswered: int, events: int) -> Health | None:
-    if not answered + unanswered:
-        return None
-    if not answered:
-        return Health.SILENT
-    troubled = events + unanswered > TROUBLED * (answered + unanswered)
-    return Health.TROUBLED if troubled else Health.SOUND
+def _judged(state: MotorState, heard: int, late_before: pl.Series, *, off: bool) -> MotorState:
+    """The state with its trouble; `heard` are the frames from the motor in the last 10 s."""
+
+    asked = state.answered + state.unanswered
+    usually_late = 3 * int(late_before.sum()) / max(1, late_before.count())
+    troubles = {
+        Trouble.UNKNOWN: not asked and not heard,
+        Trouble.SILENT: state.unanswered > 0 and not heard,
+        Trouble.OFFLINE: state.online is False,
+        Trouble.ERROR: bool(state.errors),
+        Trouble.UNANSWERED: state.unanswered > TROUBLED * asked,
+        Trouble.DAMAGE: state.damaged > TROUBLED * (heard + asked),
+        Trouble.LATE: state.late > max(LATE_SHARE, usually_late) * state.answered,
+        Trouble.OFF_TARGET: off,
+    }
+    trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)
+    return replace(state, trouble=trouble)
+
+
+def _is_off_target(rows: Rows, commands: Ints, feedback: Ints, now_ns: int) -> bool:
+    """Whether all feedback of the last second is outside of the targets of the last three."""
+    kinds = rows.kinds
+    sent = commands[(rows.t_ns[commands] > now_ns - SETTLING_NS) & (now_ns != NO_TIME)]
+    came = feedback[rows.t_ns[feedback] > now_ns - 10**9]
+    for role in (Role.SPEED, Role.POSITION):
+        name = NAME_OF_ROLE[role]
+        codes = [code for code, kind in enumerate(KINDS) if kind.subject == name]
+        targets = values_at(rows, name, sent)
+        present = values_at(rows, name, came[np.isin(kinds[came], codes)])
+        # Another kind of command, or none a while ago, sets no target of this role.
+        if len(present) and len(sent) > 1 and np.isin(kinds[sent], codes).all():
+            if now_ns - int(rows.t_ns[sent[0]]) < SETTLING_NS // 2:
+                continue
+            ends = [(one.min(), one.max()) for one in (present, targets)]
+            if is_off_target(ends[0], ends[1], role):
+                return True
+    return False
 
 
 def _reading(rows: Rows, at: Ints) -> Reading | None:

@@ -1,14 +1,17 @@
-"""The data of plots: a quantity of the motors over time, in columns of a span."""
+"""The data of plots: values over time as minimum, maximum and last value in columns of a span."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from fte_sniff.analysis.counters import Floats
-from fte_sniff.protocol import KINDS, MOTORS, Direction
-from fte_sniff.protocol.rows import Ints, Rows
+from fte_sniff.analysis.whole.relations import values_at
+from fte_sniff.protocol.spec import KINDS, MOTORS, Direction
+from fte_sniff.protocol.table import Ints, Rows
+
+Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 
 class Envelope(NamedTuple):
@@ -20,8 +23,15 @@ class Envelope(NamedTuple):
 
 
 def envelope(t_ns: Ints, values: Ints, span: tuple[int, int], columns: int) -> Envelope:
-    """The values in columns of a span, a start and an exclusive end; times do not fall."""
-    edges = np.linspace(*span, columns + 1).astype(np.int64)
+    """The values in columns of a span, a start and an exclusive end; times do not fall.
+
+    A plot of a motor takes the rows of its span, and a column for each dot:
+
+        series = motor_values(store.between(*span), Direction.FEEDBACK, "rpm")
+        low, high, last = envelope(*series[motor], span, columns)
+    """
+    start, stop = span
+    edges = start + np.arange(columns + 1) * (stop - start) // columns
     starts, ends = np.searchsorted(t_ns, edges[:-1]), np.searchsorted(t_ns, edges[1:])
     filled = np.flatnonzero(ends > starts)
     found = np.full((3, columns), np.nan)
@@ -33,15 +43,17 @@ def envelope(t_ns: Ints, values: Ints, span: tuple[int, int], columns: int) -> E
     return Envelope(*found)
 
 
-def motor_values(
-    rows: Rows, direction: Direction, name: str
-) -> dict[int, tuple[Ints, Ints]]:
-    """By motor, the times and values of a quantity: its targets, or its feedback."""
+def motor_values(rows: Rows, direction: Direction, name: str) -> dict[int, tuple[Ints, Ints]]:
+    """By motor, the times and values of a quantity (`rpm`): its targets, or its feedback.
+
+    Times rise; a row that is earlier than the one before it counts as of the time of that one.
+    """
     codes = [
         code
         for code, kind in enumerate(KINDS)
         if kind.direction is direction and kind.names_motor and kind.subject == name
     ]
     at = np.flatnonzero(np.isin(rows.kinds, codes) & rows.timed)
-    values, t_ns, nums = rows.values(name, at), rows.t_ns[at], rows.nums[at]
+    values, nums = values_at(rows, name, at), rows.nums[at]
+    t_ns = np.maximum.accumulate(rows.t_ns[at])
     return {motor: (t_ns[nums == motor], values[nums == motor]) for motor in MOTORS}

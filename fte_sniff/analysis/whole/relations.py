@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final, cast
 
 import numpy as np
 import polars as pl
@@ -36,6 +36,7 @@ from fte_sniff.protocol.spec import (
     TAIL,
     Direction,
     Fault,
+    Role,
     motor_bit,
 )
 from fte_sniff.protocol.table import (
@@ -44,7 +45,6 @@ from fte_sniff.protocol.table import (
     NO_FACT,
     NO_KIND,
     NO_TIME,
-    Array,
     Bools,
     Ints,
     Rows,
@@ -73,7 +73,8 @@ ANSWERABLE: Final = np.unique(
 """The CMDs of feedback: commands with another CMD have no answer."""
 
 
-class Change(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Change:
     """A gap or a change of speed between two rows."""
 
     index: int
@@ -165,6 +166,11 @@ def stream_keys(rows: Rows) -> Ints:
     motors = np.where(NAMES_MOTOR[rows.kinds], rows.nums, 0).astype(np.int64)
     keys = (rows.port.astype(np.int64) * (NO_KIND + 1) + rows.kinds) * 256 + motors
     return np.where(rows.kinds == NO_KIND, NONE, keys)
+
+
+def port_keys(rows: Rows) -> Ints:
+    """The index of the port of each row; -1 for rows without a time."""
+    return np.where(rows.timed, rows.port.astype(np.int64), NONE)
 
 
 # Answers
@@ -270,7 +276,7 @@ def motor_hints(rows: Rows, runs: Runs) -> Ints:
         missing = _missing_motors(rows, runs, np.flatnonzero(named & of_kind[rows.kinds]), damaged)
         found.append(np.where(other, NO_FACT, missing))
     commanded, answered = found
-    clash = (NO_FACT != commanded) & (NO_FACT != answered) & (commanded != answered)
+    clash = (commanded != NO_FACT) & (answered != NO_FACT) & (commanded != answered)
     asked = _asked_motors(rows, runs, np.flatnonzero(named), damaged)
     asked[heads == HEADERS[Direction.CONTROL]] = NO_FACT
     best = np.where(commanded != NO_FACT, commanded, np.where(answered != NO_FACT, answered, asked))
@@ -351,7 +357,24 @@ def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Row
     return rows.replace(**{name: facts[name].astype(COLUMNS[name][0]) for name in FACTS})
 
 
-# What is late
+# What is late, and off target
+
+
+TOLERANCE: Final = {Role.SPEED: 15, Role.POSITION: 50}
+"""How near a value is to its target at least, RPM and pulses."""
+
+
+def is_off_target(values: tuple[Ints, Ints], targets: tuple[Ints, Ints], role: Role) -> Bools:
+    """Whether present values (lowest, highest) are all outside of recent targets.
+
+    A quarter of the target, at least `TOLERANCE`, is near; a position that changes is on its way.
+    """
+    (least, greatest), (bottom, top) = values, targets
+    near = np.maximum(np.maximum(np.abs(top), np.abs(bottom)) // 4, TOLERANCE[role])
+    off = (least > top + near) | (greatest < bottom - near)
+    if role is Role.POSITION:
+        off &= greatest - least <= TOLERANCE[role]
+    return cast("Bools", off)
 
 
 def with_late(found: pl.DataFrame) -> pl.DataFrame:

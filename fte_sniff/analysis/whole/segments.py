@@ -18,6 +18,7 @@ from fte_sniff.analysis.model import BaudChange
 from fte_sniff.analysis.whole.relations import (
     DEADLINE_NS,
     Change,
+    port_keys,
     runs_of,
     stream_keys,
 )
@@ -106,12 +107,12 @@ class Segments:
         default = self._baud or DEFAULT_BAUD
         for code, port in enumerate(rows.ports):
             byte_ns[rows.port == code] = byte_time_ns(bauds.get(port, default))
-        for index, what in self._changes:
-            if isinstance(what, BaudChange):
+        for change in self._changes:
+            if isinstance(what := change.what, BaudChange):
                 bauds[what.port] = what.baud
                 if what.port in rows.ports:
                     own = rows.port == rows.ports.index(what.port)
-                    own[:index] = False
+                    own[: change.index] = False
                     byte_ns[own] = byte_time_ns(what.baud)
         sources = [*before.sources, *(name for _, name in self._begins)]
         starts = [index for index, _ in self._begins]
@@ -168,8 +169,8 @@ def second_before(rows: Rows, end: int) -> int:
 def context_of(table: Table) -> Ints:
     """The indices of the rows that the relations of rows from `stop` on depend on, and of these.
 
-    The last second before it; the last row of every stream and port, of all rows and of those that
-    are selected; and the first row of the run.
+    The last second before it; the last frame of every stream and the last row with a time of every
+    port, of all rows and of those that are selected; and the first row of the run.
     """
     stop = table.stop
     rows, recent = table.rows.select(slice(0, stop)), second_before(table.rows, stop)
@@ -177,7 +178,7 @@ def context_of(table: Table) -> Ints:
     needed = [np.arange(recent, len(table.rows)), np.searchsorted(number, number[-1:])]
     for some in (None, table.selected):
         at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])
-        for keys in (stream_keys(rows), rows.port.astype(np.int64)):
+        for keys in (stream_keys(rows), port_keys(rows)):
             own = at[keys[at] >= 0]
             needed.append(own[_last_of(keys[own])])
     return np.unique(np.concatenate(needed)).astype(np.int64)

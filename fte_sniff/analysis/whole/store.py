@@ -1,152 +1,281 @@
-"""The rows of the screen: all in memory, with the indices of those that a filter shows.
+"""The rows of a screen: all of them, by index, and those that a filter shows.
 
-index     of a row since the store began; it never changes, also when older rows are dropped
-position  of a row among those that are shown
+    index     of a row since the store began; it never changes
+    position  of a row among those that are shown: `shown.indices[position] == index`
+
+A screen appends what comes, and paints a slice:
+
+    store = RowStore()
+    store.append(rows); store.append(gap); store.end()     # `Rows`, `Gap`, `PortEvent`, ...
+    shown = Matches(store, row_filter.matches, needs_facts=row_filter.needs_facts)
+    while shown.extend(): ...                              # 128k rows at a time
+    store.rows_at(shown.indices[top : top + height])       # the rows to paint
+    store.batch(start, end); store.runs(start, end)        # a span, as for `motors_at`
+
+The rows are columns in blocks; those above ten million are in a memory-mapped temporary file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from tempfile import TemporaryFile
 from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.row_store import RowNote, row_notes
-from fte_sniff.analysis.whole.relations import Runs, runs_of, with_facts
-from fte_sniff.analysis.model import StreamChange
-from fte_sniff.protocol.rows import FACTS, NO_TIME, Bools, Codebook, Codes, Ints, Rows, no_facts
+from fte_sniff.analysis.model import BaudChange
+from fte_sniff.analysis.whole.relations import FEEDBACK, Change, Runs, runs_of
+from fte_sniff.analysis.whole.segments import Item, Segments
+from fte_sniff.analysis.whole.table import RowTest, Table
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.table import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Rows
 
-RowTest = Callable[[Rows], Bools]
-"""Whether each row passes, such as `RowFilter.matches`."""
+BLOCK_ROWS: Final = 1 << 20
+MEMORY_ROWS: Final = 10_000_000
+"""Rows that are in memory; later blocks are in a file."""
+STEP_ROWS: Final = 1 << 17
+"""Rows that `Matches.extend` tests at once: a few hundredths of a second."""
 
-DEFAULT_BOUND: Final = 1_000_000
-_LOOK_BACK: Final = 4096
-"""Rows before new ones that are completed again: those of three seconds of a full line."""
+
+class RowNote(IntEnum):
+    """Why a row is worth a look, the most important last."""
+
+    NONE = 0
+    RAISED = 1
+    UNANSWERED = 2
+    """Known about a second later than the others, and for some rows never."""
+    SUSPECT = 3
+    MALFORMED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What happened between two rows."""
+
+    index: int
+    """Of the first row after it."""
+    what: Gap | PortEvent | BaudChange
 
 
 class RowStore:
-    """The latest rows, at least `bound`, and those that a filter shows."""
+    """All rows so far, with their facts and notes."""
 
-    def __init__(self, bound: int = DEFAULT_BOUND) -> None:
-        self.bound = bound
-        self.codebook = Codebook()
-        self.changes: list[StreamChange] = []
-        """Gaps and baud changes, by index."""
-        self.first = 0
-        """Index of the oldest row."""
-        self.known = 0
-        """Index after the last row whose facts are known."""
-        self._count = 0
-        self._space = self._allocated(2 * min(bound, 1 << 16))
-        self._filter: RowTest | None = None
-        self._filtered = 0
-        self.shown: Ints = np.zeros(0, np.int64)
-        """Indices of the rows that are shown, rising."""
-
-    def _allocated(self, rows: int) -> Rows:
-        facts = {name: np.array(own) for name, own in no_facts(rows).items()}
-        return Rows.allocate(self.codebook, rows).with_facts(facts)
-
-    @property
-    def rows(self) -> Rows:
-        """The rows in the store; a view, to be read at once."""
-        return self._space[: self._count]
-
-    @property
-    def next(self) -> int:
+    def __init__(self, block_rows: int = BLOCK_ROWS, memory_rows: int = MEMORY_ROWS) -> None:
+        self._block_rows, self._memory_blocks = block_rows, memory_rows // block_rows
+        self._blocks = list[dict[str, Array]]()
+        self._segments = Segments(most=1)
+        self.ports: tuple[str, ...] = ()
+        """The ports so far."""
+        self.marks = list[Mark]()
+        """Gaps, port events and baud changes, in their order."""
+        self._heard = {0: NEVER}
+        """By the first index of each recording, that of its first feedback."""
+        self.next = 0
         """Index of the next row: the number of all rows so far."""
-        return self.first + self._count
+        self.known = 0
+        """Index after the last row whose facts are known: about a second behind."""
+
+    def append(self, item: Item) -> None:
+        """Append rows, or what happened before the next ones."""
+        if isinstance(item, Rows):
+            self._add(item)
+        else:
+            self.marks.append(Mark(self.next, item))
+            if isinstance(item, Gap) and item.kind is GapKind.OTHER_RECORDING:
+                self._heard[self.next] = NEVER
+        for table in self._segments.push(item):
+            self._complete(table)
+
+    def end(self) -> None:
+        """Decide the facts of the last second: no more rows of this stream come."""
+        for table in self._segments.finish():
+            self._complete(table)
+
+    def _add(self, rows: Rows) -> None:
+        start, self.next = self.next, self.next + len(rows)
+        rising = np.maximum.accumulate(rows.t_ns)
+        for event in rows.events:
+            self.marks.append(Mark(start + int(np.searchsorted(rising, event.t_ns)), event))
+        recording = next(reversed(self._heard))
+        if self._heard[recording] == NEVER and (at := np.flatnonzero(FEEDBACK[rows.kinds])).size:
+            self._heard[recording] = start + int(at[0])
+        self.ports = tuple(dict.fromkeys((*self.ports, *rows.ports)))
+        columns = {**rows.with_ports(self.ports).columns, "note": notes_of(rows)}
+        for block, own, part in self._parts(start, self.next):
+            for name, values in columns.items():
+                block[name][own] = values[part]
+
+    def _complete(self, table: Table) -> None:
+        """Store the facts of a table's own rows."""
+        facts = table.with_facts.select(slice(table.start, table.stop))
+        start, self.known = self.known, self.known + len(facts)
+        for block, own, part in self._parts(start, self.known):
+            for name in FACTS:
+                block[name][own] = facts.columns[name][part]
+            notes = block["note"][own]
+            missed = facts.unanswered[part] > 0
+            notes[missed & (notes < RowNote.UNANSWERED)] = RowNote.UNANSWERED
+
+    def _parts(self, start: int, end: int) -> Iterator[tuple[dict[str, Array], slice, slice]]:
+        """The blocks of a span, the rows of it in each, and their slice of the span."""
+        size, at = self._block_rows, start
+        while at < end:
+            number, first = divmod(at, size)
+            if number == len(self._blocks):
+                self._blocks.append(_block(size, in_file=number >= self._memory_blocks))
+            count = min(end - at, size - first)
+            part = slice(at - start, at - start + count)
+            yield self._blocks[number], slice(first, first + count), part
+            at += count
 
     def batch(self, start: int, end: int) -> Rows:
-        """The rows with indices from `start` up to `end` that are in the store; a view."""
-        low, high = max(0, start - self.first), max(0, end - self.first)
-        return self._space[low : min(high, self._count)]
+        """The rows with indices from `start` up to `end` that exist; a view within a block."""
+        start, end = max(0, start), min(end, self.next)
+        parts = [
+            Rows({name: block[name][own] for name in COLUMNS}, self.ports)
+            for block, own, _ in self._parts(start, end)
+        ]
+        return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
 
-    def append(self, rows: Rows, changes: list[StreamChange], *, ended: bool = False) -> None:
-        """Append rows with the changes among them; complete and show them."""
-        self.changes += [StreamChange(self.next + one.index, one.what) for one in changes]
-        if self._count + len(rows) > len(self._space):
-            self._make_room(len(rows))
-        self._space.assign(self._count, rows.recoded(self.codebook))
-        self._count += len(rows)
-        self._complete(ended)
-        self._show()
+    def rows_at(self, indices: Ints) -> Rows:
+        """The rows with these indices, which rise."""
+        numbers = indices // self._block_rows
+        parts = []
+        for number in np.unique(numbers).tolist():
+            at = indices[numbers == number] - number * self._block_rows
+            block = self._blocks[number]
+            parts.append(Rows({name: block[name][at] for name in COLUMNS}, self.ports))
+        return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
 
-    def _make_room(self, more: int) -> None:
-        """Drop the oldest rows beyond the bound, or take twice the memory."""
-        kept = self.rows[max(0, self._count - self.bound) :]
-        self.first += self._count - len(kept)
-        space = self._allocated(2 * (len(kept) + more))
-        space.assign(0, kept)
-        for name in FACTS:
-            space.buffers[name][: len(kept)] = kept.buffers[name]
-        self._space, self._count = space, len(kept)
-        self.shown = self.shown[np.searchsorted(self.shown, self.first) :]
-
-    def _complete(self, ended: bool) -> None:
-        """Compute the facts of the rows that are more than a second old."""
-        start = max(self.first, self.known - _LOOK_BACK)
-        rows = self.batch(start, self.next)
-        t_ns = rows.t_ns
-        is_recent = t_ns >= t_ns.max(initial=NO_TIME) - 10**9 if len(rows) else np.zeros(0, bool)
-        end = self.next if ended or not is_recent.any() else start + int(is_recent.argmax())
-        if end > self.known:
-            whole = with_facts(rows, self.runs(start, self.next))
-            for name in FACTS:
-                own = getattr(whole, name)[self.known - start : end - start]
-                self._space.buffers[name][self.known - self.first : end - self.first] = own
-            self.known = end
+    def notes(self, start: int, end: int) -> Codes:
+        """The `RowNote` of each row of a span."""
+        parts = [block["note"][own] for block, own, _ in self._parts(start, min(end, self.next))]
+        return np.concatenate(parts) if parts else np.zeros(0, np.uint8)
 
     def runs(self, start: int, end: int) -> Runs:
-        """The runs of some of the rows."""
+        """The runs of the rows of a span."""
+        start, end = max(0, start), min(end, self.next)
+        rows, before = self.batch(start, end), [one for one in self.marks if one.index <= start]
+        gaps = [one.what for one in before if isinstance(one.what, Gap)]
+        recording = max((first for first in self._heard if first <= start), default=0)
+        heard = start > self._heard[recording]
+        state = runs_of(NO_FRAME, [Change(0, gap) for gap in gaps])
+        state = Runs(state.number * 0, np.array([heard]), state.lost, state.hidden)
+        inside = (one for one in self.marks if start < one.index < end)
         changes = [
-            StreamChange(max(0, one.index - start), one.what)
-            for one in self.changes
-            if one.index < end
+            Change(one.index - start, one.what)
+            for one in inside
+            if not isinstance(one.what, PortEvent)
         ]
-        return runs_of(self.batch(start, end), changes)
+        return runs_of(rows, changes, state)
 
-    # The rows that are shown
+    def index_at(self, t_ns: int) -> int:
+        """The index of the first row that is not before a time, or after the last row.
 
-    def set_filter(self, test: RowTest | None) -> None:
-        """Show only rows that pass, or all."""
-        self._filter, self._filtered, self.shown = test, self.first, np.zeros(0, np.int64)
-        self._show()
+        Times rise; a row that is earlier than the one before it counts as of the time of that one.
+        """
+        latest = NO_TIME
+        for block, own, part in self._parts(0, self.next):
+            t = block["t_ns"][own]
+            last = max(latest, int(t.max()))
+            if last >= t_ns:
+                rising = np.maximum(np.maximum.accumulate(t), latest)
+                return int(part.start + np.searchsorted(rising, t_ns))
+            latest = last
+        return self.next
 
-    def _show(self) -> None:
-        start = max(self._filtered, self.first)
-        rows = self.batch(start, self.next)
-        new = np.arange(len(rows)) if self._filter is None else np.flatnonzero(self._filter(rows))
-        self.shown = np.concatenate((self.shown, new + start))
-        self._filtered = self.next
+
+NEVER: Final = 2**62
+"""An index after all rows."""
+
+NO_FRAME: Final = Rows.blank(1, framed=[False], length=[1])
+"""A row that is not a frame."""
+
+
+def _block(size: int, *, in_file: bool) -> dict[str, Array]:
+    """Columns with space for rows, in memory or in a temporary file."""
+    types = {name: np.dtype(kind) for name, (kind, _) in COLUMNS.items()} | {"note": np.dtype("u1")}
+    if not in_file:
+        return {name: np.empty(size, kind) for name, kind in types.items()}
+    with TemporaryFile() as file:
+        space = np.memmap(
+            file, np.uint8, "w+", shape=size * sum(k.itemsize for k in types.values())
+        )
+    found, at = {}, 0
+    for name, kind in types.items():
+        own = space[at : at + size * kind.itemsize].view(kind.base)
+        found[name], at = own.reshape(size, *kind.shape), at + size * kind.itemsize
+    return found
+
+
+def notes_of(rows: Rows) -> Codes:
+    """The `RowNote` of each row, without those that a fact gives."""
+    notes: Codes = np.where(rows.is_malformed, RowNote.MALFORMED, RowNote.SUSPECT).astype(np.uint8)
+    sound = rows.faults == 0
+    notes[sound] = np.where(rows.raised()[sound], RowNote.RAISED, RowNote.NONE)
+    return notes
+
+
+class Matches:
+    """The indices of the rows that pass a test: an array that grows with the store."""
+
+    def __init__(
+        self, store: RowStore, test: RowTest | None = None, *, needs_facts: bool = False
+    ) -> None:
+        """No row is tested yet; without a test, all rows pass.
+
+        `needs_facts` is whether the test reads facts, so that rows wait until these are known.
+        """
+        self._store, self._test, self._needs_facts = store, test, needs_facts
+        self._space: Ints = np.empty(1 << 12, np.int64)
+        self.count = 0
+        self.tested = 0
+        """Index after the last row that was tested."""
+
+    @property
+    def indices(self) -> Ints:
+        """The indices, rising; a view."""
+        return self._space[: self.count]
+
+    def extend(self, most: int = STEP_ROWS) -> bool:
+        """Test at most this number of rows; returns whether more can be tested."""
+        end = self._store.known if self._needs_facts else self._store.next
+        stop = min(end, self.tested + most)
+        if stop > self.tested:
+            found = np.arange(self.tested, stop)
+            if self._test is not None:
+                found = found[self._test(self._store.batch(self.tested, stop))]
+            while self.count + len(found) > len(self._space):
+                self._space = np.concatenate((self._space, np.empty_like(self._space)))
+            self._space[self.count : self.count + len(found)] = found
+            self.count, self.tested = self.count + len(found), stop
+        return stop < end
 
     def position_of(self, index: int) -> int:
-        """Number of shown rows before an index: the position of a shown row."""
-        return int(np.searchsorted(self.shown, index))
+        """The number of rows before an index: the position of a row that passes."""
+        return int(np.searchsorted(self.indices, index))
 
-    def find(self, test: RowTest, index: int, by: int) -> int | None:
-        """Index of the next shown row after an index that passes, or before it (`by` -1)."""
-        own = self.shown[self.shown > index] if by > 0 else self.shown[self.shown < index][::-1]
-        for start in range(0, len(own), 1 << 16):
-            some = own[start : start + (1 << 16)]
-            found = np.flatnonzero(test(self._space.select(some - self.first)))
+    def next_noted(self, index: int, note: RowNote, by: int = 1) -> int | None:
+        """Index of the next row (`by` 1) or the one before (-1) with at least this note."""
+        own = self.indices
+        own = own[self.position_of(index + 1) :] if by > 0 else own[: self.position_of(index)][::-1]
+        for start in range(0, len(own), STEP_ROWS):
+            some = own[start : start + STEP_ROWS]
+            low, high = int(some.min()), int(some.max()) + 1
+            found = np.flatnonzero(self._store.notes(low, high)[some - low] >= note)
             if len(found):
                 return int(some[found[0]])
         return None
 
-    def notes(self) -> Codes:
-        """The `RowNote` of each shown row."""
-        at = self.shown - self.first
-        notes: Codes = row_notes(self.rows)[at]
-        missed = self.rows.unanswered[at] > 0
-        notes[missed & (notes < RowNote.UNANSWERED)] = RowNote.UNANSWERED
-        return notes
-
     def overview(self, cells: int) -> list[tuple[RowNote, float]]:
-        """The worst note in equal shares of the shown rows, and the share of rows that have it."""
-        notes = self.notes()
-        if not len(notes):
+        """The worst note in equal shares of the rows, and the share of rows that have it."""
+        own = self.indices
+        if not len(own):
             return []
+        low = int(own[0])
+        notes = self._store.notes(low, int(own[-1]) + 1)[own - low]
         starts = np.unique(np.linspace(0, len(notes), cells, endpoint=False).astype(np.int64))
         worst = np.maximum.reduceat(notes, starts)
         sizes = np.diff(starts, append=len(notes))

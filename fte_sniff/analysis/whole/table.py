@@ -23,6 +23,7 @@ from fte_sniff.analysis.whole.relations import (
     NONE,
     Runs,
     answers,
+    port_keys,
     row_before,
     stream_keys,
     with_facts,
@@ -128,8 +129,8 @@ class Table:
         t_ns, kinds = rows.t_ns, rows.kinds
         ends_ns = np.where(rows.timed, t_ns + rows.length * self.byte_ns[at], NO_TIME)
         before = row_before(stream_keys(rows), runs)
-        on_port = row_before(np.where(rows.timed, rows.port.astype(np.int64), NONE), runs)
-        idle = _since(t_ns, ends_ns, on_port)
+        on_port = row_before(port_keys(rows), runs)
+        begins_ns = np.where(on_port == NONE, t_ns, ends_ns[on_port] if len(at) else t_ns)
         columns = {
             "t_ns": _times(t_ns),
             "port": pl.Series(rows.port),
@@ -143,10 +144,8 @@ class Table:
             "end_ns": _times(ends_ns),
             "period_ns": _since(t_ns, t_ns, before),
             "step_ns": _since(t_ns, t_ns, on_port),
-            "idle_ns": idle,
-            "used_ns": _since(ends_ns, np.where(on_port == NONE, t_ns, ends_ns[on_port]), at * 0)
-            if len(at)
-            else idle,
+            "idle_ns": _since(t_ns, ends_ns, on_port),
+            "used_ns": _since(ends_ns, begins_ns, np.arange(len(at))),
             **{name: _known(*rows.field(name)) for name in QUANTITIES},
         }
         return pl.DataFrame({name: one[own:] for name, one in columns.items()})
@@ -155,8 +154,10 @@ class Table:
 def _known(values: Array, known: Bools) -> pl.Series:
     """The values, null where they are not known."""
     series = pl.Series(np.ascontiguousarray(values))
-    return series if known.all() else series.zip_with(
-        pl.Series(known), pl.Series([None], dtype=series.dtype)
+    return (
+        series
+        if known.all()
+        else series.zip_with(pl.Series(known), pl.Series([None], dtype=series.dtype))
     )
 
 

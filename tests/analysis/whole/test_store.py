@@ -1,0 +1,122 @@
+"""The rows of a screen: what a store and its matches hold, however the rows came."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.whole.relations import runs_of
+from fte_sniff.analysis.whole.segments import Item
+from fte_sniff.analysis.whole.store import Matches, RowNote, RowStore
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.table import FACTS, Row, Rows
+from tests.analysis.captures import MS, START, captures, damage, frame, items_of, polled, table_of
+
+BLOCK = 8
+
+
+def stored(steps: list[Row | Item], memory_rows: int = 2 * BLOCK) -> RowStore:
+    """A store of small blocks, of which the later ones are in a file; steps come one by one."""
+    store = RowStore(BLOCK, memory_rows)
+    for step in steps:
+        for item in items_of([step]):
+            store.append(item)
+    store.end()
+    return store
+
+
+@given(captures(), st.integers(0, 40), st.integers(0, 40))
+def test_store_has_all_rows_with_the_facts_of_the_whole(
+    steps: list[Row | Item], start: int, count: int
+) -> None:
+    store, table = stored(steps), table_of(steps)
+    found, whole = store.batch(0, store.next), table.with_facts
+    assert [*found] == [*whole]
+    assert store.known == store.next == len(whole)
+    for name in FACTS:
+        assert found.columns[name].tolist() == whole.columns[name].tolist()
+    assert [*store.batch(start, start + count)] == [*whole[start : start + count]]
+    at = np.arange(len(whole))[start::3]
+    assert [*store.rows_at(at)] == [*whole.select(at)]
+
+
+@given(captures(), st.integers(0, 40), st.integers(0, 40))
+def test_runs_of_a_span_are_those_of_the_whole(
+    steps: list[Row | Item], start: int, count: int
+) -> None:
+    store, runs = stored(steps), table_of(steps).runs
+    found, own = store.runs(start, start + count), slice(start, start + count)
+    assert found.covered.tolist() == runs.covered[own].tolist()
+    assert (np.diff(found.number) > 0).tolist() == (np.diff(runs.number[own]) > 0).tolist()
+
+
+@given(captures(), st.integers(1, 9))
+def test_matches_are_the_rows_that_pass_in_any_steps(steps: list[Row | Item], most: int) -> None:
+    store = RowStore(BLOCK)
+    found = Matches(store, lambda rows: rows.motor_hint > 0, needs_facts=True)
+    every = Matches(store)
+    for item in items_of(steps):
+        store.append(item)
+        found.extend(most)
+    store.end()
+    while found.extend(most) or every.extend(most):
+        pass
+    every.extend()
+    hints = table_of(steps).with_facts.motor_hint
+    assert found.indices.tolist() == np.flatnonzero(hints > 0).tolist()
+    assert every.indices.tolist() == [*range(store.next)]
+    assert [found.position_of(index) for index in found.indices] == [*range(found.count)]
+
+
+def test_row_that_needs_no_facts_is_shown_at_once() -> None:
+    store = RowStore()
+    store.append(Rows.of([frame("speed", 0)]))
+    shown, waiting = (
+        Matches(store),
+        Matches(store, lambda rows: rows.unanswered < 1, needs_facts=True),
+    )
+    shown.extend()
+    waiting.extend()
+    assert (shown.count, waiting.count) == (1, 0)
+
+
+def test_notes_name_why_a_row_is_worth_a_look() -> None:
+    rows = [
+        frame("speed_feedback", 0),
+        frame("speed", 10),
+        frame("speed_feedback", 2000, error=1),
+        damage(2001),
+    ]
+    store = stored([*rows])
+    expected = [RowNote.NONE, RowNote.UNANSWERED, RowNote.RAISED, RowNote.MALFORMED]
+    assert store.notes(0, 4).tolist() == expected
+    shown = Matches(store)
+    shown.extend()
+    assert shown.next_noted(0, RowNote.SUSPECT) == 3
+    assert shown.next_noted(3, RowNote.RAISED, -1) == 2
+    assert shown.next_noted(3, RowNote.RAISED) is None
+    assert shown.overview(2) == [(RowNote.UNANSWERED, 0.5), (RowNote.MALFORMED, 0.5)]
+
+
+def test_marks_have_the_index_of_the_row_after_them() -> None:
+    event = PortEvent(START + 15 * MS, "a", PortEventKind.OPENED, "")
+    rows = Rows.of([frame("speed", at) for at in (0, 10, 20)], [event])
+    gap = Gap(GapKind.DAMAGE)
+    store = RowStore()
+    for item in (rows, gap, rows):
+        store.append(item)
+    assert [(mark.index, mark.what) for mark in store.marks] == [(2, event), (3, gap), (5, event)]
+
+
+@pytest.mark.parametrize(("t_ms", "index"), [(-1, 0), (0, 0), (0.5, 1), (449, 36), (1e6, 80)])
+def test_index_of_a_time(t_ms: float, index: int) -> None:
+    store = stored([*polled(10)])
+    first = store.batch(0, 1).t_ns[0]
+    rising = np.sort(store.batch(0, 80).t_ns)
+    assert store.index_at(int(first + t_ms * MS)) == np.searchsorted(rising, first + t_ms * MS)
+
+
+def test_a_table_without_changes_is_one_run() -> None:
+    assert not runs_of(Rows.of(polled(1))).number.any()
