@@ -1,8 +1,7 @@
 """Programs, threads and servers beside a test: each ends with its block, and in BOUND_S at most.
 
 A test that fails half way leaves nothing that runs, and nothing waits for a program that has
-stopped to answer: it is killed, so that a read of its output ends too. `tests/test_limits.py`
-allows no other way to start a program or a thread.
+stopped to answer: it is killed, so that a read of its output ends too.
 """
 
 from __future__ import annotations

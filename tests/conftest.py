@@ -18,6 +18,7 @@ from hypothesis import settings
 
 from tests.examples import FULL, QUICK
 from tests.framer_form import INTERPRETED, form_error, interpret
+from tests.needs import needs_of
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
 # Tests of full disks limit the size of files. A module first imported under such a limit would
@@ -71,6 +72,12 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(200_000, 10, 5)
     # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
     sys.dont_write_bytecode = True
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark a test with what its fixtures need."""
+    for name in needs_of(item):
+        item.add_marker(name)
 
 
 def pytest_report_header() -> str:

@@ -12,6 +12,8 @@ r"""Console sessions: Markdown files with commands and the output that a user se
     exit 4
     ```
 
+`<!-- needs: program -->` above the first session names marks of all sessions of a file.
+
 A session is a second-level heading: its commands run in one empty folder that has the samples, in
 the process of the test. `2>` begins a line of standard error, and `exit` is an exit code other than
 0. In expected lines `...` is any number of lines, and `[..]` any text within a line. Commands are
@@ -39,6 +41,7 @@ from tests.in_process import Done, call
 
 ANY_LINES, ANY_TEXT = "...", "[..]"
 FENCE = "```"
+NEEDS = re.compile(r"^<!-- needs: (.*) -->$", re.MULTILINE)
 ESCAPE = re.compile(r"\\u([0-9a-f]{4})")
 SAMPLES = Path(__file__).parents[1] / "samples"
 
@@ -65,6 +68,7 @@ class Session:
     """A heading with the text, the files and the steps below it."""
 
     heading: str
+    needs: tuple[str, ...] = ()
     parts: list[str | GivenFile | Step] = field(default_factory=list)
 
     def markdown(self) -> Iterator[str]:
@@ -82,13 +86,16 @@ class Session:
 
 def sessions_of(path: Path) -> list[Session]:
     """The sessions of a file; the first is the text before the first second-level heading."""
+    text = path.read_text("utf-8")
+    needed = NEEDS.search(text)
+    needs = tuple(needed[1].split()) if needed else ()
     found = [Session("")]
-    lines = iter(path.read_text("utf-8").splitlines())
+    lines = iter(text.splitlines())
     for line in lines:
         parts = found[-1].parts
         info = line.removeprefix(FENCE).split()
         if line.startswith("## "):
-            found.append(Session(line))
+            found.append(Session(line, needs))
         elif line.startswith(FENCE) and len(info) == 2:
             parts.append(GivenFile(line, info[1], [*takewhile(lambda one: one != FENCE, lines)]))
         elif line == f"{FENCE}console":
@@ -152,7 +159,7 @@ def fits(expected: Sequence[str], found: Sequence[str]) -> bool:
 
 
 def printed(line: str, folder: Path, environment: Mapping[str, str]) -> list[str]:
-    """The lines that a command line prints; the folder is written as DIR."""
+    """The lines that a command line prints; folders are written as DIR and HOME."""
     given, errors, code = b"", b"", 0
     for command in _commands(line):
         if command.source is not None:
@@ -164,7 +171,9 @@ def printed(line: str, folder: Path, environment: Mapping[str, str]) -> list[str
             given = b""
     lines = given.decode(errors="backslashreplace").splitlines()
     lines += [f"2> {one}" for one in errors.decode(errors="backslashreplace").splitlines()]
-    lines = [one.rstrip().replace(str(folder), "DIR") for one in lines]
+    known = {str(folder): "DIR", environment["HOME"]: "HOME"}
+    for path, name in known.items():
+        lines = [one.rstrip().replace(path, name) for one in lines]
     return [*lines, f"exit {code}"] if code else lines
 
 

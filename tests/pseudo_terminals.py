@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from tests.needs import needs
 from tests.waiting import wait_until
 
 
@@ -54,6 +55,7 @@ class Pty:
 
 
 @pytest.fixture
+@needs("port")
 def new_pty():
     """Make pseudo-terminals; all are unplugged in the end."""
     made = []

@@ -11,7 +11,12 @@ from tests.in_process import user_environment
 
 FILES = sorted(Path(__file__).with_name("sessions").glob("*.md"))
 ALL = [
-    pytest.param(path, one, id=f"{path.stem}: {one.heading[3:]}")
+    pytest.param(
+        path,
+        one,
+        id=f"{path.stem}: {one.heading[3:]}",
+        marks=[getattr(pytest.mark, name) for name in one.needs],
+    )
     for path in FILES
     for one in console.sessions_of(path)[1:]
 ]

@@ -12,6 +12,7 @@ import pytest
 
 from tests.cli.forked import Program, loaded_program
 from tests.cli.forked import plain_environment as plain_environment
+from tests.in_process import call
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
@@ -38,13 +39,13 @@ def program() -> Program:
 
 
 @pytest.fixture
-def run(tmp_path: Path, environment: dict[str, str], program: Program) -> Run:
+def run(tmp_path: Path, environment: dict[str, str]) -> Run:
     """Run the program in an empty folder to its end, and give what it wrote and its exit code."""
 
     def run(*arguments: str | Path, stdin: str | bytes = "") -> subprocess.CompletedProcess[str]:
         data = stdin.encode() if isinstance(stdin, str) else stdin
         words = [str(argument) for argument in arguments]
-        ended = program.run(words, data, tmp_path, environment)
+        ended = call(words, data, tmp_path, environment)
         output, errors = ended.output.decode(), ended.errors.decode()
         return subprocess.CompletedProcess(words, ended.code, output, errors)
 
