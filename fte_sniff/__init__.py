@@ -85,6 +85,11 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    """The public names, also before they are imported."""
+    return __all__
+
+
 def __getattr__(name: str) -> "Any":
     """Import a public name on first use."""
     from importlib import import_module

@@ -39,6 +39,7 @@ def test_public_names_are_pinned() -> None:
         "stats",
     ]
     assert all(hasattr(fte_sniff, name) for name in fte_sniff.__all__)
+    assert dir(fte_sniff) == sorted(fte_sniff.__all__)
 
 
 def test_every_module_has_a_docstring() -> None:

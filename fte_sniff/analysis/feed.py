@@ -43,8 +43,6 @@ class FeedState:
     """Paths of the files that rows come from or are recorded to."""
     recorded_bytes: int = 0
     """Size of the recording's files."""
-    fired: int | None = None
-    """How often the trigger of the recording fired; None without one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ Commands:
     encode        `fte-sniff encode`: bytes of a frame from its values.
     simulate      `fte-sniff simulate`: a controller on a pseudo-terminal, for development.
     repair        `fte-sniff repair`: repair a damaged recording.
-    decoder       `fte-sniff decoder`: decoders for sigrok, Wireshark and JSON tools.
+    decoder       `fte-sniff decoder`: decoders for sigrok and Wireshark.
     ports         `fte-sniff ports`: list the serial ports.
     doctor        `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
     completion    `fte-sniff completion`: scripts for shells; ports, filters.
@@ -29,8 +29,8 @@ What several commands share:
     measuring     Measure files here, in worker processes, or on a cluster; print the results.
     capturing     Options, plan and observers of a capture.
     capture_loop  The loop of a capture, for all its observers.
-    live_data     Rows for other programs: UDP datagrams, and viewers over WebSocket.
-    service       Messages to systemd; a command for each finished file.
+    live_data     Rows for other programs: their options, and UDP datagrams.
+    foxglove_server  Rows for viewers over WebSocket.
     report_page   The page of a report, which needs the packages of an extra.
 """
 

@@ -1,18 +1,17 @@
 """Run a capture for `live` and `bridge`: its options, the plan made of them, and its observers.
 
-The observers print plain lines, show the screen, record to standard output, or check the rows.
+The observers print plain lines or show the screen.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
 from glob import escape
@@ -25,23 +24,15 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.model import Tally
 from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
-from fte_sniff.cli.check import read_rules, verdict_lines
-from fte_sniff.cli.completion import complete_filter
+from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.input_files import (
     FileName,
-    InputQuery,
     filter_option,
     print_saved,
     row_filter,
     summary,
 )
-from fte_sniff.cli.live_data import (
-    Datagrams,
-    FoxgloveServer,
-    address_of,
-    network_option,
-    serve_option,
-)
+from fte_sniff.cli.live_data import Datagrams, address_of, data_options
 from fte_sniff.cli.options import (
     DURATION_EXAMPLE,
     Seconds,
@@ -54,20 +45,18 @@ from fte_sniff.cli.options import (
     parse_seconds,
     units_options,
 )
-from fte_sniff.cli.service import FileCommand, Service
 from fte_sniff.cli.settings import Settings, config_option, lang_option
-from fte_sniff.cli.streams import STDOUT, has_no_reader, print_err
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FteSniffError, UsageError, printable, quoted, size_text
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
-from fte_sniff.recording.output_file import Existing, is_stream
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.retention import (
     DEFAULT_FREE_BYTES,
     DEFAULT_MAX_INDEX_BYTES,
     OnFull,
     RecordingOptions,
-    TriggerWindow,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +70,6 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_DASH = Path("-")
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
@@ -145,18 +133,10 @@ def _compact(size: int | None) -> str:
     return "none" if size is None else size_text(size).replace(" ", "")
 
 
-_DEFAULTS, _WINDOW = RecordingOptions(), TriggerWindow()
+_DEFAULTS = RecordingOptions()
 
 
 recording_options = all_of(
-    click.option(
-        "--flush-every",
-        type=Seconds(min=0.05, max=60),
-        default=_DEFAULTS.flush_every_s,
-        show_default=True,
-        metavar="S",
-        help="Write rows to the disk every S seconds.",
-    ),
     click.option(
         "--rotate",
         callback=_parsed_by(_rotate),
@@ -169,43 +149,16 @@ recording_options = all_of(
     click.option(
         "--max-size",
         callback=_parsed_by(_size),
-        default=_compact(_DEFAULTS.max_bytes),
-        show_default=True,
         metavar="SIZE",
-        help="Limit the total size of this capture's files; none: no limit.",
+        help="Keep the newest rows: files of this total size, the oldest are deleted.  "
+        f"[default: stop at {_compact(_DEFAULTS.max_bytes)}]",
     ),
     click.option(
         "--min-free",
         callback=_parsed_by(_size),
         metavar="SIZE",
-        help="Leave this much free on the disk.  "
+        help="Leave this much free on the disk: recording waits for space.  "
         f"[default: {_compact(DEFAULT_FREE_BYTES)}, less on a small or full disk]",
-    ),
-    click.option(
-        "--on-full",
-        type=click.Choice([word.value for word in OnFull]),
-        default=_DEFAULTS.on_full.value,
-        show_default=True,
-        help="At a limit: stop recording until there is space, or delete this capture's "
-        "oldest file.",
-    ),
-    click.option(
-        "--trigger",
-        metavar="EXPR",
-        shell_complete=complete_filter,
-        help="Keep only the time around rows for which this filter holds: error > 0.",
-    ),
-    click.option(
-        "--before",
-        callback=_parsed_by(_seconds),
-        metavar="TIME",
-        help=f"Keep this much before each trigger.  [default: {_WINDOW.before_s:g}s]",
-    ),
-    click.option(
-        "--after",
-        callback=_parsed_by(_seconds),
-        metavar="TIME",
-        help=f"Keep this much after each trigger.  [default: {_WINDOW.after_s:g}s]",
     ),
 )
 """Options of a recording; `options_from` reads them."""
@@ -227,31 +180,11 @@ capture_options = all_of(
     format_option(
         "Print the rows in this format instead of the screen, each at once.", TEXT_FORMATS
     ),
-    click.option(
-        "--udp",
-        metavar="[HOST:]PORT",
-        help="Send each row as a JSON object to this UDP port of this machine.",
-    ),
-    serve_option,
-    network_option("--udp and --serve"),
-    click.option(
-        "--check",
-        "rules",
-        type=FileName(),
-        metavar="FILE",
-        help="Check the rows by the rules of a file (docs/check.md); exit code 1 if they do not"
-        " pass.",
-    ),
+    data_options,
     click.option(
         "--headless",
         is_flag=True,
-        help="Only record, as a service: no rows, one line for each file and port event. "
-        "SIGUSR1 begins the next file.",
-    ),
-    click.option(
-        "--on-file",
-        metavar="CMD",
-        help="With --headless: run CMD PATH for each finished file; no shell.",
+        help="Only record, as a service: no rows, one line for each file and port event.",
     ),
     click.option(
         "--zone",
@@ -282,56 +215,44 @@ The command passes `config` to `load_settings`, `no_reconnect` to its wiring, an
 
 
 def options_from(
-    output: Path | None,
-    *,
-    flush_every: float,
-    rotate: Mapping[str, Any],
-    max_size: int | None,
-    min_free: int | None,
-    on_full: str,
-    trigger: str | None,
-    before: float | None,
-    after: float | None,
+    rotate: dict[str, Any], max_size: int | None, min_free: int | None
 ) -> RecordingOptions:
     """The recording options of a command line.
 
     Raises UsageError if the options contradict each other.
     """
-    if trigger is None and (before is not None or after is not None):
-        raise UsageError("--before and --after need --trigger")
-    window = TriggerWindow(
-        _WINDOW.before_s if before is None else before, _WINDOW.after_s if after is None else after
-    )
+    limits: dict[str, Any] = {}
+    if max_size is not None:
+        limits = {"max_bytes": max_size, "on_full": OnFull.ROTATE_OLDEST}
     found = RecordingOptions(
-        flush_every_s=flush_every,
-        **{"max_index_bytes": None, **rotate},
-        on_full=OnFull(on_full),
-        max_bytes=max_size,
-        min_free_bytes=min_free,
-        trigger_window=None if trigger is None else window,
+        **{"max_index_bytes": None, **rotate}, **limits, min_free_bytes=min_free
     )
-    _check(output, found)
+    if found.rotate_bytes is not None and found.rotate_bytes < _MIN_FILE:
+        raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
+    if found.rotate_s is not None and found.rotate_s < _MIN_SECONDS:
+        raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
+    if max_size is not None:
+        _check_total(max_size, found)
     return found
 
 
-def _check(output: Path | None, found: RecordingOptions) -> None:
-    """Raise UsageError for limits that are too small, or several files where only one can be."""
-    rotate_bytes, rotate_s, max_bytes = found.rotate_bytes, found.rotate_s, found.max_bytes
-    if rotate_bytes is not None and rotate_bytes < _MIN_FILE:
-        raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
-    if rotate_s is not None and rotate_s < _MIN_SECONDS:
-        raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
-    if max_bytes is not None and max_bytes < _MIN_FILE:
+def _check_total(max_size: int, found: RecordingOptions) -> None:
+    """Raise UsageError if the newest files cannot be kept within a total size."""
+    if max_size < _MIN_FILE:
         raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
-    if max_bytes is not None and max_bytes < 2 * (rotate_bytes or 0):
+    if max_size < 2 * (found.rotate_bytes or 0):
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    if found.rotates and {rotate_bytes, rotate_s, found.max_index_bytes} == {None}:
-        raise UsageError("--on-full rotate-oldest needs several files; leave out --rotate none")
-    if found.rotates and output is not None and is_stream(output):
-        raise UsageError(f"{output} cannot be rotated: it is not a file; leave out --rotate")
+    if {found.rotate_bytes, found.rotate_s, found.max_index_bytes} == {None}:
+        raise UsageError("--max-size deletes the oldest of several files; leave --rotate none out")
 
 
-def _check_suffix(output: Path) -> None:
+def _check_output(output: Path) -> None:
+    """Raise UsageError for the name of another format, and for a pipe or a device."""
+    if str(output) == "-" or (output.exists() and not output.is_file() and not output.is_dir()):
+        raise UsageError(
+            f"-o {output}: a capture is recorded to a file; for rows on a pipe use --format jsonl,"
+            " or `fte-sniff decode --follow FILE` beside it"
+        )
     if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
         mcap = output.with_suffix(".mcap")
         raise UsageError(
@@ -349,38 +270,30 @@ def capture_plan(
     keep_recording: bool,
     duration: float | None,
     count: int | None,
-    trigger: str | None,
-    zone: tzinfo | None = None,
     **recording: Any,
 ) -> CapturePlan:
     """The plan of a capture.
 
-    All arguments but the wiring are options, `recording` those of `recording_options`; `zone` is
-    that of times in the trigger that name none.
+    All arguments but the wiring are options, `recording` those of `recording_options`.
 
-    Raises:
-        UsageError: options contradict each other, or `output` has the suffix of another format.
-        FilterError: the trigger is not a filter.
+    Raises UsageError if options contradict each other, or the output is not a file of recordings.
     """
     from fte_sniff.session.capture_process import CapturePlan
 
-    needs_file = {"-o": output, "--keep-recording": keep_recording or None, "--trigger": trigger}
-    for option, value in needs_file.items():
-        if no_record and value is not None:
+    for option, is_given in {"-o": output is not None, "--keep-recording": keep_recording}.items():
+        if no_record and is_given:
             raise UsageError(
                 f"{option} and --no-record contradict each other; leave one of them out"
             )
-    if output is not None and not is_stream(output):
-        _check_suffix(output)
-    fires = row_filter(trigger, zone)
+    if output is not None:
+        _check_output(output)
     existing = Existing.REPLACE if force else Existing.REFUSE
     default = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
     return CapturePlan(
         wiring=wiring,
         recording=None if no_record else output or default,
         existing=existing if output else Existing.NUMBER,
-        recording_options=options_from(output, trigger=trigger, **recording),
-        trigger=None if fires is None else fires.text,
+        recording_options=options_from(**recording),
         outlives_view=keep_recording,
         duration_s=duration,
         count=count,
@@ -399,14 +312,13 @@ def run_capture(
     form: str | None,
     udp: str | None,
     serve: str | None,
+    origins: tuple[str, ...],
     network: bool,
     headless: bool,
-    on_file: str | None,
     zone: str | None,
     lang: str | None,
     filter_text: str | None,
     alert_text: str | None,
-    rules: Path | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -424,23 +336,20 @@ def run_capture(
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
-    plan = capture_plan(wiring, zone=shown_zone, **planned)
+    plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
-    judge = None if rules is None else Judge(rules)
     drive = None
-    if headless or on_file is not None:
+    if headless:
         others = {
             "--plain": plain,
             "--format": form,
             "--filter": filter_text,
             "--alert": alert_text,
         }
-        _check_headless(headless, plan, [name for name, given in others.items() if given])
-        observers = _service(plan, FileCommand(on_file))
-    elif _is_stdout(plan.recording):
-        if form is not None:
-            raise UsageError("the recording goes to standard output; leave out --format")
-        observers = [Announcer(plan), StdoutReport(plan)]
+        _check_headless(plan, [name for name, given in others.items() if given])
+        ports_text = printable(" and ".join(plan.wiring.names))
+        intro = f"capturing {ports_text}, recording to"
+        observers = [Announcer(plan, intro), Report(plan, follows_files=True)]
     elif plain or form or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
@@ -476,22 +385,15 @@ def run_capture(
         address = address_of(udp, "--udp", network=network)
         observers = [*observers, Datagrams(address, row_filter(filter_text, shown_zone))]
     if serve is not None:
-        server = FoxgloveServer(address_of(serve, "--serve", network=network), plan)
-        observers = [*observers, server]
-    if judge is not None:
-        observers = [judge, *observers]
-    code = capture(plan, observers, _ending_signals(plan), drive)
-    sys.exit(1 if judge is not None and judge.refuses else code)
-
-
-def _is_stdout(recording: Path | None) -> bool:
-    """True if the recording goes to standard output: `-`, /dev/stdout or the same file."""
-    if recording is None or recording == _DASH:
-        return recording is not None
-    try:
-        return os.path.samestat(recording.stat(), os.fstat(sys.stdout.fileno()))
-    except OSError:
-        return False
+        server_address = address_of(serve, "--serve", network=network)
+        name = serve.rpartition(":")[0].strip("[]")
+        observers = [
+            *observers,
+            FoxgloveServer(server_address, plan.wiring.names, origins, name),
+        ]
+    elif origins:
+        raise UsageError("--allow-origin works with --serve; add it")
+    sys.exit(capture(plan, observers, _ending_signals(plan), drive))
 
 
 def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
@@ -499,57 +401,11 @@ def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
     return tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not plan.outlives_view)
 
 
-def _check_headless(headless: bool, plan: CapturePlan, others: Sequence[str]) -> None:
-    if not headless:
-        raise UsageError("--on-file works with --headless; add it")
+def _check_headless(plan: CapturePlan, others: Sequence[str]) -> None:
     if others:
         raise UsageError(f"--headless shows no rows; leave out {others[0]}")
-    if plan.recording is None or _is_stdout(plan.recording):
-        raise UsageError("--headless records to files; name one with -o, or leave out --no-record")
-
-
-def _service(plan: CapturePlan, command: FileCommand) -> list[Observer]:
-    """Observers of a capture that records as a service: no rows on standard output."""
-    ports = printable(" and ".join(plan.wiring.names))
-    return [
-        Service(command),
-        Announcer(plan, f"capturing {ports}, recording to"),
-        Report(plan, follows_files=True),
-    ]
-
-
-class Judge(Observer):
-    """Checks the rows by the rules of a file, and prints the verdicts at the end."""
-
-    def __init__(self, path: Path) -> None:
-        """Read the rules; raises FteSniffError if one is invalid."""
-        rules = read_rules(path)
-        from fte_sniff.analysis.rules import RuleCheck
-
-        self._check = RuleCheck(rules)
-
-    def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Check the rows and events."""
-        self._check.observe(update.rows, update.changes)
-
-    def ended(self, session: LiveSession) -> None:
-        """Print the verdicts, unless the capture failed before the first row."""
-        check = self._check
-        if session.state.error is not None and not check.total.rows:
-            return
-        query = InputQuery(tuple(path for path in session.state.recordings if path.is_file()))
-        for line in verdict_lines(check.verdicts(), None, query=query):
-            print_err(line.plain.rstrip())
-        if check.unseen:
-            print_err(
-                f"fte-sniff: {check.unseen:,} rows arrived too fast to be checked; run check on "
-                "the recording"
-            )
-
-    @property
-    def refuses(self) -> bool:
-        """Whether a rule does not pass."""
-        return any(one.refuses for one in self._check.verdicts())
+    if plan.recording is None:
+        raise UsageError("--headless records to files; leave out --no-record")
 
 
 class Announcer(Observer):
@@ -558,7 +414,6 @@ class Announcer(Observer):
     def __init__(self, plan: CapturePlan, intro: str | None = "recording to") -> None:
         """`intro` stands before the name of the recording; None prints it only at the end."""
         self._plan, self._intro = plan, intro
-        self._to_stdout = _is_stdout(plan.recording)
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
@@ -567,10 +422,7 @@ class Announcer(Observer):
             if state.device is not None:
                 print_err(f"a host program can open {printable(state.device)}")
             if state.recording is not None:
-                name = STDOUT if self._to_stdout else state.recording
-                print_err(f"{self._intro} {name}")
-        if state.waits_for_reader:
-            print_err(f"waiting for a reader of {state.recording}")
+                print_err(f"{self._intro} {state.recording}")
         if self._plan.outlives_view:
             pid = session.capture_pid
             print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
@@ -578,22 +430,18 @@ class Announcer(Observer):
     def ended(self, session: LiveSession) -> None:
         """Print the files that were recorded."""
         state = session.state
-        if state.recording is not None and state.outcome is not None and not self._to_stdout:
+        if state.recording is not None and state.outcome is not None:
             _print_recording(state.recordings, state.recording, state.outcome)
 
 
 def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
     several = f"{outcome.first} to " if outcome.first != last else ""
-    gone = part = ""
+    gone = ""
     if outcome.deleted_files:
         count = outcome.deleted_files
         files = "1 older file" if count == 1 else f"{count:,} older files"
-        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
-    if outcome.triggered:
-        kept, rows, fired = outcome.triggered
-        events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
-        part = f"{kept:,} of {rows:,} rows ({events}) "
-    print_err(f"recorded {part}to {several}{last}{gone}")
+        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--max-size)"
+    print_err(f"recorded to {several}{last}{gone}")
     there = sum(path.exists() for path in recordings)
     if there > 1:
         print_err(f"{there} files; all of them: fte-sniff decode {_pattern(recordings[0])}")
@@ -629,7 +477,7 @@ class Report(Observer):
         for event in update.events:
             self._print_event(event)
         if update.state.running:
-            self._print_problem(self._failure_of(session), update.state.recording)
+            self._print_problem(session.state.error, update.state.recording)
         self._tally.observe(update.rows)
 
     def ended(self, session: LiveSession) -> None:
@@ -638,10 +486,6 @@ class Report(Observer):
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
         _print_summary(self._tally, session, "printed", self._limit)
-
-    def _failure_of(self, session: LiveSession) -> FteSniffError | None:
-        """The error of a capture that continues, if the user has to know it."""
-        return session.state.error
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and the file in which it continues."""
@@ -658,34 +502,6 @@ class Report(Observer):
             self._events[event.kind] += 1
             detail = f": {event.detail}" if event.detail else ""
             print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
-
-
-class StdoutReport(Report):
-    """Reports a capture that records to standard output; a lost reader ends it."""
-
-    def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Report, and request the end once the recording has stopped."""
-        super().update(update, session)
-        if session.state.recording is None:
-            session.stop()
-
-    def ended(self, session: LiveSession) -> None:
-        """Print the summary; raise the reason why the recording stopped if the reader has gone.
-
-        A reader that goes away ends the capture, so rows after that are not lost.
-        """
-        super().ended(session)
-        state = session.state
-        if state.error is not None and state.stopped_recording is not None and _lost_reader():
-            raise state.stopped_recording
-
-    def _failure_of(self, session: LiveSession) -> FteSniffError | None:
-        gone = session.state.recording is None and _lost_reader()
-        return None if gone else session.state.error
-
-
-def _lost_reader() -> bool:
-    return has_no_reader(sys.stdout.fileno())
 
 
 class PlainLines(Observer):

@@ -15,7 +15,7 @@ from fte_sniff.cli.input_files import (
     InputQuery,
     check_inputs,
     exit_if_unreadable,
-    follow_options,
+    follow_option,
     input_options,
     output_options,
     print_notes,
@@ -33,7 +33,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_options
-@follow_options
+@follow_option
 @rows_format_option(OutputFormat)
 @output_options("Write to this file instead of standard output; its extension selects the format.")
 @click.option(
@@ -41,12 +41,6 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
     metavar="NAME,NAME",
     callback=lambda _context, _option, text: None if text is None else _columns(text),
     help="Only these columns, in this order; CSV or JSON lines, by default CSV.",
-)
-@click.option(
-    "--why",
-    is_flag=True,
-    help="Add the key `why` to damaged and ambiguous rows of JSON lines: the best two readings of"
-    " their bytes, with probabilities.",
 )
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
@@ -56,7 +50,6 @@ def command(
     output: Path | None,
     force: bool,
     columns: tuple[str, ...] | None,
-    why: bool,
     limit: int | None,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw), hex text (.hex .txt .log) and Parquet.
@@ -73,7 +66,6 @@ def command(
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     fte-sniff decode samples/clean.mcap --columns time,motor,rpm
     fte-sniff decode --follow capture.mcap --filter "error = 1"
-    fte-sniff decode samples/damaged.raw --format jsonl --why
     """
     check_inputs(query.files, output)
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
@@ -82,8 +74,6 @@ def command(
             f"--columns chooses among those of csv and jsonl, and {written} has its own: leave"
             " --columns out, or use --format csv or jsonl"
         )
-    if why and written is not OutputFormat.JSONL:
-        raise UsageError(f"--why adds to JSON lines, not to {written}; use --format jsonl")
     if following is not None and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -91,9 +81,7 @@ def command(
     with ending, progress_line(reads_stdin=STDIN in query.files) as line:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and following is None and STDIN not in query.files
-        reading = query.read(
-            query.row_filter(), limit, line.progress, following, facts=facts, readings=why
-        )
+        reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
         hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
@@ -167,12 +155,6 @@ def _opened(
             yield sink
         return
     try:
-        in_sequence = form is not OutputFormat.PARQUET
-        if in_sequence and path.exists() and not path.is_file() and not path.is_dir():
-            # A device or a pipe.
-            with _in_sequence(open_sink(form, path, reading.source), path, reading, line) as sink:
-                yield sink
-            return
         if path.is_dir():
             raise IsADirectoryError
         if path.is_file() and not force:

@@ -10,7 +10,7 @@ import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure, print_json, text_or_json_option
-from fte_sniff.errors import UsageError, printable
+from fte_sniff.errors import printable
 from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import finding_json
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
-@input_options
+@input_options(filters=False)
 @text_or_json_option("docs/findings.md")
 @jobs_options
 def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
@@ -27,7 +27,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
 
     Unanswered and late commands, damage, silence, ERROR and ONLINE flags, motors that do not follow
     their targets, irregular commands, jumps of values, lost ports. Each finding names the command
-    that shows its rows.
+    that shows its rows. All rows are needed to see what is missing, so there is no --filter.
 
     \b
     fte-sniff findings samples/motor3.mcap
@@ -37,11 +37,6 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     from fte_sniff.analysis.findings import Findings
 
     check_inputs(query.files)
-    if query.filter_text is not None:
-        raise UsageError(
-            "findings needs all rows to see what is missing among them; leave --filter out, or use"
-            " --from and --to"
-        )
     findings, measured = measure(query, Findings, jobs, cluster)
     found = findings.found()
     if form == "json":

@@ -39,7 +39,7 @@ from fte_sniff.analysis.time_text import (
     zone_of,
 )
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.cli.options import Decorator, Seconds, all_of
+from fte_sniff.cli.options import Decorator, all_of
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import (
     FileError,
@@ -53,7 +53,7 @@ from fte_sniff.errors import (
 )
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
-from fte_sniff.session.following import DEFAULT_IDLE_S, Following
+from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import (
     KIND_OF_SUFFIX,
     STDIN_NAME,
@@ -346,12 +346,6 @@ _READING = all_of(
         " 2026-01-31T12:00:00Z; bytes without times follow each other at the baud.",
     ),
     click.option(
-        "--samplerate",
-        type=click.IntRange(min=1),
-        metavar="HZ",
-        help="For logs of sigrok with sample numbers: samples per second, which make them times.",
-    ),
-    click.option(
         "--form",
         "log_form",
         metavar="NAME",
@@ -382,63 +376,39 @@ _OPTIONS = all_of(
     click.option(
         "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
     ),
-    filter_option,
     span_options,
 )
 
 
-_FOLLOW_OPTIONS = all_of(
-    click.option(
-        "--follow",
-        is_flag=True,
-        help="Read a recording while another program writes it, and its next files, until the"
-        " writer ends.",
-    ),
-    click.option(
-        "--idle",
-        "idle_s",
-        type=Seconds(min=0, min_open=True),
-        metavar="S",
-        help="With --follow, where the file system has no locks: end when nothing was written for"
-        f" S seconds.  [default: {DEFAULT_IDLE_S:g}]",
-    ),
+follow_option = click.option(
+    "--follow",
+    "following",
+    is_flag=True,
+    callback=lambda _context, _option, wanted: Following() if wanted else None,
+    help="Read a recording while another program writes it, and its next files, until the writer"
+    " ends.",
 )
-
-
-def follow_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--follow` and `--idle`; below `input_options`, which passes them as `following`."""
-    with_options: Callable[..., Any] = _FOLLOW_OPTIONS(command)
-    return with_options
-
-
-def _following_of(options: dict[str, Any]) -> dict[str, Any]:
-    """The options, with `following` in place of those of `follow_options`; None without."""
-    if "follow" not in options:
-        return options
-    follow, idle_s = options.pop("follow"), options.pop("idle_s")
-    if idle_s is not None and not follow:
-        raise UsageError("--idle is for --follow; add it, or leave --idle out")
-    following = Following(idle_s or DEFAULT_IDLE_S) if follow else None
-    return {"following": following, **options}
+"""The `--follow` option; its value is the `Following`, or None."""
 
 
 def input_options(
-    command: Callable[..., Any] | None = None, *, required: bool = True
+    command: Callable[..., Any] | None = None, *, required: bool = True, filters: bool = True
 ) -> Callable[..., Any]:
     """Add FILE... and the options that select its rows; the command receives them as `query`.
 
-    Without `required` there may be no file.
+    Without `required` there may be no file; without `filters` there is no `--filter`.
     """
     if command is None:
-        return partial(input_options, required=required)
+        return partial(input_options, required=required, filters=filters)
 
     @wraps(command)
     def with_query(*, explain: bool, **options: Any) -> Any:
-        query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
-        options = _following_of(options)
+        given = {one.name: options.pop(one.name, None) for one in fields(InputQuery)}
+        query = InputQuery(**given)
         return query.explain() if explain else command(query=query, **options)
 
-    with_options: Callable[..., Any] = _files_argument(required=required)(_OPTIONS(with_query))
+    options = all_of(_OPTIONS, filter_option) if filters else _OPTIONS
+    with_options: Callable[..., Any] = _files_argument(required=required)(options(with_query))
     return with_options
 
 
@@ -460,8 +430,6 @@ class InputQuery:
     log_form: str | None = None
     """The form in which a log writes bytes."""
     pattern: str | None = None
-    samplerate: int | None = None
-    """Samples per second, which make sample numbers in a log times."""
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None
@@ -478,7 +446,7 @@ class InputQuery:
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
         given = (day, self.zone_given(), self.start_ns(), self.log_form, pattern)
-        return LogOptions(*given, samplerate=self.samplerate, baud=self.baud or DEFAULT_BAUD)
+        return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
 
     def _check_log_options(self) -> None:
         """Raise InputTextError if a given option is invalid, even if no log is read."""
@@ -499,9 +467,11 @@ class InputQuery:
         return t_ns
 
     def explain(self) -> None:
-        """Print where logs have their bytes, times and directions."""
+        """Print where logs have their bytes, times and directions; raises UsageError for others."""
         for path in self.paths():
             one = _opened(path, self)
+            if not isinstance(one, LogInput):
+                raise UsageError(f"--explain is for logs; {path} has its rows in one known form")
             for line in one.explain():
                 click.echo(printable(f"{path}: {line}"))
 
@@ -542,7 +512,6 @@ class InputQuery:
         following: Following | None = None,
         *,
         facts: bool = False,
-        readings: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -573,7 +542,6 @@ class InputQuery:
             unreadable,
             progress,
             facts=facts,
-            readings=readings,
             zone=self.zone_given() or UTC,
         )
         if following is not None:

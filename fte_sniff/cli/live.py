@@ -44,9 +44,8 @@ def command(
 
     PORT is a device, or a URL that pyserial opens, such as socket://host:port, or sim://, a
     simulated host and controller (sim://?seed=1&rate=200&drop=0.01). Nothing is ever written to it.
-    The recording goes to fte-sniff-<UTC time>.mcap in this folder; -o names another file ('-' is
-    standard output), --no-record records nothing. The filter applies to the display only: all rows
-    are recorded, unless --trigger selects the rows around an event.
+    The recording goes to fte-sniff-<UTC time>.mcap in this folder; -o names another file,
+    --no-record records nothing. The filter applies to the display only: all rows are recorded.
     A device or a server that is lost is waited for, and found again by its link, USB serial number
     or USB socket. Without PORT, the ports of the settings are opened.
 

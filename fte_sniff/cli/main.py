@@ -78,9 +78,11 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or fail with the closest name."""
+        """Find the command, or fail with the closest name; a file is for `view`."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
+            if _is_file(name):
+                return "view", self.get_command(ctx, "view"), args
             ctx.fail(_unknown_command(name))
         return super().resolve_command(ctx, args)
 
@@ -97,6 +99,14 @@ class LazyGroup(click.Group):
         return command
 
 
+def _is_file(name: str) -> bool:
+    """Whether a word names a file or a folder, and not a port."""
+    from fte_sniff.cli.input_files import is_port_name
+
+    # os.path.exists is False, and raises no error, where a folder is closed.
+    return os.path.exists(name) and not is_port_name(name)  # noqa: PTH110
+
+
 def _unknown_command(name: str) -> str:
     """That a command is unknown, and the command that was probably meant."""
     import shlex
@@ -106,11 +116,6 @@ def _unknown_command(name: str) -> str:
     shown = shlex.quote(name)
     if is_port_name(name):
         return f"{name} is a port, not a command: `{PROGRAM} live {shown}` captures it"
-    if os.path.exists(name):  # noqa: PTH110 - False, and no error, where a folder is closed
-        return (
-            f"{name} is a file, not a command: `{PROGRAM} view {shown}` shows it,"
-            f" `{PROGRAM} decode {shown}` prints its rows"
-        )
     if name in OTHER_WORDS:
         return f"No such command '{name}'; {OTHER_WORDS[name]}"
     from difflib import get_close_matches

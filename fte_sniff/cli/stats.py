@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import tzinfo
 from functools import partial
@@ -69,7 +70,8 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     else:
         print_lines(partial(report_lines, summary, measured.reading))
         if summary.findings is not None and (found := summary.findings.found()):
-            click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings")
+            files = shlex.join(map(str, query.files))
+            click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings {files}")
     measured.finish()
 
 

@@ -19,13 +19,12 @@ from fte_sniff.cli.input_files import (
     InputQuery,
     check_inputs,
     exit_if_unreadable,
-    follow_options,
+    follow_option,
     input_options,
     print_notes,
     print_saved,
     row_filter,
 )
-from fte_sniff.cli.live_data import PlaybackServer, address_of, network_option, serve_option
 from fte_sniff.cli.options import (
     REREAD_ROWS,
     alert_of,
@@ -43,23 +42,20 @@ from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.session.inputs import InputReading
     from fte_sniff.session.notes import Place
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
 @input_options(required=False)
-@follow_options
+@follow_option
 @alert_option
 @click.option(
     "--play",
     "play_speed",
-    type=click.Choice([f"{speed:g}" for speed in SPEEDS]),
+    type=click.FloatRange(SPEEDS[0], SPEEDS[-1]),
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )
-@serve_option
-@network_option("--serve")
 @keep_rows_option(10_000_000, REREAD_ROWS)
 @units_options
 @config_option
@@ -67,10 +63,8 @@ if TYPE_CHECKING:
 def command(
     query: InputQuery,
     alert_text: str | None,
-    play_speed: str | None,
+    play_speed: float | None,
     following: Following | None,
-    serve: str | None,
-    network: bool,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -81,13 +75,10 @@ def command(
 
     A folder means the recordings in it. The rows of several files are merged by time.
 
-    --serve gives the rows that are played to other programs, which can play, pause, seek and set
-    the speed, as the keys can.
-
     \b
     fte-sniff view samples/damaged.mcap
     fte-sniff view --follow capture.mcap
-    fte-sniff view --serve --play 1 samples/clean.mcap
+    fte-sniff view --play 4 samples/clean.mcap
     """
     if STDIN in query.files:
         raise UsageError(
@@ -95,12 +86,7 @@ def command(
             " 'fte-sniff decode -' reads it"
         )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
-        instead = "'fte-sniff decode' writes rows to pipes and files"
-        if serve is not None:
-            instead = "its keys play what --serve sends; run it in tmux, or with ssh -t"
-        raise UsageError(f"view needs a terminal; {instead}")
-    if serve is not None and following is not None:
-        raise UsageError("--serve plays a file; leave --follow out, or use live --serve")
+        raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings(config)
     language = settings.language(lang)
     if not query.files:
@@ -124,9 +110,6 @@ def command(
     pages = RecordingPages() if only_recordings else None
     parts = [one.part for one in reading.inputs]
     notes = Notes([Path(one.name) for one in reading.inputs], [one and one.start for one in parts])
-    viewers = None
-    if serve is not None:
-        viewers = _viewers(address_of(serve, "--serve", network=network), reading)
     session = ReplaySession(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
@@ -147,18 +130,13 @@ def command(
         colors=settings.colors,
         choices=settings.choices_at(place),
         save_choices=settings.keep,
-        warnings=(*settings.trouble, *notes.damage, *([] if viewers is None else [viewers.text])),
+        warnings=(*settings.trouble, *notes.damage),
         notes=notes,
         place=place if play_speed is None else replace(place, cursor=None),
-        play_speed=None if play_speed is None else float(play_speed),
+        play_speed=play_speed,
         save_place=partial(_keep_place, paths, place),
-        viewers=viewers,
     )
-    try:
-        code = run_screen(session, opening, pages)
-    finally:
-        if viewers is not None:
-            viewers.close()
+    code = run_screen(session, opening, pages)
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
@@ -168,19 +146,6 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
-
-
-def _viewers(address: tuple[str, int], reading: InputReading) -> PlaybackServer:
-    """The server of a playback; raises UsageError if the rows have no times."""
-    spans = [one.times for one in reading.inputs]
-    starts = [first for first, _ in filter(None, spans)]
-    if not starts:
-        raise UsageError("--serve plays rows by their times, and these have none; try --start")
-    ends = [first if last is None else last for first, last in filter(None, spans)]
-    first, last = min(starts), max(ends)
-    if reading.span is not None:
-        first, last = max(first, reading.span.first_ns), min(last, reading.span.end_ns - 1)
-    return PlaybackServer(address, reading.source.ports, (first, max(first, last)))
 
 
 def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:

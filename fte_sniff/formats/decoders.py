@@ -18,11 +18,8 @@ from types import MappingProxyType
 from typing import Final
 
 from fte_sniff.formats.pcapng import COMMENT
-from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status, status_of
-from fte_sniff.protocol.columns import Column, ColumnType
-from fte_sniff.protocol.dissect import MOST, WHY
+from fte_sniff.protocol import KINDS, Fault, Status
 from fte_sniff.protocol.framer.framer import SETTLING_NS
-from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DEFAULT_BAUD,
@@ -161,98 +158,6 @@ def _lua(value: object) -> str:
             raise TypeError(f"{value!r} has no form in Lua")
 
 
-# JSON Schema
-
-_DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-
-_WHY = {
-    "description": "the best two readings of a damaged or ambiguous row, with --why",
-    "type": "array",
-    "maxItems": MOST,
-    "items": {
-        "type": "object",
-        "properties": {
-            "reading": {"type": "string"},
-            "probability": {"type": "number", "minimum": 0, "maximum": 1},
-        },
-        "required": [*Reading._fields],
-        "additionalProperties": False,
-    },
-}
-
-
-def json_schema() -> str:
-    """The JSON Schema of one JSON line, from the column table and the frame table."""
-    whole = {
-        "$schema": _DIALECT,
-        "title": "A row of fte-sniff",
-        "description": "One JSON line of `fte-sniff decode --format jsonl`.",
-        "type": "object",
-        "properties": {column.name: _property(column) for column in COLUMNS} | {WHY: _WHY},
-        "required": [column.name for column in COLUMNS],
-        "additionalProperties": False,
-        "allOf": [*map(_rule_of_kind, (*KINDS, None)), *map(_rule_of_fault, Fault), _ok_rule()],
-    }
-    return json.dumps(whole, indent=2) + "\n"
-
-
-def _property(column: Column) -> dict[str, object]:
-    return {"description": column.meaning} | _type(column)
-
-
-def _type(column: Column) -> dict[str, object]:
-    match column.type:
-        case ColumnType.TIME:
-            return {"type": ["string", "null"], "format": "date-time"}
-        case ColumnType.TEXT:
-            return {"type": ["string", "null"]}
-        case ColumnType.WORD:
-            return {"enum": [*column.words, None]}
-        case ColumnType.WORDS:
-            return {"type": "array", "items": {"enum": [*column.words]}, "uniqueItems": True}
-        case ColumnType.INT:
-            low = -(1 << column.bits - 1) if column.signed else 0
-            high = (1 << column.bits - column.signed) - 1
-            return {"type": ["integer", "null"], "minimum": low, "maximum": high}
-        case ColumnType.REAL:
-            return {"type": ["number", "null"], "minimum": 0}
-        case ColumnType.BOOL:
-            return {"type": ["boolean", "null"]}
-        case ColumnType.HEX:
-            return {"type": "string", "pattern": "^([0-9A-F]{2})+$"}
-
-
-def _rule_of_kind(kind: FrameKind | None) -> dict[str, object]:
-    """Which values a frame of a kind has; None is a row without a kind."""
-    own = {field.name: {"type": "integer"} for field in kind.fields} if kind else {}
-    others = {field.name: {"type": "null"} for field in VALUE_FIELDS if field.name not in own}
-    heads = (
-        {}
-        if kind is None
-        else {
-            "direction": {"const": str(kind.direction)},
-            "cmd": {"enum": [*kind.cmds]},
-        }
-    )
-    return _when({"kind": {"const": kind and kind.name}}, heads | own | others)
-
-
-def _rule_of_fault(fault: Fault) -> dict[str, object]:
-    """That a fault gives a row its status, or a worse one."""
-    own = status_of((fault,))
-    allowed = [status for status in Status if status in {own, Status.MALFORMED}]
-    return _when({"faults": {"contains": {"const": str(fault)}}}, {"status": {"enum": allowed}})
-
-
-def _ok_rule() -> dict[str, object]:
-    return _when({"faults": {"maxItems": 0}}, {"status": {"const": str(Status.OK)}})
-
-
-def _when(condition: dict[str, object], rule: dict[str, object]) -> dict[str, object]:
-    return {"if": {"properties": condition}, "then": {"properties": rule}}
-
-
 # The tools
 
 
@@ -262,8 +167,8 @@ class Tool:
 
     text: Callable[[], str]
     """Makes the decoder's source."""
-    path: Callable[[], Path] | None
-    """The file that the tool loads; None for a tool without a fixed path."""
+    path: Callable[[], Path]
+    """The file that the tool loads."""
     use: str
     """How to use the decoder, in one line."""
 
@@ -296,9 +201,6 @@ TOOLS: Mapping[str, Tool] = MappingProxyType(
             wireshark_dissector,
             _wireshark_path,
             "fte-sniff decode capture.mcap -o capture.pcapng && wireshark capture.pcapng",
-        ),
-        "json-schema": Tool(
-            json_schema, None, "fte-sniff decoder json-schema > fte-sniff.schema.json"
         ),
     }
 )

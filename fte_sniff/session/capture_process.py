@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -21,13 +21,13 @@ from typing import Final, TypeAlias
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.source import Source, SourceEnd, Wiring
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
-from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, signals
+from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import Chunk, Direction, Framer, LineErrorMarker, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Change, Outcome, Recorder
-from fte_sniff.recording.retention import RecordingOptions, Select
+from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.session.merge import Merge, MergeLane
 
 
@@ -40,8 +40,6 @@ class CapturePlan:
     """Path of the recording; None to record nothing."""
     existing: Existing = Existing.REFUSE
     recording_options: RecordingOptions = field(default_factory=RecordingOptions)
-    trigger: str | None = None
-    """A filter: only rows around matching rows are recorded; None to record all."""
     outlives_view: bool = False
     """Continue if the view is killed or its terminal is closed; a STOP still ends it."""
     duration_s: float | None = None
@@ -55,9 +53,6 @@ class CapturePlan:
 STOP: Final = "stop"
 """Request: end the capture and close its file."""
 
-ROTATE: Final = "rotate"
-"""Request: begin the next file of the recording."""
-
 
 @dataclass(frozen=True, slots=True)
 class Started:
@@ -67,8 +62,6 @@ class Started:
     """Path of the recording; may differ from the plan's if that name was taken."""
     device: str | None = None
     """The device that host programs open, for a bridge."""
-    waits_for_reader: bool = False
-    """Whether the recording is a named pipe without a reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +77,6 @@ class WriteProgress:
     is_end: bool = False
     bytes: int = 0
     """Size of all files."""
-    fired: int | None = None
-    """How often the trigger fired; None without one."""
     turns: int = 0
     """How often the capture has looked for bytes; it grows on a silent line too."""
 
@@ -528,7 +519,6 @@ class CaptureLoop:
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
             self._is_ending or self._source.end is not None,
             recorder.size if recorder is not None else 0,
-            recorder.fired if recorder is not None else None,
             self._turns,
         )
 
@@ -567,9 +557,6 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
-    # A service manager sends it to all processes of a service; the view passes it on.
-    for number in signals("SIGUSR1"):
-        signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
@@ -595,12 +582,9 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
         return
     # From here on the result is a recording, possibly empty: the port was open, no byte arrived.
     recorder = _recorder(plan, _facts(plan, clock, source))
-    path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
-    _send(view, Started(path, source.device, waits))
+    _send(view, Started(recorder.path if recorder else None, source.device))
     when_gone = (lambda: None) if plan.outlives_view else source.stop
-    rotate = recorder.rotate if recorder is not None else lambda: None
-    obeyed = {STOP: source.stop, ROTATE: rotate}
-    threading.Thread(target=_obey, args=(view, obeyed, when_gone), daemon=True).start()
+    threading.Thread(target=_obey, args=(view, source.stop, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)
     ended = CaptureLoop(plan, clock, source, recorder, outbox).run()
     # The file is closed; signals may end the process while the last messages are sent.
@@ -628,27 +612,20 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
         return None
     baud = plan.wiring.settings.baud
     ports = tuple(PortFacts(name, baud) for name in plan.wiring.names)
-    select: Select | None = None
-    if plan.trigger is not None:
-        from fte_sniff.analysis.filter.row_filter import RowFilter
-
-        select = RowFilter.parse(plan.trigger).stream().matches
-        facts = facts | {"trigger": plan.trigger}
     return Recorder(
         plan.recording,
         ports,
         facts,
         existing=plan.existing,
         options=plan.recording_options,
-        select=select,
     )
 
 
-def _obey(
-    view: Connection, obeyed: Mapping[str, Callable[[], None]], when_gone: Callable[[], None]
-) -> None:
+def _obey(view: Connection, stop: Callable[[], None], when_gone: Callable[[], None]) -> None:
+    """Stop at the first request of the view; the end of its pipe means that it is gone."""
     try:
         while True:
-            obeyed[view.recv()]()
+            view.recv()
+            stop()
     except (EOFError, OSError):
         when_gone()

@@ -26,18 +26,17 @@ POLL_S: Final = 0.1
 _RELEASE_S: Final = 5.0
 """How long the lock of a file that names its next file is waited for, or the next file."""
 
-DEFAULT_IDLE_S: Final = 10.0
+IDLE_S: Final = 10.0
 """How long a file without a lock may stay as it is."""
 
 
 class Following:
     """The state of following the files of one capture."""
 
-    def __init__(self, idle_s: float = DEFAULT_IDLE_S) -> None:
-        """Follow nothing yet; `idle_s` is for files without a lock, in seconds."""
+    def __init__(self) -> None:
+        """Follow nothing yet."""
         self.name = ""
         """The file that is read."""
-        self.idle_s = idle_s
         self.has_lock = False
         """Whether locks work: one was seen."""
         self.open_ports: set[str] = set()
@@ -77,7 +76,7 @@ class Following:
             return TranslatableText(
                 "{path}: nothing was written to it for {seconds:g} s",
                 path=name,
-                seconds=self.idle_s,
+                seconds=IDLE_S,
             )
         if self.open_ports:
             return TranslatableText(
@@ -165,7 +164,7 @@ class FollowedInput(RecordingInput):
             return named_s is not None and now_s >= named_s + _RELEASE_S
         if named_s is not None or following.has_lock or self._growing.limit:
             return True
-        return now_s >= changed_s + following.idle_s
+        return now_s >= changed_s + IDLE_S
 
     def _new(
         self, ranges: Iterator[tuple[RowRange, Rows]], span: TimeRange | None

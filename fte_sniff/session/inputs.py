@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.formats.logs.reader import LogReader
     from fte_sniff.formats.parquet import ParquetRows
-    from fte_sniff.protocol.dissect import Readings
     from fte_sniff.protocol.rows import Ints
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
@@ -610,7 +609,7 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
     )
 
 
-# Facts and readings: rows wait until they are decided, what is among them too
+# Facts: rows wait until they are decided, what is among them too
 #
 #     rows      r1 r2 | r3 r4 r5      r3 waits for its answer
 #     events          e               waits with r3, so that the order remains
@@ -620,13 +619,11 @@ MOST_BYTES: Final = 2 << 20
 
 
 class FactStage:
-    """Completes the rows of one input with their facts, their readings, or both."""
+    """Completes the rows of one input with their facts."""
 
-    def __init__(
-        self, facts: Facts | None = None, readings: Readings | None = None, origin: int = 0
-    ) -> None:
+    def __init__(self, facts: Facts, origin: int = 0) -> None:
         """`origin` is the number of the input."""
-        self._facts, self._readings, self._origin = facts, readings, origin
+        self._facts, self._origin = facts, origin
         self._read = self._decided = 0
         self._events = deque[tuple[int, PortEvent]]()
         """Each with the number of rows before it."""
@@ -641,21 +638,13 @@ class FactStage:
             self._events.extend(sorted(numbered, key=lambda one: one[0]))
         self._changes.extend(shifted(batch.changes, self._read))
         self._read += len(batch.rows)
-        rows = batch.rows
-        if self._facts is not None:
-            rows = self._facts.feed(rows, batch.changes)
-        if self._readings is not None:
-            rows = self._readings.feed(rows)
-        first, *others = self._released(rows)
+        first, *others = self._released(self._facts.feed(batch.rows, batch.changes))
         yield replace(first, losses=batch.losses, gaps=batch.gaps)
         yield from others
 
     def end(self) -> Iterator[InputBatch]:
         """The rows that waited at the end of the input."""
-        rows = NO_ROWS if self._facts is None else self._facts.interrupt()
-        if self._readings is not None:
-            rows = Rows.concat([self._readings.feed(rows), self._readings.end()])
-        return self._released(rows)
+        return self._released(self._facts.interrupt())
 
     def _released(self, rows: Rows) -> Iterator[InputBatch]:
         parts = -(-rows.size // MOST_BYTES) or 1
@@ -716,7 +705,6 @@ class InputReading:
         progress: Progress | None = None,
         *,
         facts: bool = False,
-        readings: bool = False,
         zone: tzinfo = UTC,
     ) -> None:
         """Read no rows yet; of several inputs, read their first times.
@@ -731,7 +719,6 @@ class InputReading:
             progress: shows how far reading has come.
             facts: whether rows wait for the facts that depend on later rows; they always do if the
                 filter names one.
-            readings: whether damaged and ambiguous rows get their readings; rows wait for them.
             zone: that of times in text.
         """
         # The first time of a single input is not needed.
@@ -741,7 +728,6 @@ class InputReading:
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)
-        self._has_readings = readings
         self.tally = Tally()
         self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
@@ -914,16 +900,11 @@ class InputReading:
         self._gaps += gaps
 
     def _fact_stage(self, one: Input) -> FactStage | None:
-        if not (self._has_facts or self._has_readings):
+        if not self._has_facts:
             return None
         from fte_sniff.analysis.facts import Facts
-        from fte_sniff.protocol.dissect import Readings
 
-        return FactStage(
-            Facts() if self._has_facts else None,
-            Readings() if self._has_readings else None,
-            one.number,
-        )
+        return FactStage(Facts(), one.number)
 
     def _selected(self, batch: InputBatch) -> InputBatch:
         """The batch with the rows that match."""

@@ -17,7 +17,6 @@ from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session.capture_process import (
-    ROTATE,
     STOP,
     CapturePlan,
     Ended,
@@ -47,8 +46,6 @@ class CaptureState:
     stopped_recording: FteSniffError | None = None
     """Why the recording last stopped; at the end `error` says what was lost."""
     device: str | None = None
-    waits_for_reader: bool = False
-    """Whether the recording began as a named pipe without a reader."""
     total_rows: int = 0
     not_shown: int = 0
     """Rows recorded but not sent, because the view was too slow."""
@@ -73,7 +70,6 @@ class CaptureState:
                 recording=message.recording,
                 recordings=() if message.recording is None else (message.recording,),
                 device=message.device,
-                waits_for_reader=message.waits_for_reader,
             )
         return reduce(CaptureState._after_change, message.recording, self._after_batch(message))
 
@@ -111,7 +107,6 @@ class CaptureState:
             not_shown=self.not_shown,
             files=tuple(map(str, self.recordings)),
             recorded_bytes=self.progress.bytes,
-            fired=self.progress.fired,
         )
 
     def _title(self) -> str:
@@ -274,12 +269,6 @@ class LiveSession:
         # If it has ended already, `wait` returns how.
         with suppress(OSError):
             self._capture.send(STOP)
-
-    def rotate(self) -> None:
-        """Request the next file of the recording; returns at once."""
-        if self.state.started:
-            with suppress(OSError):
-                self._capture.send(ROTATE)
 
     def hurry(self) -> None:
         """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.

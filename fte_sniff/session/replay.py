@@ -5,17 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from math import isfinite
-from typing import Final, Protocol
+from typing import Final
 
 from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate
 from fte_sniff.analysis.model import Rate, StreamChange, Tally, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import PortEvent
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
@@ -179,36 +176,6 @@ MAX_PLAYED_PER_STEP: Final = 100_000
 """Rows that one step of playback shows at most."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlayRequest:
-    """What a viewer of a served playback asks for."""
-
-    plays: bool
-    """Whether to play; else to pause."""
-    speed: float
-    seek_ns: int | None = None
-    """The time to go to first, nanoseconds since 1970 UTC."""
-
-    @property
-    def shown_speed(self) -> float:
-        """The speed, as far as it is in the range of `SPEEDS`."""
-        speed = self.speed if isfinite(self.speed) else 1.0
-        return min(max(speed, SPEEDS[0]), SPEEDS[-1])
-
-
-class Viewers(Protocol):
-    """Other programs that see a playback and control it."""
-
-    def requests(self) -> Iterator[PlayRequest]:
-        """The requests since the last call."""
-
-    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
-        """Send what was played."""
-
-    def report(self, play: Playback | None, *, jumped: bool) -> None:
-        """Report the state; None where nothing is played."""
-
-
 class Playback:
     """Shows the rows of a store at the pace at which they came, from one row on."""
 
@@ -273,10 +240,6 @@ class Playback:
         """Switch to the next speed (`by` 1) or the previous one (-1)."""
         number = bisect_right(SPEEDS, self.speed) if by > 0 else bisect_left(SPEEDS, self.speed) - 1
         self.speed = SPEEDS[min(max(number, 0), len(SPEEDS) - 1)]
-
-    def obey(self, request: PlayRequest) -> None:
-        """Play or pause, at the speed of a request."""
-        self.paused, self.speed = not request.plays, request.shown_speed
 
     def stop(self) -> None:
         """Show all rows."""

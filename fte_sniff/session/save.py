@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from pathlib import Path
 from queue import Full, Queue
+from secrets import token_hex
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
@@ -260,8 +261,7 @@ class SaveTarget:
                 name=self.path.name,
                 overwrite=OVERWRITE,
             )
-        if self.replace and self.path.exists() and not self.path.is_file():
-            raise FileError("{path} is not a regular file; name another", path=self.path)
+        _check_replaceable(self.path)
 
 
 def is_same_file(path: Path, other: Path | str) -> bool:
@@ -275,18 +275,25 @@ def is_same_file(path: Path, other: Path | str) -> bool:
 class Replacement:
     """A file that has a temporary name until it is complete; an old one is locked meanwhile."""
 
-    def __init__(self, path: Path) -> None:
-        """Create nothing yet; the temporary file is in the same folder.
+    def __init__(self, path: Path, mode: int = 0o666) -> None:
+        """Create the temporary file, which has a fresh name in the same folder.
 
-        Raises FileError if another program records to `path`, or it is not a regular file.
+        Raises FileError if another program records to `path`, or it is a link, or not a regular
+        file; and OSError if the file cannot be created.
         """
-        self._target = _replaceable(path)
-        self.temporary = temporary_path(self._target)
-        self._lock = _locked(self._target)
+        _check_replaceable(path)
+        self._target = path
+        self._lock = _locked(path)
+        try:
+            self.temporary = _fresh_file(path, mode)
+        except OSError:
+            self._unlock()
+            raise
 
     def commit(self) -> None:
         """Give the closed file its name; a file of that name is replaced."""
         self._lock = _locked(self._target) if self._lock is None else self._lock
+        _check_replaceable(self._target)
         self.temporary.replace(self._target)
         self._unlock()
 
@@ -306,10 +313,7 @@ class FileExport(Replacement):
     """A sink whose file has a temporary name until it is complete."""
 
     def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
-        """Create the temporary file; an old one is replaced.
-
-        Raises FileError as `Replacement`, and OSError if the file cannot be created.
-        """
+        """Create the temporary file; raises FileError and OSError as `Replacement`."""
         super().__init__(path)
         self.path = path
         try:
@@ -325,14 +329,12 @@ class FileExport(Replacement):
         self.discard()
 
 
-def _replaceable(path: Path) -> Path:
-    """The file that is created or replaced: a link's target, never the link, a pipe or a device.
-
-    Raises FileError if the path leads to something else than a regular file.
-    """
+def _check_replaceable(path: Path) -> None:
+    """Raise FileError if a path leads to a link, a pipe, a device or a folder."""
+    if path.is_symlink():
+        raise FileError("{path} is a link; name the file itself, or remove the link", path=path)
     if path.exists() and not path.is_file():
         raise FileError("{path} is not a regular file; name another", path=path)
-    return path.resolve() if path.is_symlink() else path
 
 
 def _locked(path: Path) -> int | None:
@@ -344,22 +346,19 @@ def _locked(path: Path) -> int | None:
     return lock_replaced(path)
 
 
-def temporary_path(path: Path) -> Path:
-    """The name of a file while it is written."""
-    return path.with_name(f"{path.name}.part")
+def _fresh_file(path: Path, mode: int) -> Path:
+    """Create an empty file of a name that nobody can foresee, beside a file; raises OSError."""
+    fresh = path.with_name(f".{path.name}.{token_hex(8)}.part")
+    os.close(os.open(fresh, open_flags("O_WRONLY", "O_CREAT", "O_EXCL"), mode))
+    return fresh
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that has its name only when it is complete; a pipe or device as it is.
+def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Write a file that has its name only when it is complete.
 
-    Raises:
-        FileError: another program records to `path`.
-        OSError: the file cannot be written.
+    Raises FileError and OSError as `Replacement`.
     """
-    if path.exists() and not path.is_file():
-        path.write_bytes(content)
-        return
-    replacement = Replacement(path)
+    replacement = Replacement(path, mode)
     try:
         replacement.temporary.write_bytes(content)
         replacement.commit()
@@ -368,20 +367,12 @@ def replace_file(path: Path, content: bytes) -> None:
 
 
 def replace_text(path: Path, text: str, mode: int = 0o600) -> None:
-    """Replace a small file atomically; by default, only the user may read it.
+    """Replace a small file, and make its folder; by default, only the user may read it.
 
-    Replaces the target of a symbolic link, not the link. Raises OSError.
+    Raises FileError and OSError as `Replacement`.
     """
-    path = path.resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    flags = open_flags("O_WRONLY", "O_CREAT", "O_TRUNC")
-    try:
-        with os.fdopen(os.open(temporary, flags, mode), "w", encoding="utf-8") as file:
-            file.write(text)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    replace_file(path, text.encode(), mode)
 
 
 class SaveJob:
@@ -395,11 +386,6 @@ class SaveJob:
         target.check()
         self._target, self.path = target, target.path
         self.rows = 0
-        temporary = temporary_path(target.path)
-        if os.path.lexists(temporary):
-            raise FileError(
-                "{path} exists already; delete it, or name another file", path=temporary
-            )
         try:
             self._export = FileExport(target.path, target.form, source)
         except OSError as error:

@@ -386,8 +386,7 @@ class SniffApp(App[None]):
 
     def _on_clock(self) -> None:
         state = self._model.state
-        waits = self._panes.models_pending or self._options.viewers is not None
-        at_rest = self._model.at_rest and not waits
+        at_rest = self._model.at_rest and not self._panes.models_pending
         if self._poll_interval.on_clock(at_rest=at_rest, captures=state.live and state.running):
             self.tick()
 
@@ -421,8 +420,6 @@ class SniffApp(App[None]):
             self._update_table()
         self._hit_status.tick()
         self._show_state()
-        if self._options.viewers is not None:
-            self.playback.serve(self._options.viewers, update.played, update.events)
         if not keys_first:
             play = self._model.playback
             playhead_ns = None if play is None else play.t_ns

@@ -15,7 +15,7 @@ from platformdirs import user_cache_path
 from textual.worker import WorkType
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, TranslatableText, reason_of
+from fte_sniff.errors import FileError, FteSniffError, TranslatableText, reason_of
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
@@ -54,7 +54,7 @@ def write_copy(text: str) -> Path | None:
     path = user_cache_path("fte-sniff", appauthor=False) / COPY_NAME
     try:
         replace_text(path, text)
-    except OSError:
+    except (OSError, FileError):
         return None
     return path
 

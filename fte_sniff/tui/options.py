@@ -13,7 +13,6 @@ from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, B
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import START, Notes, Place
-from fte_sniff.session.replay import Viewers
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.cells import Delta, TableView
 
@@ -103,8 +102,6 @@ class StartOptions:
     zone: tzinfo | None = None
     """Zone of local times, in which the times are shown first; None for that of the machine, and
     UTC first."""
-    viewers: Viewers | None = None
-    """Other programs that see and control the playback of a file."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store bounded by `keep_rows`; one for all rows where a source can read them again."""

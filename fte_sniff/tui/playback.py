@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from time import monotonic_ns
 
-from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.replay import PlayRequest, Viewers
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.prompt import Parts
 
@@ -20,8 +16,6 @@ class PlaybackControl:
         self._panes, self._notice = parts.panes, parts.notice
         speed = parts.options.play_speed
         self._speed = 1.0 if speed is None else speed
-        self._jumped = False
-        """Whether playback began at another row since the last report to the viewers."""
 
     def action_pause(self) -> None:
         """Freeze the view of a capture, or resume it; play a file, or pause playback."""
@@ -46,32 +40,10 @@ class PlaybackControl:
 
     def _play_from(self, index: int, speed: float) -> None:
         self._panes.restart(*self._model.play(index, speed, monotonic_ns()))
-        self._jumped = True
         self._table.action_follow()
         self._notice.inform(
             _("playing; < and > change the speed, space pauses, esc shows the whole file")
         )
-
-    def serve(self, viewers: Viewers, rows: Rows, events: Sequence[PortEvent]) -> None:
-        """Send what was played to the viewers, and do what they request."""
-        model = self._model
-        if model.start_ns is None:
-            return
-        if model.playback is not None:
-            viewers.send(rows, events)
-        for request in viewers.requests():
-            self._obey(request)
-        viewers.report(model.playback, jumped=self._jumped)
-        self._jumped = False
-
-    def _obey(self, request: PlayRequest) -> None:
-        model = self._model
-        if request.seek_ns is not None or (request.plays and model.playback is None):
-            model.stop_playback()
-            first_ns = model.start_ns if request.seek_ns is None else request.seek_ns
-            self._play_from(model.store.index_from(first_ns or 0), self._speed)
-        if model.playback is not None:
-            model.playback.obey(request)
 
     def stop(self) -> None:
         """Show the whole file again, if it is played."""

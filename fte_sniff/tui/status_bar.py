@@ -77,7 +77,6 @@ class RecordingSign(StrEnum):
     """What happens to the rows of a capture; the value is the sign before the words."""
 
     RECORDING = "●"
-    ARMED = "◎"
     NOT_RECORDING = "○"
     STOPPED = "✗"
     """Against the user's will."""
@@ -91,9 +90,7 @@ def recording_sign(state: FeedState) -> RecordingSign | None:
     if state.recording is None:
         stopped = bool(state.files) and state.running
         return RecordingSign.STOPPED if stopped else RecordingSign.NOT_RECORDING
-    if not state.running:
-        return RecordingSign.ENDED
-    return RecordingSign.ARMED if state.fired == 0 else RecordingSign.RECORDING
+    return RecordingSign.RECORDING if state.running else RecordingSign.ENDED
 
 
 def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -> str:
@@ -105,17 +102,15 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
     words = {
         None: "",
         RecordingSign.RECORDING: _("REC"),
-        RecordingSign.ARMED: _("ARMED"),
         RecordingSign.NOT_RECORDING: _("not recording") if state.running else _("not recorded"),
         RecordingSign.STOPPED: _("NOT RECORDING"),
         RecordingSign.ENDED: _("recorded"),
     }[sign]
     if state.recording is None or sign is None or short:
         return f" {sign} {words} " if sign else ""
-    fired = "" if not state.fired else _("triggered {count:,}×", count=state.fired) + " "
     span = timedelta(seconds=int(elapsed_s))
     # As wide as the widest, so that the title does not move each time.
-    return f" {sign} {words} {fired}{span} {size_text(state.recorded_bytes):<7} "
+    return f" {sign} {words} {span} {size_text(state.recorded_bytes):<7} "
 
 
 def title_parts(
@@ -156,7 +151,6 @@ def title_text(
 
 RECORDING_STYLES: Final = {
     RecordingSign.RECORDING: Style(color="#ffffff", bgcolor="#c01020", bold=True),
-    RecordingSign.ARMED: Style(color="#101010", bgcolor="#f0c030", bold=True),
     RecordingSign.STOPPED: Style(color="#ffffff", bgcolor="#b84a00", bold=True, blink=True),
 }
 """Styles of the state of the recording; other states have that of the line."""

@@ -21,21 +21,18 @@ from typing import IO, Any
 import click
 import pytest
 from click.testing import CliRunner
-from mcap.reader import make_reader
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.cli.capturing import PlainLines, Report, options_from, recording_options
-from fte_sniff.cli.options import Seconds
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, Rows
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
+from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.session.capture_process import MOST_WAITING, CapturePlan, WriteProgress
 from fte_sniff.session.live_session import END_WITHIN_S, CaptureState, LiveSession
 from tests.beside import running
-from tests.cli.forked import Program
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
@@ -235,40 +232,6 @@ def test_a_recording_that_stops_is_reported_at_once_and_the_rows_go_on(
     assert run("decode", "x.mcap").returncode == 0
 
 
-@pytest.mark.parametrize("way", ["--duration", "Ctrl-C"])
-def test_a_pipe_without_reader_blocks_nothing(environment, tmp_path: Path, way: str) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    bound = ("--duration", "1") if way == "--duration" else ()
-    with started(environment, tmp_path, "live", SIM, "-o", "pipe", *bound) as process:
-        said = stderr_until(process, "waiting for a reader of pipe")
-        assert said.splitlines()[0] == "recording to pipe"
-        if not bound:
-            until(process, b"speed_feedback")
-            process.send_signal(signal.SIGINT)
-        code, _, errors = ended(process)
-    assert code == 4
-    assert "recorded to" not in errors
-    *_, summary, last = errors.splitlines()
-    assert int(summary.split()[0].replace(",", "")) > 0
-    assert re.match(r"fte-sniff: [\d,]+ rows and port events from .* were not recorded: ", last)
-    assert "no program has opened pipe for reading" in last
-
-
-def test_a_pipe_whose_reader_comes_late_gets_everything(run, environment, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with started(environment, tmp_path, "live", SIM, "-o", "pipe") as process:
-        until(process, b"speed_feedback")
-        copy = tmp_path / "copy.mcap"
-        with copy.open("wb") as file, running(["cat", "pipe"], stdout=file, cwd=tmp_path):
-            wait_until(lambda: copy.stat().st_size > 0)
-            process.send_signal(signal.SIGINT)
-            code, output, errors = ended(process)
-    assert code == 0, errors
-    decoded = run("decode", "copy.mcap")
-    assert decoded.returncode == 0
-    assert decoded.stdout.endswith(output.splitlines()[-1] + "\n")
-
-
 SLOW_SYNC = """
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -310,15 +273,6 @@ def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Proces
         until(process, b"speed_feedback")
         slow.touch()
         yield process, slow
-
-
-def test_what_came_during_a_slow_flush_is_flushed_together(environment, tmp_path: Path) -> None:
-    preloaded = environment | slow_syncs(tmp_path, DELAY_MS="400")
-    options = ("--flush-every", "0.05", "--duration", "2", "-o", "x.mcap")
-    with started(preloaded, tmp_path, "live", SIM, *options) as process:
-        code, _, errors = ended(process)  # a flush for each 0.05 s would take a minute
-    assert code == 0, errors
-    assert f"{len(list(RecordingReader(tmp_path / 'x.mcap'))):,} rows, " in errors
 
 
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
@@ -738,7 +692,7 @@ def _parse(*arguments: str) -> RecordingOptions:
     @click.command()
     @recording_options
     def command(**given: Any) -> None:
-        found.append(options_from(None, **given))
+        found.append(options_from(**given))
 
     done = CliRunner().invoke(command, arguments)
     assert done.exit_code == 0, done.output
@@ -747,20 +701,6 @@ def _parse(*arguments: str) -> RecordingOptions:
 
 def test_options_that_are_not_given_have_the_defaults_of_a_recording() -> None:
     assert _parse() == RecordingOptions()
-    triggered = _parse("--trigger", "error > 0")
-    assert triggered == RecordingOptions(trigger_window=TriggerWindow())
-
-
-@pytest.mark.parametrize(
-    ("text", "seconds"), [("100ms", 0.1), ("2.5 s", 2.5), ("5min", 300.0), ("1m30s", 90.0)]
-)
-def test_every_time_takes_every_unit(text: str, seconds: float) -> None:
-    trigger = ["--trigger", "error > 0", "--before", text, "--after", text]
-    found = _parse(*trigger, "--rotate", "1d")
-    assert found.trigger_window == TriggerWindow(seconds, seconds)
-    assert found.rotate_s == 86_400
-    context = click.Context(click.Command("x"))
-    assert Seconds(min=0).convert(text, click.Option(["--duration"]), context) == seconds
 
 
 def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
@@ -777,77 +717,13 @@ def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     assert f"{len(rows):,} rows" in done.stderr
 
 
-def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
-    trigger = "kind = 'speed_feedback' AND motor = 4 AND offset < 400"
-    options = ("--trigger", trigger, "--before", "0.02s", "--after", "0.1s")
-    done = run("live", FEWER, "--plain", "-o", "x.mcap", *options, "--count", "900")
-    assert done.returncode == 0
-    reader = RecordingReader(tmp_path / "x.mcap")
-    kept = list(reader)
-    assert (reader.ending, reader.losses) == ("", ())
-    assert 0 < len(kept) < 300
-    assert reader.metadata["fte-sniff"]["trigger"] == trigger
-    with (tmp_path / "x.mcap").open("rb") as file:
-        left_out = [
-            int(one.metadata["rows"])
-            for one in make_reader(file).iter_metadata()
-            if one.name == "fte-sniff.left-out"
-        ]
-    assert sum(left_out) == 900 - len(kept)
-    assert "900 rows" in done.stderr
-    assert f"recorded {len(kept)} of 900 rows (1 event) to x.mcap" in done.stderr
-
-
-def test_a_trigger_that_never_fired_is_reported(run, tmp_path: Path) -> None:
-    done = run(
-        "live", FEWER, "--plain", "-o", "x.mcap", "--trigger", "rpm > 30000", "--count", "90"
-    )
-    assert done.returncode == 0
-    assert "recorded 0 of 90 rows (--trigger never fired) to x.mcap" in done.stderr
-    decoded = run("decode", "x.mcap")  # the wire was not silent
-    assert decoded.stderr == "0 rows; 90 rows in 1 place left out when recorded\n"
-    for command in (("stats", "x.mcap"), ("report", "x.mcap", "-o", "x.html")):
-        assert "check the wire" not in run(*command).stderr
-
-
-@pytest.mark.parametrize("name", ["-", "/dev/stdout"])
-def test_the_recording_on_standard_output_is_all_that_is_there(
-    program: Program, environment, tmp_path: Path, name: str
-) -> None:
-    words = ["live", FEWER, "-o", name, "--count", "200"]
-    done = program.run(words, b"", tmp_path, environment)
-    assert done.code == 0
-    assert b"recording to standard output" in done.errors
-    (tmp_path / "x.mcap").write_bytes(done.output)
-    reader = RecordingReader(tmp_path / "x.mcap")
-    assert len(list(reader)) == 200
-    assert (reader.ending, reader.losses) == ("", ())
-    assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
-
-
-def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
-    environment, tmp_path: Path
-) -> None:
-    with started(environment, tmp_path, "live", FEWER, "-o", "-") as process:
-        assert process.stdout is not None
-        assert process.stdout.read(100).startswith(b"\x89MCAP")
-        process.stdout.close()
-        assert process.stderr is not None
-        reported = process.stderr.read().decode()
-        assert process.wait(BOUND_S) == 4
-    said = r"fte-sniff: standard output: its reader is gone; the recording ended after [\d,]+ rows"
-    assert len(re.findall(said, reported)) == reported.count("gone") == 1
-    assert "not recorded" not in reported
-    assert "Traceback" not in reported
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--rotate", "1"], "at least 100 kB"),
         (["--rotate", "0s"], "at least 1 s"),
         (["--rotate", "soon"], "512MB or 1h"),
-        (["--rotate", "none", "--on-full", "rotate-oldest"], "leave out --rotate none"),
+        (["--rotate", "none", "--max-size", "1GB"], "leave --rotate none out"),
         (["--max-size", "5"], "--max-size: a file has at least 100 kB"),
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
@@ -855,16 +731,10 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--rotate", "9" * 400 + "s"], "9…' is too large for a time; use for example 100ms"),
         (["--max-size", "9" * 400], "9…' is too large"),
         (["--min-free", "9" * 400 + "TiB"], "9…' is too large"),
-        (["--trigger", "motor = 1", "--before", "9" * 400 + "s"], "9…' is too large"),
-        (["--trigger", "motor = 1", "--after", "9" * 400 + "h"], "9…' is too large"),
-        (["--before", "5s"], "--trigger"),
         (["--rotate", "5m"], "'5m' is ambiguous; write 5MB or 5min"),
         (["--duration", "5 parsecs"], "100ms, 10s, 5min or 1h"),
-        (["--after", "5"], "10s, 5min or 1h"),
-        (["--trigger", "speed ="], "speed ="),
-        (["--rotate", "1h", "-o", "-"], "cannot be rotated"),
-        (["--flush-every", "0"], "0.05"),
-        (["--on-full", "panic"], "rotate-oldest"),
+        (["-o", "-"], "for rows on a pipe use --format jsonl"),
+        (["-o", "/dev/null"], "a capture is recorded to a file"),
         (["-o", "a.csv"], "name it a.mcap, and convert it with `fte-sniff decode a.mcap"),
         (["-o", "a.BIN"], "recorded as MCAP"),
     ],
@@ -886,22 +756,8 @@ def test_too_little_room_is_reported_before_the_first_row(run, tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_bound_of_a_forgotten_capture_is_reported_at_once_and_the_rows_go_on(
-    environment, tmp_path: Path
-) -> None:
-    options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")
-    with started(environment, tmp_path, "live", *FAST, *options) as process:
-        stderr_until(process, "its files have reached 100 kB (--max-size)")
-        until(process, b"speed_feedback")
-        process.send_signal(signal.SIGINT)
-        code, _, errors = ended(process)
-    assert code == 4
-    assert "were not recorded" in errors
-    assert RecordingReader(tmp_path / "x.mcap").metadata
-
-
 def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_path: Path) -> None:
-    options = ("--max-size", "200kB", "--on-full", "rotate-oldest", "--flush-every", "0.1")
+    options = ("--max-size", "200kB")
     with started(environment, tmp_path, "live", *FAST, *options, "-o", "x.mcap") as process:
         while not (tmp_path / "x_00009.mcap").exists():
             until(process, b"speed_feedback")
@@ -914,5 +770,5 @@ def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_pat
     first = rows[0].offset
     gone = int(files[0].stem[-5:]) - 1
     assert f"recorded to {files[0].name} to {files[-1].name}; {gone} older file" in errors
-    assert f" with {first // 10:,} rows deleted (--on-full rotate-oldest)" in errors
+    assert f" with {first // 10:,} rows deleted (--max-size)" in errors
     assert [row.offset for row in rows] == list(range(first, first + 10 * len(rows), 10))

@@ -74,7 +74,7 @@ def test_the_shell_completes_files(offered, command: str) -> None:
 
 def test_words_of_a_filter_are_offered(offered) -> None:
     assert offered("live", "--filter", "mot") == ["plain,motor", "plain,motor_hint"]
-    assert offered("live", "--trigger", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
+    assert offered("live", "--filter", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
     assert offered("stats", "--filter", "\"kind = 'me") == ["plain,kind = 'mecanum'"]
     fields = offered("decode", "--filter", "")
     assert [f"plain,{column.name}" for column in COLUMNS] == fields[: len(COLUMNS)]

@@ -26,7 +26,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.cli.input_files import InputQuery
 from fte_sniff.errors import FileError
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
@@ -48,7 +48,7 @@ from fte_sniff.session.inputs import InputKind, InputReading, RecordingInput
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.forked import Program
-from tests.cli.processes import BOUND_S, ended, started
+from tests.cli.processes import ended, started
 from tests.slow import crossed
 from tests.support.columns import in_columns
 
@@ -236,39 +236,9 @@ def test_rows_before_a_fault_are_on_standard_output_and_in_no_file(run, tmp_path
     assert not (tmp_path / "rows.txt").exists()
 
 
-def test_output_to_a_device_and_to_standard_output_by_name(run, samples: Path) -> None:
+def test_dash_is_standard_output(run, samples: Path) -> None:
     plain = run("decode", samples / "idle.raw").stdout
     assert run("decode", samples / "idle.raw", "-o", "-").stdout == plain
-    assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
-
-
-@pytest.mark.parametrize(("form", "options"), crossed([*OutputFormat], [(), ("--force",)]))
-def test_output_to_a_named_pipe(
-    run, tmp_path: Path, samples: Path, form: OutputFormat, options: tuple[str, ...]
-) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "link").symlink_to("pipe")
-    words = ("decode", samples / "clean.mcap", "--format", form, *options)
-    if form is OutputFormat.PARQUET:
-        done = run(*words, "-o", "pipe")
-        assert (done.returncode, done.stderr) == (
-            4,
-            "fte-sniff: pipe is not a regular file; name another\n",
-        )
-    else:
-        with (
-            (tmp_path / "copy").open("wb") as copy,
-            running(["cat", tmp_path / "pipe"], stdout=copy) as reader,
-        ):
-            assert run(*words, "-o", "link").returncode == 0
-            assert reader.wait(BOUND_S) == 0
-        assert run(*words, "-o", "file").returncode == 0
-        if form is OutputFormat.MCAP:
-            assert len(list(RecordingReader(tmp_path / "copy"))) == 1200
-        else:
-            assert (tmp_path / "copy").read_bytes() == (tmp_path / "file").read_bytes()
-    assert (tmp_path / "pipe").is_fifo()
-    assert (tmp_path / "link").is_symlink()
 
 
 def test_standard_input_is_named_once(run, samples: Path) -> None:
@@ -998,54 +968,5 @@ def test_columns_that_cannot_be_written_are_refused(
     done = run("decode", samples / "idle.raw", *words)
     assert (done.returncode, done.stdout) == (2, "")
     assert told in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    crossed(
-        ["damaged.raw", "damaged.mcap", "midstream.mcap"],
-        [(), ("--filter", "status <> 'ok'"), ("--limit", "400")],
-    ),
-)
-def test_why_adds_readings_to_malformed_and_ambiguous_rows_alone(
-    run, samples: Path, name: str, words: tuple[str, ...]
-) -> None:
-    decode = "decode", samples / name, "--format", "jsonl", *words
-    plain = jsonl(run(*decode).stdout)
-    found = jsonl(run(*decode, "--why").stdout)
-    doubtful = [row["status"] == "malformed" or "ambiguous" in row["faults"] for row in plain]
-    assert ["why" in row for row in found] == doubtful
-    assert any(doubtful)
-    for row in found:
-        for one in row.get("why", ()):
-            assert set(one) == {"reading", "probability"}
-            assert 0 <= one["probability"] <= 1
-    assert [{**row, "why": None} for row in found] == [{**row, "why": None} for row in plain]
-
-
-def test_the_readings_of_a_row_do_not_depend_on_the_filter_and_the_columns(
-    run, samples: Path
-) -> None:
-    decode = "decode", samples / "damaged.mcap", "--format", "jsonl", "--why"
-    whole = [row for row in jsonl(run(*decode).stdout) if "why" in row]
-    words = "--filter", "status <> 'ok'", "--columns", "offset"
-    found = jsonl(run(*decode, *words).stdout)
-    assert [row for row in found if "why" in row] == [
-        {"offset": row["offset"], "why": row["why"]} for row in whole
-    ]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [(), *(("--format", form) for form in ("table", "csv", "hex")), ("-o", "x.parquet")],
-)
-def test_why_is_refused_for_other_formats_than_jsonl(
-    run, samples: Path, tmp_path: Path, words: tuple[str, ...]
-) -> None:
-    done = run("decode", samples / "damaged.raw", "--why", *words)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "--format jsonl" in done.stderr
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

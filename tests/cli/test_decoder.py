@@ -9,11 +9,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 from fte_sniff.formats.decoders import TOOLS
 from tests.cli.processes import PROGRAM
-from tests.slow import first
 from tests.support.tools import needs
 
 INSTALLED = {
@@ -93,13 +91,6 @@ def test_sigrok_finds_the_installed_decoder(run, home: Path) -> None:
     assert "Name: FTE\n" in shown.stdout
 
 
-def test_json_schema_has_no_folder(run) -> None:
-    done = run("decoder", "json-schema", "--install")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "fte-sniff decoder json-schema > fte-sniff.schema.json" in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
 @pytest.mark.parametrize("tool", INSTALLED)
 def test_folder_that_cannot_be_made_is_one_line(run, home: Path, tool: str) -> None:
     home.mkdir()
@@ -138,11 +129,13 @@ def test_unknown_tool_lists_the_tools(run) -> None:
     assert all(tool in done.stderr for tool in TOOLS)
 
 
-@pytest.mark.parametrize("name", first(1, ["damaged", "clean", "midstream", "idle"]))
-def test_every_json_line_of_a_sample_is_valid_by_the_schema(run, samples: Path, name: str) -> None:
-    validator = Draft202012Validator(json.loads(run("decoder", "json-schema").stdout))
-    decode = "decode", samples / f"{name}.mcap", "--format", "jsonl"
-    lines = run(*decode).stdout.splitlines()
-    assert lines
-    for line in lines + run(*decode, "--why").stdout.splitlines():
-        validator.validate(json.loads(line))
+def test_a_decoder_is_not_installed_through_a_link(run, home: Path) -> None:
+    path = home / INSTALLED["wireshark"]
+    path.parent.mkdir(parents=True)
+    (home / "precious").write_text("mine")
+    path.symlink_to(home / "precious")
+    done = run("decoder", "wireshark", "--install")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert f"{path} is a link" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (home / "precious").read_text() == "mine"

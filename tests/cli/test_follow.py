@@ -214,7 +214,7 @@ def test_without_a_lock_it_ends_when_nothing_grows(environment, tmp_path: Path) 
     copies = [recorded(tmp_path / "made.mcap", frames) for frames in range(1, 6)]
     file = tmp_path / "copy.mcap"
     file.write_bytes(copies[0])
-    follow = ("decode", "--follow", "copy.mcap", "--format", "csv", "--idle", "10")
+    follow = ("decode", "--follow", "copy.mcap", "--format", "csv")
     with started(environment, tmp_path, *follow) as reader:
         until(reader, b",0,10,")
         for number, content in enumerate(copies[1:], 1):
@@ -304,7 +304,6 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
         (["-"], 2, "--follow needs one recording"),
         ([SAMPLES / "clean.hex", "--input", "hex"], 2, "--follow reads recordings only"),
         ([SAMPLES / "clean.mcap", "-o", "x.parquet"], 2, "parquet is written as a whole"),
-        ([SAMPLES / "clean.mcap", "--idle", "0"], 2, "--idle"),
     ],
 )
 def test_what_cannot_be_followed_is_one_line(
@@ -318,15 +317,10 @@ def test_what_cannot_be_followed_is_one_line(
     assert done.stderr.count("\n") == 1
 
 
-def test_idle_needs_follow(run) -> None:
-    done = run("decode", SAMPLES / "clean.mcap", "--idle", "3")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-
-
 def test_a_limit_and_the_end_of_a_range_end_it(run) -> None:
     file = SAMPLES / "clean.mcap"
     for option in (["--limit", "3"], ["--to", "+1s"]):
-        done = run("decode", "--follow", "--idle", "100", file, *option, "--format", "csv")
+        done = run("decode", "--follow", file, *option, "--format", "csv")
         assert done.returncode == 0
         whole = run("decode", file, *option, "--format", "csv").stdout
         assert without_facts(done.stdout) == without_facts(whole)

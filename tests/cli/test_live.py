@@ -258,7 +258,6 @@ def test_a_killed_capture_is_reported_and_its_file_opens(run, environment, tmp_p
     ("options", "code", "words"),
     [
         (["--duration", "nan"], 2, "not a number of seconds"),
-        (["--flush-every", "nan"], 2, "not a number of seconds"),
         (["--duration", "0"], 2, "x>0"),
         (["--duration", "-1"], 2, "x>0"),
         (["--duration", "soon"], 2, "soon"),

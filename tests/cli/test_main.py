@@ -265,9 +265,10 @@ def test_our_own_parquet_is_read_back(run, samples: Path) -> None:
     refused(piped, 2, "stdin: parquet is not read in sequence; name a file")
 
 
-@pytest.mark.parametrize("option", ["--duration", "--flush-every"])
-def test_an_invalid_time_is_reported_with_a_valid_one(run, option: str) -> None:
-    refused(run("live", "sim://", option, "1x"), 2, "'1x' is not a time; use for example 100ms")
+def test_an_invalid_time_is_reported_with_a_valid_one(run) -> None:
+    refused(
+        run("live", "sim://", "--duration", "1x"), 2, "'1x' is not a time; use for example 100ms"
+    )
 
 
 @pytest.mark.parametrize("command", ["decode", "stats", "view", "repair"])
@@ -298,9 +299,8 @@ def test_two_wires_in_one_raw_file_are_reported(run, samples: Path) -> None:
     assert "in one stream" not in alone.stderr
 
 
-@pytest.mark.parametrize("option", ["-o", "--trigger"])
-def test_what_a_recording_needs_and_no_record_contradict_each_other(run, option: str) -> None:
-    refused(run("live", "sim://", option, "error", "--no-record"), 2, option, "--no-record")
+def test_output_and_no_record_contradict_each_other(run) -> None:
+    refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
 
 
 @pytest.mark.parametrize("command", ["decode", "view", "stats"])

@@ -505,14 +505,6 @@ def test_text_from_files_executes_nothing_and_is_not_cut_off_on_paper(
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
-def test_port_events_and_reasons_of_gaps_are_translated(run, made, tmp_path: Path) -> None:
-    trigger = ["--trigger", "rpm > 30000", "--count", "9"]
-    run("live", "sim://?rate=1000", "--plain", "-o", "x.mcap", *trigger)
-    page = made(tmp_path / "x.mcap", "--lang", "zh").read_text()
-    assert "已打开 1, 已关闭 1" in page
-    assert "不在触发窗口内" in page
-
-
 def test_the_cards_of_a_chinese_report_are_chinese(made, samples: Path) -> None:
     page = made(samples / "damaged.mcap", "--lang", "zh").read_text()
     cards = page.partition('<div class="cards">')[2].partition("\n</div>")[0]

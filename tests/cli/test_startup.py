@@ -213,7 +213,7 @@ POISON = "with open({marker!r}, 'a') as file:\n    file.write(__name__ + '\\n')\
     first(
         3,
         [
-            ["live", "sim://", "--plain", "--count", "3", "--trigger", "motor = 1"],
+            ["live", "sim://", "--plain", "--count", "3", "--filter", "motor = 1"],
             ["decode", str(SAMPLES / "damaged.mcap"), "--filter", "motor = 1", "-o", "x.parquet"],
             ["doctor"],
             ["live", "sim://", "--plain", "--count", "3"],

@@ -190,7 +190,7 @@ def test_it_can_be_left_while_it_loads(
     assert b" FILE " not in screen.drawn
 
 
-LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800", "--flush-every", "0.1")
+LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800")
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"

@@ -7,7 +7,6 @@ import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
-from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.cli.input_files import InputQuery
@@ -36,7 +34,6 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.protocol.dissect import Readings, is_doubtful
 from fte_sniff.protocol.rows import Codebook, Rows
 from fte_sniff.recording.mcap.reader import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
@@ -45,7 +42,6 @@ from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
 from fte_sniff.session.inputs import (
     ChunkInput,
-    FactStage,
     InputBatch,
     InputKind,
     InputReading,
@@ -57,7 +53,7 @@ from fte_sniff.session.inputs import (
 from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.replay import RecordingPages
 from fte_sniff.session.save import write_rows
-from tests.analysis.pieces import Step, captures
+from tests.analysis.pieces import Step
 from tests.protocol.streams import raw_bytes
 from tests.support.columns import in_columns
 from tests.support.recorded_rows import write_recording
@@ -605,28 +601,3 @@ def in_order(batch: InputBatch) -> list[Row | Gap]:
         found.append(change.what)
         start = change.index
     return [*found, *batch.rows[start:]]
-
-
-@pytest.mark.parametrize("has_facts", [False, True])
-@pytest.mark.parametrize("has_readings", [False, True])
-@given(captures(), st.lists(st.integers(0, 25), max_size=4))
-def test_rows_gaps_and_events_stay_in_order(
-    has_facts: bool, has_readings: bool, steps: list[Step], cuts: list[int]
-) -> None:
-    steps = [step for step in steps if isinstance(step, Row | Gap)]
-    edges = [0, *sorted(min(cut, len(steps)) for cut in cuts), len(steps)]
-    batches = [pieces_of(steps[start:end]) for start, end in pairwise(edges)]
-    stage = FactStage(Facts() if has_facts else None, Readings() if has_readings else None)
-    found = [*chain.from_iterable(map(stage.feed, batches)), *stage.end()]
-    ordered = [one for batch in found for one in in_order(batch)]
-    assert [
-        replace(one, readings=None) if isinstance(one, Row) else one for one in ordered
-    ] == steps
-    events = [event for batch in found for event in batch.rows.events]
-    assert sorted(events, key=lambda one: one.t_ns) == sorted(
-        (event for batch in batches for event in batch.rows.events), key=lambda one: one.t_ns
-    )
-    assert all(one.rows.has_facts is has_facts for one in found if len(one.rows))
-    for row in ordered:
-        if isinstance(row, Row):
-            assert (row.readings is not None) is (has_readings and is_doubtful(row.faults))

@@ -37,7 +37,14 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
 from fte_sniff.session.log_rows import raw_chunks, rows_of_log
-from fte_sniff.session.save import ExportSource, FileExport, SaveJob, SaveTarget
+from fte_sniff.session.save import (
+    ExportSource,
+    FileExport,
+    Replacement,
+    SaveJob,
+    SaveTarget,
+    replace_text,
+)
 from tests.recording.conftest import entries_in
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -166,24 +173,55 @@ def test_an_unwritable_output_is_reported_before(
 
 def test_what_is_not_a_regular_file_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").symlink_to("/dev/null")
-    with pytest.raises(FileError, match="is not a regular file; name another"):
+    with pytest.raises(FileError, match="is a link; name the file itself"):
         SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> None:
     os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "target").write_text("precious")
+    (tmp_path / "link").symlink_to("target")
+    (tmp_path / "dangling").symlink_to("nothing")
     form = FORMAT_BY_SUFFIX[suffix]
     with pytest.raises(FileError, match="pipe is not a regular file; name another"):
         FileExport(tmp_path / "pipe", form, ORIGIN)
-    (tmp_path / "link").symlink_to("target")
-    export = FileExport(tmp_path / "link", form, ORIGIN)
-    export.sink.write(Rows.from_rows(rows()))
-    export.sink.close()
-    export.commit()
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "target").stat().st_size
-    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "link", "target"}
+    for name in ("link", "dangling"):
+        with pytest.raises(FileError, match=f"{name} is a link; name the file itself"):
+            FileExport(tmp_path / name, form, ORIGIN)
+    assert (tmp_path / "target").read_text() == "precious"
+    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "link", "target", "dangling"}
+
+
+def test_a_link_that_appears_meanwhile_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "target").write_text("precious")
+    replacement = Replacement(tmp_path / "new")
+    (tmp_path / "new").symlink_to("target")
+    with pytest.raises(FileError, match="new is a link"):
+        replacement.commit()
+    replacement.discard()
+    assert (tmp_path / "target").read_text() == "precious"
+    assert {path.name for path in tmp_path.iterdir()} == {"new", "target"}
+
+
+def test_the_name_of_a_file_that_is_written_cannot_be_foreseen(tmp_path: Path) -> None:
+    names = set[str]()
+    for _ in range(20):
+        replacement = Replacement(tmp_path / "rows.csv")
+        names.add(replacement.temporary.name)
+        replacement.discard()
+    assert len(names) == 20
+
+
+def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
+    replace_text(tmp_path / "new folder" / "a.json", "1")
+    replace_text(tmp_path / "new folder" / "a.json", "2")
+    assert (tmp_path / "new folder" / "a.json").read_text() == "2"
+    assert (tmp_path / "new folder" / "a.json").stat().st_mode & 0o777 == 0o600
+    (tmp_path / "device").symlink_to("/dev/null")
+    with pytest.raises(FileError, match="device is a link; name the file itself"):
+        replace_text(tmp_path / "device", "1")
+    assert (tmp_path / "device").is_symlink()
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)

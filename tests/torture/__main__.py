@@ -67,7 +67,6 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "rules": (feature_attacks.rules, 3),
     "follow": (feature_attacks.follow, 1),
     "jobs": (feature_attacks.jobs, 2),
-    "on-file": (feature_attacks.on_file, 1),
     "report-texts": (feature_attacks.report_texts, 1),
 }
 """The attacks, and how many cases of each are in a round."""

@@ -326,9 +326,9 @@ class Screen:
 
 
 _SCREENS: Sequence[tuple[str, ...]] = (
-    ("live", "sim://?rate=500", "-o", "x.mcap", "--flush-every", "0.1"),
-    ("live", "sim://?rate=500", "-o", "x.mcap", "--flush-every", "0.1", "--plain"),
-    ("live", "sim://?rate=500", "-o", "x.mcap", "--flush-every", "0.1", "--headless"),
+    ("live", "sim://?rate=500", "-o", "x.mcap"),
+    ("live", "sim://?rate=500", "-o", "x.mcap", "--plain"),
+    ("live", "sim://?rate=500", "-o", "x.mcap", "--headless"),
     ("view", "source.mcap"),
     ("view", "--follow", "source.mcap"),
     ("decode", "source.mcap", "-o", "x.csv"),

@@ -7,7 +7,6 @@ of several, from the same page with harmless texts.
 from __future__ import annotations
 
 import json
-import sys
 from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
@@ -51,10 +50,8 @@ def rotate_oldest(case: Case) -> None:
     None of them is deleted, and the rows that are left are the last ones.
     """
     random, limit = case.random, 300_000
-    sizes = ("--rotate", "100kB", "--max-size", f"{limit // 1000}kB", "--on-full", "rotate-oldest")
-    program = case.start(
-        *("live", FAST, "--baud=3000000", "--plain", "-o", "x.mcap", "--flush-every=0.05", *sizes)
-    )
+    sizes = ("--rotate", "100kB", "--max-size", f"{limit // 1000}kB")
+    program = case.start(*("live", FAST, "--baud=3000000", "--plain", "-o", "x.mcap", *sizes))
     foreign: dict[Path, bytes] = {}
     for _ in range(random.randrange(1, 4)):
         files = _known_files(case, program, len(foreign) + 2)
@@ -211,41 +208,6 @@ def jobs(case: Case) -> None:
     promise(one.output == several.output, f"{words}: other output with three jobs")
     lines = (Counter(run.errors.splitlines()) for run in (one, several))
     promise(next(lines) == next(lines), f"{words}: other messages\n{one.errors}\n{several.errors}")
-
-
-_ON_FILE = """
-import json, pathlib, sys
-with open("done.jsonl", "a") as file:
-    print(json.dumps([sys.argv[1:], pathlib.Path(sys.argv[-1]).exists()]), file=file)
-"""
-_FILE_NAMES = ("x.mcap", "-x.mcap", "--force.mcap", "a b.mcap", "$(touch ran).mcap", "'x;.mcap")
-
-
-def on_file(case: Case) -> None:
-    """Run a command for each finished file, whatever its name: each file once, as a path."""
-    random = case.random
-    case.path("run.py").write_text(_ON_FILE)
-    name = random.choice(_FILE_NAMES)
-    command = f"{sys.executable} run.py --to here"
-    words = ("live", FAST, "--baud=3000000", "--headless", f"--output={name}", "--rotate=100kB")
-    program = case.start(*words, "--flush-every=0.05", "--on-file", command)
-    done, wanted = case.path("done.jsonl"), random.randrange(1, 4)
-    wait_until(
-        lambda: program.has_ended or (done.exists() and done.read_bytes().count(b"\n") >= wanted),
-        "the command does not run",
-    )
-    program.interrupt()
-    run = program.wait()
-    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
-    calls = [json.loads(line) for line in done.read_text().splitlines()]
-    promise(all(exists for _, exists in calls), f"a path that does not exist: {calls}")
-    promise(all(words[:-1] == ["--to", "here"] for words, _ in calls), f"other words: {calls}")
-    paths = [words[-1] for words, _ in calls]
-    promise(not any(path.startswith("-") for path in paths), f"an option, not a path: {paths}")
-    named = Counter(Path(path).name for path in paths)
-    files = Counter(path.name for path in case.folder.glob("*.mcap"))
-    promise(named == files, f"{named} instead of {files}\n{run.errors}")
-    promise(not case.path("ran").exists(), "a shell ran a part of the name")
 
 
 _TEXTS = (

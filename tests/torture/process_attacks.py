@@ -49,8 +49,6 @@ from tests.torture.file_attacks import (
     utc_ns,
 )
 
-FLUSH_S = 0.1
-
 _STOPPED = re.compile(r"is complete up to there \(([\d,]+) rows\)")
 _NOT_RECORDED = re.compile(r"([\d,]+) rows and port events .*were not recorded")
 _ROWS = re.compile(r"^([\d,]+) rows", re.M)
@@ -168,7 +166,7 @@ def _files(case: Case) -> list[Path]:
 
 
 def _live(case: Case, line: Line, *options: str, **environment: str) -> Started:
-    output = ("-o", "x.mcap", "--flush-every", str(FLUSH_S), *options)
+    output = ("-o", "x.mcap", *options)
     return case.start("live", line.device, "--plain", *output, **environment)
 
 
@@ -211,7 +209,7 @@ def kill_recorder(case: Case) -> None:
 def kill_bridge(case: Case) -> None:
     """Kill a bridge at any moment: the recording is whole, and each wire has its bytes."""
     line = Line(case.random)
-    output = ("--plain", "-o", "x.mcap", "--flush-every", str(FLUSH_S), "--link", "host")
+    output = ("--plain", "-o", "x.mcap", "--link", "host")
     program = case.start("bridge", line.device, *output)
     line.send_until_shown(program)
     host = os.open(case.path("host"), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -427,7 +425,7 @@ def noisy_line(case: Case) -> None:
     Rows that wait for a flush at the end are written then.
     """
     line = Line(case.random)
-    program = _live(case, line, "--flush-every", case.random.choice(("0.1", "60")))
+    program = _live(case, line)
     line.send_until_shown(program, noisy=True)
     line.send(case.random.uniform(0.2, 2))
     line.drain()

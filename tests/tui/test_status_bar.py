@@ -224,8 +224,6 @@ RECORDED = replace(LIVE, recorded_bytes=4_200_000)
     ("state", "shown"),
     [
         (RECORDED, " ● REC 0:12:03 4.2 MB  "),
-        (replace(RECORDED, fired=0), " ◎ ARMED 0:12:03 4.2 MB  "),
-        (replace(RECORDED, fired=3), " ● REC triggered 3× 0:12:03 4.2 MB  "),
         (replace(LIVE, recording=None), " ○ not recording "),
         (replace(LIVE, recording=None, running=False), " ○ not recorded "),
         (replace(LIVE, recording=None, files=("a.mcap",)), " ✗ NOT RECORDING "),

@@ -1,0 +1,312 @@
+"""A server of Foxglove's WebSocket protocol: `--serve`, with the messages of a recording.
+
+    capture ──update──► FoxgloveServer │ its thread ──► viewer: channels that it subscribed to
+                                       │            ──✗ viewer that does not read: dropped
+
+The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; its present name and
+the one before 2025 are equal in what is used here. A web page that the user visits can connect to
+any port of this machine, so the server checks the Origin, and the Host against DNS rebinding.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+import struct
+from base64 import b64encode
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from http import HTTPStatus
+from ipaddress import ip_address
+from threading import Thread
+from time import time_ns
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from fte_sniff.cli.capture_loop import Observer, in_order
+from fte_sniff.cli.options import install_command
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.protocol import PortEvent
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.http11 import Request, Response
+
+    from fte_sniff.analysis.feed import FeedUpdate
+    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.session.live_session import LiveSession
+
+SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"
+_MOST_VIEWERS: Final = 64
+MOST_UNREAD: Final = 4 << 20
+"""Bytes that a viewer may leave unread, beside what the system buffers; then it is dropped."""
+_CHECK_S: Final = 1.0
+"""Interval at which unread bytes are checked, as answers to pings add to them too."""
+_CLOSE_S: Final = 1.0
+"""Time for viewers to read the last messages at the end."""
+_MESSAGE: Final = struct.Struct("<BIQ")
+"""1, subscription, time in nanoseconds; the message follows."""
+
+
+def allows_origin(origin: str, allowed: Collection[str] = ()) -> bool:
+    """Whether a page of this origin may read: Foxglove's, this machine's, or an allowed one."""
+    if origin in (FOXGLOVE_ORIGIN, *allowed):
+        return True
+    with suppress(ValueError):
+        parts = urlsplit(origin)
+        return parts.scheme == "file" or (
+            parts.scheme in ("http", "https") and _is_loopback(parts.hostname or "")
+        )
+    return False
+
+
+def allows_host(host: str, bound: str) -> bool:
+    """Whether a request names this server: by an IP address, as localhost, or as it is bound.
+
+    Another name is that of a web page whose server lets its name lead to this machine.
+    """
+    with suppress(ValueError):
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == bound.lower() or _is_address(name) or _is_loopback(name)
+    return False
+
+
+def _is_address(name: str) -> bool:
+    with suppress(ValueError):
+        return bool(ip_address(name))
+    return False
+
+
+def _is_loopback(name: str) -> bool:
+    return name == "localhost" or (_is_address(name) and ip_address(name).is_loopback)
+
+
+class FoxgloveServer(Observer):
+    """Serves the rows and port events of a capture as they come, in a thread of its own."""
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        ports: Sequence[str],
+        origins: Collection[str] = (),
+        name: str = "",
+    ) -> None:
+        """Listen at the address: host and port, where port 0 is any that is free.
+
+        `ports` are those of the rows, `origins` those of further web pages that may read, `name` is
+        the host as the user wrote it. Raises UsageError if the package is not installed, or the
+        address cannot be used.
+        """
+        try:
+            import websockets.asyncio.server  # noqa: F401
+        except ImportError:
+            raise UsageError(
+                f"--serve needs the package websockets: {install_command('foxglove')}"
+            ) from None
+        self._origins, self._name = origins, name or address[0]
+        self._channels = {key: number for number, key in enumerate(_topics(ports), 1)}
+        self._viewers: dict[ServerConnection, dict[int, int]] = {}
+        """Of each viewer, its subscriptions by channel."""
+        self.wanted: frozenset[int] = frozenset()
+        """The channels that viewers subscribed to."""
+        self._troubles: set[str] = set()
+        listening = _listening(address)
+        self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
+        self._loop = asyncio.new_event_loop()
+        self._loop.set_exception_handler(self._on_error)
+        self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
+        self._thread.start()
+        self._server: Server = asyncio.run_coroutine_threadsafe(
+            self._listen(listening), self._loop
+        ).result()
+
+    def begun(self, session: LiveSession) -> None:
+        """Print the address."""
+        print_err(f"viewers can connect to {self.url} (Foxglove WebSocket)")
+
+    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+        """Send the rows and port events that viewers subscribed to, in order of time."""
+        self.send(update.rows, update.events)
+
+    def ended(self, session: LiveSession) -> None:
+        """Hang up."""
+        self.close()
+
+    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
+        """Send rows and port events to the viewers of their channels."""
+        if wanted := self.wanted:
+            messages = [one for one in self._messages(rows, events) if one[0] in wanted]
+            self._loop.call_soon_threadsafe(self._send, messages)
+
+    def _messages(
+        self, rows: Rows, events: Sequence[PortEvent]
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Channel, time and content of each message."""
+        from fte_sniff.recording.messages import EVENTS, encode_event, encode_row, topic_of
+
+        for entry in in_order(rows, events):
+            t_ns = entry.t_ns or 0
+            topic = EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
+            channel = self._channels[entry.port, topic.name]
+            if isinstance(entry, PortEvent):
+                yield channel, t_ns, encode_event(entry, t_ns)
+            elif channel in self.wanted:
+                yield channel, t_ns, encode_row(topic, entry, t_ns)
+
+    def close(self) -> None:
+        """Hang up; viewers that do not read the last messages at once lose them."""
+        asyncio.run_coroutine_threadsafe(self._hang_up(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    # What follows runs in the thread of the loop.
+
+    async def _listen(self, listening: socket.socket) -> Server:
+        from websockets.asyncio.server import serve
+        from websockets.typing import Subprotocol
+
+        own = logging.getLogger(f"{__name__}.library")
+        for quiet in (own, logging.getLogger("asyncio")):  # they would write on the screen
+            quiet.propagate = False
+            quiet.handlers = [logging.NullHandler()]
+        self._check()
+        return await serve(
+            self._serve,
+            sock=listening,
+            process_request=self._refused,
+            subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
+            compression=None,
+            ping_interval=None,
+            close_timeout=_CLOSE_S,
+            logger=own,
+        )
+
+    def _refused(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request that is refused; None for others."""
+        origins, hosts = request.headers.get_all("Origin"), request.headers.get_all("Host")
+        if any(not allows_origin(one, self._origins) for one in origins):
+            text = f"the origin {origins[0]} may not read; --allow-origin {origins[0]} allows it\n"
+            return connection.respond(HTTPStatus.FORBIDDEN, text)
+        if not all(allows_host(one, self._name) for one in hosts):
+            return connection.respond(HTTPStatus.FORBIDDEN, f"this is not {hosts[0]}\n")
+        if len(self._viewers) >= _MOST_VIEWERS:
+            text = f"{_MOST_VIEWERS} viewers are connected; close one\n"
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, text)
+        return None
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        """Serve one viewer until it leaves; a message that is not understood is skipped."""
+        from websockets.exceptions import ConnectionClosed
+
+        self._viewers[connection] = {}
+        with suppress(ConnectionClosed):
+            await connection.send(json.dumps(_SERVER_INFO | {"sessionId": str(time_ns() // 10**6)}))
+            await connection.send(json.dumps(self._advertisement()))
+            async for message in connection:
+                with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
+                    self._subscribe(connection, json.loads(message))
+        del self._viewers[connection]
+        self._find_wanted()
+
+    def _advertisement(self) -> dict[str, Any]:
+        from fte_sniff.recording.messages import TOPICS, encodable, schema_data, schema_name
+
+        topics = {topic.name: topic for topic in TOPICS}
+        channels = [
+            {
+                "id": number,
+                "topic": name,
+                "encoding": "protobuf",
+                "schemaName": schema_name(topics[name]),
+                "schemaEncoding": "protobuf",
+                "schema": b64encode(schema_data(topics[name].schema)).decode(),
+                "metadata": {"port": encodable(port)},
+            }
+            for (port, name), number in self._channels.items()
+        ]
+        return {"op": "advertise", "channels": channels}
+
+    def _subscribe(self, viewer: ServerConnection, request: Any) -> None:
+        subscriptions = self._viewers[viewer]
+        if request["op"] == "subscribe":
+            pairs = [(int(one["id"]), int(one["channelId"])) for one in request["subscriptions"]]
+            known = {*self._channels.values()}
+            subscriptions |= {at: own for own, at in pairs if at in known and 0 <= own < 1 << 32}
+        elif request["op"] == "unsubscribe":
+            gone = {*map(int, request["subscriptionIds"])}
+            kept = {at: own for at, own in subscriptions.items() if own not in gone}
+            self._viewers[viewer] = kept
+        self._find_wanted()
+
+    def _find_wanted(self) -> None:
+        self.wanted = frozenset().union(*self._viewers.values())
+
+    def _send(self, messages: Sequence[tuple[int, int, bytes]]) -> None:
+        from websockets.asyncio.server import broadcast
+
+        self._drop_slow()
+        for viewer, subscriptions in self._viewers.items():
+            if viewer.transport.is_closing():
+                continue
+            for channel, t_ns, content in messages:
+                if (own := subscriptions.get(channel)) is not None:
+                    broadcast([viewer], _MESSAGE.pack(1, own, t_ns) + content)
+
+    def _check(self) -> None:
+        self._drop_slow()
+        self._loop.call_later(_CHECK_S, self._check)
+
+    def _drop_slow(self) -> None:
+        """Hang up on viewers that do not read."""
+        for viewer in self._viewers:
+            transport = viewer.transport
+            if transport.get_write_buffer_size() > MOST_UNREAD and not transport.is_closing():
+                transport.abort()
+                name = "{}:{}".format(*viewer.remote_address[:2])
+                print_err(f"the viewer {name} did not read, and was disconnected")
+
+    def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Print an error of the loop once: out of file descriptors it comes for each connection."""
+        error = context.get("exception")
+        why = reason_of(error) if isinstance(error, OSError) else str(error or context["message"])
+        if why not in self._troubles:
+            self._troubles.add(why)
+            print_err(f"--serve: a viewer could not connect: {printable(why)}")
+
+    async def _hang_up(self) -> None:
+        self._server.close()
+        viewers = [*self._viewers]
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._server.wait_closed(), 2 * _CLOSE_S)
+        for viewer in viewers:
+            viewer.transport.abort()
+        for task in asyncio.all_tasks() - {asyncio.current_task()}:
+            task.cancel()
+
+
+_SERVER_INFO: Final = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
+
+
+def _topics(ports: Sequence[str]) -> Iterator[tuple[str, str]]:
+    from fte_sniff.recording.messages import TOPICS
+
+    for port in ports:
+        yield from ((port, topic.name) for topic in TOPICS)
+
+
+def _listening(address: tuple[str, int]) -> socket.socket:
+    host, port = address
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        return socket.create_server(address, family=family)
+    except OSError as error:
+        reason, _, _ = reason_of(error).partition(" (while")  # Python adds the address
+        raise UsageError(
+            f"--serve {host}:{port}: {reason}; name another port, as in"
+            f" --serve {(port + 1) % (1 << 16)}"
+        ) from None

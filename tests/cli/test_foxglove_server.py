@@ -1,0 +1,353 @@
+"""Real WebSocket clients of `--serve`: who may read, what they get, and what they cannot delay."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import resource
+import signal
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from fte_sniff.cli.foxglove_server import (
+    FOXGLOVE_ORIGIN,
+    MOST_UNREAD,
+    SUBPROTOCOLS,
+    FoxgloveServer,
+    allows_host,
+    allows_origin,
+)
+from fte_sniff.protocol import Damage, Fault, Rows
+from fte_sniff.recording.messages import EVENTS, TOPICS, message_class
+from tests.beside import server_socket
+from tests.cli.conftest import ROOT
+from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
+from tests.waiting import BOUND_S, while_waiting
+
+SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
+WORDS = ("live", SIM, "--headless", "-o", "x.mcap", "--serve", "127.0.0.1:0")
+_MESSAGE = struct.Struct("<BIQ")
+
+
+class Viewer:
+    """A client that subscribes to all channels."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        assert connection.subprotocol in SUBPROTOCOLS
+        self._connection = connection
+        assert json.loads(connection.recv(BOUND_S))["op"] == "serverInfo"
+        advertised = json.loads(connection.recv(BOUND_S))["channels"]
+        self.channels: dict[int, dict[str, Any]] = {one["id"]: one for one in advertised}
+        wanted = [{"id": number, "channelId": number} for number in self.channels]
+        connection.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def message(self) -> tuple[str, int, Any]:
+        """Topic, time and decoded message of the next row or event."""
+        data = self._connection.recv(BOUND_S)
+        assert isinstance(data, bytes)
+        kind, number, t_ns = _MESSAGE.unpack_from(data)
+        assert kind == 1
+        channel = self.channels[number]
+        assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
+        made = message_class(channel["schemaName"], base64.b64decode(channel["schema"]))
+        return channel["topic"], t_ns, made.FromString(data[_MESSAGE.size :])
+
+
+@pytest.fixture
+def server() -> Iterator[FoxgloveServer]:
+    """A server of the port p; it is closed at the end."""
+    found = FoxgloveServer(("127.0.0.1", 0), ["p"])
+    try:
+        yield found
+    finally:
+        found.close()
+
+
+def viewer_at(address: str, **options: Any) -> ClientConnection:
+    return connect(address, subprotocols=SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options)
+
+
+def address_in(text: str) -> str:
+    found = re.search(r"ws://127\.0\.0\.1:\d+", text)
+    assert found
+    return found[0]
+
+
+def noise(count: int) -> Rows:
+    rows = [Damage("p", 10 * n, bytes(10), 1000 * n, (Fault.NOISE,)) for n in range(count)]
+    return Rows.from_rows(rows)
+
+
+def recorded(path: Path) -> dict[tuple[str, int], Any]:
+    """The messages of a recording by topic and time."""
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            made = message_class(schema.name, schema.data).FromString(message.data)
+            found[channel.topic, made.time_ns or message.log_time] = made
+            made.ClearField("time_ns")
+    return found
+
+
+def test_viewer_gets_the_rows_that_are_recorded(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, *WORDS) as capture:
+        address = address_in(stderr_until(capture, "viewers can connect"))
+        with viewer_at(address) as connection:
+            viewer = Viewer(connection)
+            assert {one["topic"] for one in viewer.channels.values()} == {t.name for t in TOPICS}
+            messages = [viewer.message() for _ in range(300)]
+            capture.send_signal(signal.SIGINT)
+            assert ended(capture)[0] == 0
+    known = recorded(tmp_path / "x.mcap")
+    for topic, t_ns, message in messages:
+        # As text: NaN, a value that the row does not have, equals nothing.
+        assert str(message) == str(known[topic, t_ns])
+    assert len({topic for topic, _, _ in messages}) > 3
+    times = [t_ns for topic, t_ns, _ in messages if topic != EVENTS.name]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize("protocol", SUBPROTOCOLS)
+def test_viewer_gets_what_it_subscribed_to(server: FoxgloveServer, protocol: str) -> None:
+    with connect(server.url, subprotocols=[protocol], open_timeout=BOUND_S) as connection:
+        server.send(noise(5), [])  # nobody subscribed to it
+        viewer = Viewer(connection)
+        wait_until(lambda: server.wanted)
+        server.send(noise(5), [])
+        assert [viewer.message()[1] for _ in range(5)] == [1000 * n for n in range(5)]
+        connection.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [*viewer.channels]}))
+        wait_until(lambda: not server.wanted)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        '{"op": "nonsense"}', "nonsense", "[]", "[" * 100_000, '{"op": "subscribe"}',
+        '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": Infinity, "channelId": 1}]}',
+        '{"op": "unsubscribe", "subscriptionIds": ["\\u001b[2J"]}', b"", b"\x09abc",
+    ],
+    ids=lambda one: repr(one[:40]),
+)  # fmt: skip
+def test_message_that_is_not_understood_is_skipped(
+    server: FoxgloveServer, message: str | bytes
+) -> None:
+    with viewer_at(server.url) as connection:
+        connection.send(message)
+        viewer = Viewer(connection)
+        wait_until(lambda: server.wanted)
+        server.send(noise(1), [])
+        assert viewer.message()[1] == 0
+
+
+def frame(opcode: int, data: bytes) -> bytes:
+    """A WebSocket frame of a client, with a mask of zeros."""
+    length = bytes([0x80 | len(data)]) if len(data) < 126 else struct.pack(">BH", 0xFE, len(data))
+    return bytes([0x80 | opcode]) + length + bytes(4) + data
+
+
+@pytest.fixture
+def deaf(server: FoxgloveServer) -> Iterator[socket.socket]:
+    """A viewer that subscribes to all channels, and never reads again."""
+    with socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.connect(("127.0.0.1", int(server.url.rpartition(":")[2])))
+        client.sendall(
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+            b"Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+        )
+        client.recv(12)
+        wanted = [{"id": number, "channelId": number} for number in range(1, len(TOPICS) + 1)]
+        subscribe = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
+        client.sendall(frame(1, subscribe))
+        wait_until(lambda: server.wanted)
+        yield client
+
+
+DROPPED = re.compile(r"the viewer 127\.0\.0\.1:\d+ did not read, and was disconnected\n")
+
+
+def test_viewer_that_does_not_read_is_dropped(server: FoxgloveServer, deaf, capsys) -> None:
+    rows, sent = noise(10_000), 0
+    while server.wanted:
+        server.send(rows, [])
+        sent += 10 * len(rows)
+        assert sent < 100 * MOST_UNREAD
+    assert DROPPED.fullmatch(capsys.readouterr().err)
+
+
+def test_viewer_that_pings_and_does_not_read_is_dropped(
+    server: FoxgloveServer, deaf: socket.socket, capsys
+) -> None:
+    pings = frame(9, bytes(125)) * 1000
+    for _ in while_waiting(lambda: "the end of the connection"):
+        try:
+            deaf.sendall(pings)
+        except OSError:
+            break
+    wait_until(lambda: not server.wanted)
+    assert DROPPED.fullmatch(capsys.readouterr().err)
+
+
+def test_viewers_that_never_read_cost_no_row(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, *WORDS) as capture, ExitStack() as open_ones:
+        address = address_in(stderr_until(capture, "viewers can connect"))
+        for _ in range(5):
+            Viewer(open_ones.enter_context(viewer_at(address, max_queue=1)))
+        file = tmp_path / "x.mcap"
+        before = rows_in(file)
+        wait_until(lambda: rows_in(file) > before + 500)
+        capture.send_signal(signal.SIGINT)
+        code, _, errors = ended(capture)
+    assert code == 0
+    assert "overrun" not in errors
+
+
+# Who may read
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [FOXGLOVE_ORIGIN, "http://localhost:8080", "https://127.0.0.1", "http://[::1]:3000", "file://"],
+)
+def test_page_of_foxglove_or_of_this_machine_may_read(server: FoxgloveServer, origin: str) -> None:
+    with viewer_at(server.url, origin=origin) as connection:
+        Viewer(connection)
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "https://evil.example", "null", "https://app.foxglove.dev.evil.example", "http://[::1",
+        "https://localhost.evil.example", "http://127.0.0.1.evil.example", "data://localhost",
+    ],
+)  # fmt: skip
+def test_other_page_is_refused(server: FoxgloveServer, origin: str) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        viewer_at(server.url, origin=origin)
+    assert refused.value.response.status_code == 403
+    assert b"--allow-origin" in refused.value.response.body
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "localhost.evil.example"])
+def test_name_that_leads_to_this_machine_is_refused(server: FoxgloveServer, host: str) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        viewer_at(server.url, additional_headers={"Host": host})
+    assert refused.value.response.status_code == 403
+
+
+@given(st.text(min_size=1))
+def test_only_the_allowed_origin_is_added(text: str) -> None:
+    origin = f"https://{text}.example"
+    assert not allows_origin(origin)
+    assert allows_origin(origin, [origin])
+    assert not allows_origin(f"{origin}x", [origin])
+
+
+@pytest.mark.parametrize(
+    ("host", "bound", "allowed"),
+    [
+        ("localhost:1", "127.0.0.1", True),
+        ("127.0.0.1:8765", "127.0.0.1", True),
+        ("[::1]:1", "::1", True),
+        ("192.168.1.4:8765", "0.0.0.0", True),
+        ("robot.local:8765", "robot.local", True),
+        ("Robot.Local", "robot.local", True),
+        ("robot.local", "127.0.0.1", False),
+        ("[::1", "::1", False),
+        ("", "127.0.0.1", False),
+    ],
+)
+def test_host_is_an_address_or_the_bound_name(host: str, bound: str, allowed: bool) -> None:
+    assert allows_host(host, bound) == allowed
+
+
+def test_origin_is_allowed_by_an_option(environment, tmp_path: Path) -> None:
+    origin = "https://plots.example.org"
+    with started(environment, tmp_path, *WORDS, "--allow-origin", origin) as capture:
+        address = address_in(stderr_until(capture, "viewers can connect"))
+        with viewer_at(address, origin=origin) as connection:
+            assert Viewer(connection).message()
+        with pytest.raises(InvalidStatus):
+            viewer_at(address, origin="https://other.example.org")
+        capture.send_signal(signal.SIGINT)
+        assert ended(capture)[0] == 0
+
+
+# What goes wrong
+
+
+def test_lack_of_file_descriptors_is_one_line(server: FoxgloveServer, capsys) -> None:
+    port = int(server.url.rpartition(":")[2])
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ExitStack() as open_ones:
+        clients = [open_ones.enter_context(socket.socket()) for _ in range(20)]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (clients[-1].fileno() + 1, before[1]))
+        try:
+            for client in clients:
+                client.connect(("127.0.0.1", port))
+            said = ""
+
+            def reported() -> str:
+                nonlocal said
+                said += capsys.readouterr().err
+                return said
+
+            wait_until(reported)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert said == "--serve: a viewer could not connect: Too many open files\n"
+    with viewer_at(server.url) as connection:  # it goes on when there are some again
+        Viewer(connection)
+
+
+def test_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, *WORDS) as capture:
+        address = address_in(stderr_until(capture, "viewers can connect"))
+        for _ in range(3):
+            with pytest.raises(InvalidStatus):
+                connect(address, subprotocols=["another.v1"], open_timeout=BOUND_S)  # type: ignore[list-item]
+        capture.send_signal(signal.SIGINT)
+        code, _, errors = ended(capture)
+    assert code == 0
+    assert "ERROR" not in errors
+    assert "handshake" not in errors
+
+
+def test_port_that_is_in_use_is_one_line(run, tmp_path: Path) -> None:
+    with server_socket() as taken:
+        taken_port = taken.getsockname()[1]
+        where = f"127.0.0.1:{taken_port}"
+        done = run("live", SIM, "--count", "5", "--serve", where)
+    assert (done.returncode, done.stdout) == (2, "")
+    another = f"name another port, as in --serve {taken_port + 1}"
+    assert done.stderr == f"fte-sniff: --serve {where}: Address already in use; {another}\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) -> None:
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "websockets.py").write_text("raise ImportError")
+    environment["PYTHONPATH"] = f"{hidden}:{ROOT}"
+    with started(environment, tmp_path, "live", SIM, "--headless", "--serve") as capture:
+        code, _, errors = ended(capture)
+    assert code == 2
+    assert "--serve needs the package websockets: " in errors
+    assert re.search(r"install .*websockets", errors)
+    assert errors.count("\n") == 1
