@@ -131,7 +131,7 @@ def _format_for(output: Path | None, *, chooses: bool) -> OutputFormat:
 
 
 def _is_stdout(path: Path | None) -> bool:
-    return path is None or str(path) == "-"
+    return path is None or str(path) in ("-", "/dev/stdout")
 
 
 @contextmanager

@@ -236,9 +236,10 @@ def test_rows_before_a_fault_are_on_standard_output_and_in_no_file(run, tmp_path
     assert not (tmp_path / "rows.txt").exists()
 
 
-def test_dash_is_standard_output(run, samples: Path) -> None:
+def test_standard_output_has_two_names(run, samples: Path) -> None:
     plain = run("decode", samples / "idle.raw").stdout
     assert run("decode", samples / "idle.raw", "-o", "-").stdout == plain
+    assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
 
 
 def test_standard_input_is_named_once(run, samples: Path) -> None:
