@@ -1,4 +1,4 @@
-"""Runs the real program, as its users do: in a process, with files, pipes and terminals."""
+"""The command line as its users have it: in this process, or in one of its own."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from tests.cli.forked import Program, loaded_program
 from tests.cli.forked import plain_environment as plain_environment
 from tests.in_process import call
+from tests.needs import needs
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
@@ -26,26 +27,32 @@ def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+@needs("program")
 def environment(settings_file: Path) -> dict[str, str]:
-    """Ours, with nothing in it that changes how the program writes."""
+    """The variables of a program that a test starts: ours, without what changes its output."""
+    return _variables(settings_file)
+
+
+def _variables(settings_file: Path) -> dict[str, str]:
     state = str(settings_file.parent / "state")
     return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
 
 @pytest.fixture(scope="session")
+@needs("program")
 def program() -> Program:
     """The program, loaded once for all tests."""
     return loaded_program()
 
 
 @pytest.fixture
-def run(tmp_path: Path, environment: dict[str, str]) -> Run:
-    """Run the program in an empty folder to its end, and give what it wrote and its exit code."""
+def run(tmp_path: Path, settings_file: Path) -> Run:
+    """Run a command in this process in an empty folder; gives what it wrote and its exit code."""
 
     def run(*arguments: str | Path, stdin: str | bytes = "") -> subprocess.CompletedProcess[str]:
         data = stdin.encode() if isinstance(stdin, str) else stdin
         words = [str(argument) for argument in arguments]
-        ended = call(words, data, tmp_path, environment)
+        ended = call(words, data, tmp_path, _variables(settings_file))
         output, errors = ended.output.decode(), ended.errors.decode()
         return subprocess.CompletedProcess(words, ended.code, output, errors)
 

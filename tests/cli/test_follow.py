@@ -210,22 +210,6 @@ def recorded(path: Path, frames: int) -> bytes:
     return path.read_bytes()
 
 
-def test_without_a_lock_it_ends_when_nothing_grows(environment, tmp_path: Path) -> None:
-    copies = [recorded(tmp_path / "made.mcap", frames) for frames in range(1, 6)]
-    file = tmp_path / "copy.mcap"
-    file.write_bytes(copies[0])
-    follow = ("decode", "--follow", "copy.mcap", "--format", "csv")
-    with started(environment, tmp_path, *follow) as reader:
-        until(reader, b",0,10,")
-        for number, content in enumerate(copies[1:], 1):
-            with file.open("r+b") as stream:
-                stream.write(content)
-            until(reader, b",%d,10," % (10 * number))
-        code, _, errors = ended(reader)
-    assert code == 0
-    assert "copy.mcap: nothing was written to it for 10 s" in errors
-
-
 def test_bytes_that_arrive_one_part_after_the_other_are_not_damage(
     environment, tmp_path: Path
 ) -> None:

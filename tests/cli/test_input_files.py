@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from datetime import timedelta, timezone
 from pathlib import Path
 
@@ -193,125 +192,6 @@ def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> No
     done = run("decode", path, "--from", "+1s")
     assert done.returncode == 2
     assert "the input has no times; set with --start when its bytes began, or give" in done.stderr
-
-
-def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
-    def rows(*arguments: str) -> list[dict]:
-        done = run("decode", samples / "clean.mcap", "--format", "jsonl", *arguments)
-        assert done.returncode == 0, done.stderr
-        return [json.loads(line) for line in done.stdout.splitlines()]
-
-    every = rows()
-    start, end = "2026-01-31T12:00:10", "2026-01-31T12:00:20"
-    expected = [row for row in every if start <= row["time"] < end]
-    assert 0 < len(expected) < len(every)
-    assert rows("--from", f"{start}Z", "--to", f"{end}Z") == expected
-    assert rows("--from", "12:00:10", "--to", "12:00:20") == expected
-    last = rows("--from", "-1s")
-    assert 0 < len(last) < 100
-    assert every[-len(last) :] == last
-
-
-LOG = "".join(
-    f"[2026-01-31 14:03:{second:02}.123Z] AA 01 01 03 E8 00 00 00 00 EE\n" for second in range(60)
-)
-UNDATED = LOG.replace("2026-01-31 ", "").replace("Z]", "]")
-
-
-@pytest.mark.parametrize(
-    ("option", "count"),
-    [("14:03:58", 2), ("+57.5s", 2), ("-5s", 6), ("2026-01-31T14:03:50Z", 10)],
-)
-@pytest.mark.parametrize("dated", [["ok.log"], ["undated.log", "--date", "2026-01-31"]])
-def test_times_relative_to_a_log(
-    run, tmp_path: Path, option: str, count: int, dated: list[str]
-) -> None:
-    (tmp_path / "ok.log").write_text(LOG)
-    (tmp_path / "undated.log").write_text(UNDATED)
-    name, *said = dated
-    done = run("decode", tmp_path / name, *said, "--format", "csv", "--from", option)
-    assert done.returncode == 0, done.stderr
-    assert len(done.stdout.splitlines()) == 1 + count
-    done = run("stats", tmp_path / name, *said, "--from", option)
-    assert f"rows       {count}, " in done.stdout
-
-
-def test_a_log_whose_times_are_not_known_before_gives_the_reason(run, tmp_path: Path) -> None:
-    (tmp_path / "undated.log").write_text(UNDATED)
-    done = run("decode", tmp_path / "undated.log", "--from", "+5s")
-    assert done.returncode == 0
-    assert "undated.log: its times have no date: the date" in done.stderr
-    done = run("decode", "-", "--from", "+5s", stdin=LOG)
-    assert done.returncode == 2
-    assert "stdin can be read only once" in done.stderr
-    assert "write the times in full" in done.stderr
-
-
-@pytest.mark.parametrize("since", ["2026-01-31", "12:00:00.5", "+500ms"])
-def test_the_option_that_gives_bytes_times_is_named(run, samples: Path, since: str) -> None:
-    command = ["decode", samples / "clean.raw", "--from", since]
-    done = run(*command)
-    assert done.returncode == 2
-    assert "has no times; set with --start when its bytes began" in done.stderr.splitlines()[-1]
-    done = run(*command, "--format", "jsonl", "--start", "2026-01-31T12:00:00Z")
-    assert done.returncode == 0
-    first = json.loads(done.stdout.splitlines()[0])
-    assert first["offset"] == (0 if since == "2026-01-31" else 5760)
-    done = run("decode", samples / "clean.raw", "--from", "-1ms", "--start", "2026-01-31T12:00:00Z")
-    assert len(done.stdout.splitlines()) == 1 + 2
-
-
-def test_raw_bytes_of_a_pipe_have_the_times_of_start(run, samples: Path, tmp_path: Path) -> None:
-    file = samples / "clean.raw"
-    (tmp_path / "stdin").write_bytes(b"another file")
-    start = ("--input", "raw", "--start", "2026-01-31T12:00:00Z", "--format", "csv")
-    # Standard input does not wait for the rows that decide facts.
-    start += ("--columns", "time,port,offset,kind,status,raw", "--from")
-    for since in ("+500ms", "12:00:00.5"):
-        piped = run("decode", "-", *start, since, stdin=file.read_bytes())
-        rows = [
-            line.replace(str(file), "stdin")
-            for line in run("decode", file, *start, since).stdout.splitlines()
-        ]
-        assert piped.returncode == 0, piped.stderr
-        assert (piped.stdout.splitlines(), len(rows) > 2) == (rows, True)
-    piped = run("decode", "-", *start, "-1ms", stdin=file.read_bytes())
-    assert piped.returncode == 2
-    assert "the last time of the input is not known before it is read" in piped.stderr
-
-
-def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:
-    named = sorted(samples.glob("*.mcap"))
-    texts = [
-        run("decode", *given, "--format", "csv").stdout
-        for given in ([samples], [samples / "*.mcap"], named, reversed(named))
-    ]
-    assert texts[0]
-    assert len(set(texts)) == 1
-
-
-@pytest.mark.parametrize("command", ["decode", "stats"])
-@pytest.mark.parametrize("bad", [b"", b"no recording", bytes(range(256)) * 20])
-def test_an_unreadable_recording_of_a_folder_hides_no_other(
-    run, samples: Path, tmp_path: Path, command: str, bad: bytes
-) -> None:
-    """It is reported, the others are read, and the exit code is that of a file error."""
-    folder = tmp_path / "logs"
-    folder.mkdir()
-    (folder / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
-    (folder / "bad.mcap").write_bytes(bad)
-    whole = run(command, folder / "clean.mcap")
-    both = run(command, folder)
-    assert both.stdout == whole.stdout
-    assert both.returncode == 4
-    (line,) = (line for line in both.stderr.splitlines() if line not in whole.stderr.splitlines())
-    assert line.startswith(f"fte-sniff: {folder / 'bad.mcap'} is ")
-
-
-def test_an_empty_folder_is_reported(run, tmp_path: Path) -> None:
-    done = run("decode", tmp_path)
-    assert done.returncode == 4
-    assert "is a directory without a recording (*.mcap) in it" in done.stderr
 
 
 def test_relative_times_name_their_start_in_a_damaged_file(

@@ -28,28 +28,6 @@ def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> N
         assert word in lines[0], lines[0]
 
 
-def test_no_such_port(run) -> None:
-    refused(run("live", "/dev/ttyNOPE"), 3, "/dev/ttyNOPE", "no such port")
-
-
-def test_nothing_is_left_behind_where_the_port_cannot_be_opened(run, tmp_path: Path) -> None:
-    run("live", "/dev/ttyNOPE")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_no_serial_port(run, tmp_path: Path) -> None:
-    refused(run("live", tmp_path), 3, "directory, not a serial port")
-
-
-def test_unknown_scheme(run) -> None:
-    refused(run("live", "gopher://x"), 3, "gopher://", "sim://")
-
-
-@pytest.mark.parametrize("query", ["rat=5", "drop=2", "seed=x", "rate=99999", "wire=up"])
-def test_bad_simulation(run, query: str) -> None:
-    refused(run("live", f"sim://?{query}"), 3, "sim://", query.split("=")[0])
-
-
 def test_nobody_listens(run) -> None:
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))
@@ -61,34 +39,6 @@ def test_a_busy_port(run, environment, tmp_path: Path) -> None:
     with wire() as (controller, name), started(environment, tmp_path, "live", name) as holder:
         first_output(holder, controller)
         refused(run("live", name), 3, name, "busy")
-
-
-def test_a_recording_is_never_overwritten_unasked(run, tmp_path: Path) -> None:
-    (tmp_path / "kept.mcap").write_bytes(b"precious")
-    refused(run("live", "sim://", "-o", "kept.mcap", "--count", "3"), 4, "kept.mcap", "--force")
-    assert (tmp_path / "kept.mcap").read_bytes() == b"precious"
-    done = run("live", "sim://", "-o", "kept.mcap", "--count", "3", "--force")
-    assert done.returncode == 0
-    assert run("decode", "kept.mcap").stdout.count("\n") == 4
-
-
-@pytest.mark.parametrize(
-    ("output", "words"),
-    [("none/x.mcap", ["none"]), (".", ["directory"]), ("/proc/x.mcap", ["/proc/x.mcap"])],
-)
-def test_a_recording_that_cannot_be_made(run, output: str, words: list[str]) -> None:
-    refused(run("live", "sim://", "-o", output, "--count", "3"), 4, *words)
-
-
-def test_a_bridge_records_no_other_form_either(run) -> None:
-    done = run("bridge", "sim://?host=off", "-o", "a.parquet", "--count", "1")
-    refused(done, 2, "a.parquet", "MCAP", "a.mcap")
-
-
-@pytest.mark.parametrize("name", ["a", "a.recording", "a.MCAP"])
-def test_other_names_of_recordings_are_the_users_affair(run, tmp_path: Path, name: str) -> None:
-    assert run("live", "sim://", "-o", name, "--count", "3", "--plain").returncode == 0
-    assert (tmp_path / name).read_bytes().startswith(b"\x89MCAP0")
 
 
 @pytest.mark.parametrize("name", ["part.csv", "part.txt", "part.hex", "part.parquet"])
@@ -165,76 +115,6 @@ def test_ctrl_c_ends_the_wait_for_more_bytes(environment, tmp_path: Path, source
             assert process.returncode == 130
 
 
-def test_a_command_that_is_nearly_right(run) -> None:
-    refused(run("livee", "sim://"), 2, "No such command 'livee'", "Did you mean live?")
-    refused(run("lvie", "sim://"), 2, "No such command 'lvie'", "Did you mean live?")
-    refused(run("live", "--filtre", "sim://"), 2, "Did you mean", "'--filter'")
-    assert "mean" not in run("quux").stderr
-    assert "mean" not in run("live", "--theme", "sim://").stderr
-
-
-@pytest.mark.parametrize(
-    ("word", "suggested"),
-    [
-        ("record", "`fte-sniff live PORT`"),
-        ("plot", "`fte-sniff report FILE -o report.html`"),
-        ("plot", "`fte-sniff view FILE`"),
-        ("convert", "`fte-sniff decode FILE`"),
-    ],
-)
-def test_a_word_for_what_a_command_does_leads_to_it(run, word: str, suggested: str) -> None:
-    refused(run(word, "a.mcap"), 2, f"No such command '{word}'", suggested)
-
-
-def test_a_file_without_a_command_leads_to_view_and_decode(run, tmp_path: Path) -> None:
-    (tmp_path / "my log.txt").write_text("AA")
-    words = "`fte-sniff view 'my log.txt'`", "`fte-sniff decode 'my log.txt'`"
-    refused(run("my log.txt"), 2, "my log.txt is a file", *words)
-
-
-@pytest.mark.parametrize("port", ["/dev/ttyUSB7", "/dev/serial/by-id/usb-1", "COM3", "sim://"])
-def test_a_port_without_a_command_leads_to_live(run, port: str) -> None:
-    refused(run(port), 2, f"{port} is a port", f"`fte-sniff live {port}`")
-
-
-@pytest.mark.parametrize("command", ["decode", "stats", "check"])
-def test_a_device_where_a_file_is_read_leads_to_live(run, command: str, tmp_path: Path) -> None:
-    leader, follower = os.openpty()
-    try:
-        name = os.ttyname(follower)
-        (tmp_path / "wire").symlink_to(name)
-        for port in (name, "wire", "/dev/ttyUSB7"):
-            words = f"{port} is a port, not a file; `fte-sniff live {port}` captures it"
-            refused(run(command, port), 2, words)
-    finally:
-        os.close(leader)
-        os.close(follower)
-
-
-def test_a_baud_rate_in_place_of_a_port_leads_to_the_option(run) -> None:
-    refused(run("live", "sim://", "115200"), 2, "115200 is not a port", "--baud 115200")
-    short = run("live", "sim://?rate=50", "-b", "9600", "--plain", "--count", "1", "--no-record")
-    assert short.returncode == 0, short.stderr
-
-
-def test_a_file_in_place_of_a_port_leads_to_view(run, samples: Path) -> None:
-    path = samples / "clean.mcap"
-    refused(run("live", path), 2, f"{path} is a file, not a port", f"`fte-sniff view {path}`")
-
-
-@pytest.mark.parametrize("text", ["motor = 1", "rpm>500", "kind IS NULL"])
-def test_a_filter_in_place_of_a_file_is_the_only_error(run, samples: Path, text: str) -> None:
-    done = run("decode", text, samples / "clean.mcap")
-    assert done.stdout == ""
-    refused(done, 2, f"no such file: '{text}'", f"--filter '{text}'")
-
-
-def test_a_file_may_be_named_like_a_filter(run, samples: Path, tmp_path: Path) -> None:
-    (tmp_path / "motor = 1.mcap").write_bytes((samples / "clean.mcap").read_bytes())
-    assert run("decode", "motor = 1.mcap", "--limit", "1").returncode == 0
-    refused(run("decode", "a=b.mcap"), 4, "no such file")
-
-
 @pytest.mark.parametrize("command", ["decode", "stats"])
 @pytest.mark.usefixtures("capsys")
 def test_a_file_without_permission_ends_with_4(tmp_path: Path, samples: Path, command: str) -> None:
@@ -254,88 +134,8 @@ def test_a_file_without_permission_ends_with_4(tmp_path: Path, samples: Path, co
     assert FileError.exit_code == 4
 
 
-def test_our_own_parquet_is_read_back(run, samples: Path) -> None:
-    source = samples / "damaged.mcap"
-    assert run("decode", source, "-o", "a.parquet").returncode == 0
-    for options in (["--format", "csv"], ["--format", "csv", "--from", "+1s"], ["--limit", "3"]):
-        there, back = run("decode", source, *options), run("decode", "a.parquet", *options)
-        assert back.stdout == there.stdout
-        assert back.returncode == 0
-    piped = run("decode", "-", "--input", "parquet", stdin=b"PAR1")
-    refused(piped, 2, "stdin: parquet is not read in sequence; name a file")
-
-
-def test_an_invalid_time_is_reported_with_a_valid_one(run) -> None:
-    refused(
-        run("live", "sim://", "--duration", "1x"), 2, "'1x' is not a time; use for example 100ms"
-    )
-
-
-@pytest.mark.parametrize("command", ["decode", "stats", "view", "repair"])
-def test_a_port_where_a_file_is_read_leads_to_live(run, command: str) -> None:
-    words = "sim://?seed=1 is a port, not a file; `fte-sniff live` captures it"
-    refused(run(command, "sim://?seed=1"), 2, words)
-
-
-def test_view_refuses_standard_input(run, samples: Path) -> None:
-    done = run("view", "-", stdin=(samples / "clean.mcap").read_bytes())
-    refused(done, 2, "files only", "fte-sniff decode -")
-
-
-def test_turns_that_lines_do_not_show_are_reported(run) -> None:
-    words = ("live", "sim://", "--plain", "--no-record", "--count", "2", "--resolution", "500")
-    done = run(*words)
-    assert done.returncode == 0
-    assert done.stderr.count("in pulses; only the screen shows turns") == 1
-
-
-def test_two_wires_in_one_raw_file_are_reported(run, samples: Path) -> None:
-    files = samples / "clean.mcap", samples / "damaged.mcap"
-    done = run("decode", *files, "-o", "both.raw")
-    assert done.returncode == 0
-    assert done.stderr.count("both.raw: holds the bytes of 2 ports in one stream") == 1
-    port = done.stderr.split('--filter "')[1].split('"')[0]
-    alone = run("decode", *files, "-o", "one.raw", "--filter", port)
-    assert "in one stream" not in alone.stderr
-
-
 def test_output_and_no_record_contradict_each_other(run) -> None:
     refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
-
-
-@pytest.mark.parametrize("command", ["decode", "view", "stats"])
-def test_unknown_options(run, command: str) -> None:
-    refused(run(command, "--bogus", "x.raw"), 2, "--bogus", "--help")
-
-
-def test_files_that_cannot_be_read(run, tmp_path: Path) -> None:
-    refused(run("decode", "none.mcap"), 4, "none.mcap")
-    refused(run("decode", "none.raw"), 4, "none.raw", "no such file")
-    (tmp_path / "folder.mcap").mkdir()
-    refused(run("decode", "folder.mcap"), 4, "folder.mcap", "directory")
-    (tmp_path / "folder.raw").mkdir()
-    refused(run("decode", "folder.raw"), 4, "folder.raw", "directory")
-
-
-def test_an_unreadable_file(run, tmp_path: Path, environment) -> None:
-    file = tmp_path / "secret.raw"
-    file.write_bytes(b"\xaa")
-    file.chmod(0)
-    if os.access(file, os.R_OK):  # root reads everything; what root cannot read is in /proc
-        refused(run("decode", "/proc/self/mem", "--input", "raw"), 4, "/proc/self/mem")
-    else:
-        refused(run("decode", "secret.raw"), 4, "secret.raw", "ermission")
-
-
-@pytest.mark.parametrize("name", ["empty.raw", "empty.hex", "empty.mcap"])
-def test_empty_files(run, tmp_path: Path, name: str) -> None:
-    (tmp_path / name).touch()
-    refused(run("decode", name), 4, name, "empty")
-
-
-def test_no_mcap(run, tmp_path: Path) -> None:
-    (tmp_path / "x.mcap").write_bytes(b"AA 01 01 03 E8 00 00 00 00 EE")
-    refused(run("decode", "x.mcap"), 4, "x.mcap", "MCAP")
 
 
 def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
@@ -346,84 +146,3 @@ def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
         writer.add_message(channel, log_time=1, publish_time=1, data=b"{}")
         writer.finish()
     refused(run("decode", "other.mcap"), 4, "other.mcap", "/imu")
-
-
-def test_a_name_without_a_known_suffix(run, tmp_path: Path) -> None:
-    (tmp_path / "capture.dat").write_bytes(b"\xaa\x00")
-    refused(run("decode", "capture.dat"), 2, "capture.dat", "--input")
-
-
-def test_no_hex_in_a_hex_file(run, tmp_path: Path) -> None:
-    (tmp_path / "x.hex").write_text("AA 00\nzz\n")
-    done = run("decode", "x.hex")
-    refused(done, 2, "x.hex", "line 2, column 1")
-
-
-def test_rows_before_the_fault_are_not_lost(run, tmp_path: Path) -> None:
-    frames = "AA 00 00 00 00 00 00 00 00 EE\n" * 40
-    (tmp_path / "x.hex").write_text(frames + "zz\n")
-    done = run("decode", "x.hex")
-    assert done.returncode == 2
-    assert done.stdout.count("AA 00 00 00 00 00 00 00 00 EE") >= 38
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("moter = 1", ["moter", "motor"]),
-        ("kind = 'sped'", ["sped", "speed"]),
-        ("motor = ", ["filter"]),
-        ("", ["filter"]),
-    ],
-)
-@pytest.mark.parametrize("command", ["decode", "live"])
-def test_bad_filters(run, samples: Path, tmp_path: Path, command, text, words) -> None:
-    target = samples / "clean.raw" if command == "decode" else "sim://"
-    refused(run(command, target, "--filter", text), 2, *words)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_view_needs_a_terminal(run, samples: Path) -> None:
-    refused(run("view", samples / "clean.mcap"), 2, "terminal", "decode")
-
-
-def test_escapes_in_names_are_shown_not_obeyed(run, tmp_path: Path, samples: Path) -> None:
-    name = "a\x1b[31m[red].raw"
-    (tmp_path / name).write_bytes((samples / "idle.raw").read_bytes())
-    for form in ("table", "jsonl", "csv"):
-        done = run("decode", name, name, "--format", form)
-        assert done.returncode == 0
-        assert "\x1b" not in done.stdout + done.stderr
-        assert "[red]" in done.stdout
-    refused(run("decode", "none\x1b[31m.raw"), 4, r"none\x1b[31m.raw")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["live", "sim://", "-o", ""],
-        ["bridge", "sim://", "--link", ""],
-        ["simulate", "--link", ""],
-        ["decode", ""],
-        ["decode", "-", "-o", ""],
-        ["view", ""],
-        ["repair", ""],
-        ["repair", "x.mcap", "-o", ""],
-    ],
-)
-def test_an_empty_name_is_reported_as_empty(run, arguments: list[str]) -> None:
-    done = run(*arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "the name is empty" in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
-def test_a_folder_is_nothing_to_repair(run) -> None:
-    done = run("repair", ".")
-    assert done.returncode == 4
-    assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize("given", ["x", "1.5", ""])
-def test_an_invalid_number_is_reported_in_plain_words(run, given: str) -> None:
-    refused(run("decode", "x.mcap", "--limit", given), 2, f"'{given}' is not a whole number")

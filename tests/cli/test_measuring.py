@@ -21,15 +21,12 @@ from fte_sniff.analysis.statistics import StatisticsSummary
 from fte_sniff.cli.measuring import LEAST_NAME, TextTable, processes_for
 from fte_sniff.session.file_jobs import FileJob
 from fte_sniff.session.inputs import RecordingInput
-from tests.beside import server_socket
 from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
 from tests.slow import first
 from tests.support.dask_cluster import cluster
 from tests.support.recorded_rows import make_recordings
 
 FILES = 12
-SOON = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
-"""Dask's setting of how long the scheduler may take to answer."""
 
 
 @pytest.fixture(scope="module")
@@ -131,22 +128,6 @@ def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(
     assert f"0 of {FILES} files were read" in line
 
 
-@pytest.mark.slow
-def test_a_cluster_without_a_worker_is_reported_and_waited_for(
-    environment: dict[str, str], tmp_path: Path, recordings: Path
-) -> None:
-    with (
-        cluster(0, tmp_path) as address,
-        started(environment, tmp_path, "stats", str(recordings), "--cluster", address) as process,
-    ):
-        assert process.stderr is not None
-        assert "no worker yet" in process.stderr.readline().decode()
-        process.send_signal(signal.SIGINT)
-        code, _, line = ended(process)
-    assert code == 130
-    assert line.startswith("fte-sniff: interrupted; ")
-
-
 def test_a_file_that_the_workers_cannot_see_is_named(
     environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
 ) -> None:
@@ -170,72 +151,6 @@ def test_a_file_that_the_workers_cannot_see_is_named(
     (line,) = done.stderr.splitlines()
     assert unseen in line
     assert "worker" in line
-
-
-def test_a_cluster_that_is_not_there_and_options_that_contradict(
-    run, recordings: Path, environment: dict[str, str]
-) -> None:
-    environment |= SOON
-    done = run("stats", recordings, "--cluster", "tcp://127.0.0.1:9")
-    assert done.returncode == 4
-    (line,) = done.stderr.splitlines()
-    assert "no scheduler answers" in line
-    assert line.endswith("and workers with `dask worker`")
-    assert run("stats", recordings, "--cluster", "x", "--jobs", "2").returncode == 2
-    assert run("stats", "-", "--cluster", "x").returncode == 2
-
-
-@pytest.mark.parametrize(
-    ("where", "reason"),
-    first(
-        3,
-        [
-            ("", "is not the address of a Dask scheduler; write it as tcp://"),
-            ("tcp://127.0.0.1:99999", "is not the address"),
-            ("tls://127.0.0.1:9", "needs certificates; name them in Dask's settings"),
-            ("127.0.0.1", "is not the address"),
-            ("tcp://:9", "is not the address"),
-            ("tcp://127.0.0.1:x", "is not the address"),
-            ("http://127.0.0.1:9", "is not the address"),
-            ("inproc://x", "is not the address"),
-        ],
-    ),
-)
-def test_an_address_that_is_none_is_one_line(
-    run, recordings: Path, where: str, reason: str
-) -> None:
-    done = run("stats", recordings, "--cluster", where)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert where in line
-    assert reason in line
-
-
-@pytest.mark.parametrize(
-    ("answer", "reason"), [(b"", "nothing within 1 s"), (b"HTTP/1.0 400 Bad Request\r\n\r\n", "")]
-)
-def test_another_program_at_the_address_is_one_line(
-    run, recordings: Path, environment: dict[str, str], answer: bytes, reason: str
-) -> None:
-    environment |= SOON
-    with server_socket() as server, ThreadPoolExecutor(1) as executor:
-        where = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        running = executor.submit(run, "stats", recordings, "--cluster", where)
-        with server.accept()[0] as connection:
-            connection.sendall(answer)
-            done = running.result()
-    assert done.returncode == 4
-    (line,) = done.stderr.splitlines()
-    assert f"no scheduler answers ({reason}" in line
-
-
-def test_the_address_of_a_worker_is_one_line(run, recordings: Path, address: str) -> None:
-    with Client(address, set_as_default=False) as client:
-        worker = next(iter(client.nthreads()))
-    done = run("stats", recordings, "--cluster", worker)
-    assert done.returncode == 4
-    (line,) = done.stderr.splitlines()
-    assert "no scheduler answers (a worker has this address)" in line
 
 
 def test_ctrl_c_ends_all_processes_and_reports_what_was_read(

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,6 @@ from tests.cli.conftest import SAMPLES
 from tests.cli.forked import Program
 from tests.cli.processes import ended, wire
 from tests.cli.terminals import terminal
-from tests.cost import grows_linearly
 from tests.slow import first
 
 WHOLE = """
@@ -204,44 +202,6 @@ def test_what_is_not_a_settings_file_is_not_read(file: Path, make: Callable[[Pat
     assert str(file) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "size"),
-    first(
-        2,
-        [
-            (lambda size: "a" + ".a" * size + " = 1", 20_000),
-            (lambda size: "\n".join(f"{'a.' * 30}a{n} = 1" for n in range(size)), 4_000),
-            (lambda size: "[" + "a." * size + "a]", 20_000),
-            (lambda size: f"x = '#'\n{'a.' * size}a = 1\n" * 20, 5_000),
-            (lambda size: f"{'a.' * 40}a = 1\n" * size, 11_000),
-            (lambda size: "\n".join(f"{'a.' * 30}a{n} = 1" for n in range(size)), 14_000),
-            (
-                lambda size: "[a]\n" + "\n".join(f"b{n}.c = {{ d = 1 }}" for n in range(size)),
-                40_000,
-            ),
-            (
-                lambda size: "\n".join(f"[[a]]\nb = [{'[' * 50}{']' * 50}]" for n in range(size)),
-                8_000,
-            ),
-        ],
-    ),
-)
-def test_four_times_the_settings_are_refused_or_take_four_times_the_time(
-    file: Path, text: Callable[[int], str], size: int
-) -> None:
-    assert len(text(size)) < 1_000_000
-    part = file.with_name("part.toml")
-    written(file, text(size))
-    written(part, text(size // 4))
-
-    def read(path: Path) -> None:
-        with suppress(FileError):
-            read_settings(path)
-
-    # What is quadratic takes 16 times as long.
-    assert grows_linearly(lambda: read(part), lambda: read(file), most=8)
-
-
 @given(first=screens, second=screens)
 def test_what_is_kept_is_read_again(
     tmp_path_factory: pytest.TempPathFactory, first: dict[str, Any], second: dict[str, Any]
@@ -255,16 +215,6 @@ def test_what_is_kept_is_read_again(
     assert read_settings(file).choices == other
     Settings(path=file).keep(chosen)
     assert read_settings(file).choices == chosen
-
-
-def test_keeping_leaves_the_rest_as_it_was_written(file: Path) -> None:
-    written(file, WHOLE)
-    save_screen(file, {"theme": "textual-dark", "columns": ("time",)}, {})
-    text = file.read_text()
-    assert "# mine" in text
-    assert text.endswith(WHOLE[WHOLE.index("[live]") :])
-    assert read_settings(file).ports == ("/dev/ttyUSB0", "/dev/ttyUSB1")
-    assert list(file.parent.iterdir()) == [file]
 
 
 def test_keeping_follows_a_link(file: Path, tmp_path: Path) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import signal
 import subprocess
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 
 import polars as pl
@@ -16,7 +14,6 @@ import pytest
 from rich.cells import cell_len
 
 import fte_sniff
-from fte_sniff.analysis.facts import DEADLINE_NS
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
@@ -50,10 +47,6 @@ def read(path: Path) -> pl.DataFrame:
     return fte_sniff.read(path).with_columns(ns=pl.col("time").dt.epoch("ns"))
 
 
-def assert_times(reported: dict, times: pl.Series) -> None:
-    assert (t_ns(reported["first_time"]), t_ns(reported["last_time"])) == (times.min(), times.max())
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -76,122 +69,6 @@ def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
     assert max(map(len, reported[0].splitlines())) > 80
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_extents_status_and_faults(samples: Path, name: str) -> None:
-    reported, rows = fte_sniff.stats(samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
-    (port,) = reported["ports"]
-    for part in (reported, *reported["files"], port):
-        assert (part["rows"], part["bytes"]) == (len(rows), rows["length"].sum())
-        assert_times(part, rows["ns"])
-    assert reported["duration_s"] == pytest.approx((rows["ns"].max() - rows["ns"].min()) / SECOND)
-    assert port["rows_per_s"] == pytest.approx((len(rows) - 1) / reported["duration_s"])
-    for direction, count in port["frames"].items():
-        assert count == len(rows.filter(pl.col("direction") == direction))
-    for status, count in reported["status"].items():
-        own = rows.filter(pl.col("status") == status)
-        assert count == {"rows": len(own), "bytes": own["length"].sum()}
-    assert port["status"] == reported["status"]
-    having = rows.explode("faults").drop_nulls("faults")
-    assert {fault["fault"] for fault in port["faults"]} == set(having["faults"])
-    for fault in port["faults"]:
-        own = having.filter(pl.col("faults") == fault["fault"])
-        assert (fault["rows"], fault["bytes"]) == (len(own), own["length"].sum())
-        assert fault["rows_share"] == pytest.approx(len(own) / len(rows))
-        assert fault["bytes_share"] == pytest.approx(own["length"].sum() / rows["length"].sum())
-        assert_times(fault, own["ns"])
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_lines_and_silences(samples: Path, name: str) -> None:
-    (port,) = fte_sniff.stats(samples / f"{name}.mcap")["ports"]
-    rows = read(samples / f"{name}.mcap").with_columns(
-        end=pl.col("ns") + pl.col("length").cast(pl.Int64) * BYTE_NS
-    )
-    taken = (rows["end"] - rows["ns"]).sum()
-    assert port["baud"] == 115_200
-    assert port["line_use"] == pytest.approx(taken / (rows["end"].max() - rows["ns"].min()))
-    silent = rows.with_columns(silent=pl.col("ns") - pl.col("end").shift()).filter(
-        pl.col("silent") > 0
-    )
-    reported = port["silences"]
-    assert reported["count"] == len(silent)
-    assert reported["longest_s"] == pytest.approx(silent["silent"].max() / SECOND)
-    longest = silent.filter(pl.col("silent") == pl.col("silent").max())["ns"][0]
-    assert t_ns(reported["longest_until"]) == longest
-    for percent in (50, 95, 99):
-        exact = silent["silent"].quantile(percent / 100, "higher") / SECOND
-        lower = silent["silent"].quantile(percent / 100, "lower") / SECOND
-        assert lower * 0.95 <= reported[f"p{percent}_s"] <= exact * 1.05
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_streams(samples: Path, name: str) -> None:
-    (port,) = fte_sniff.stats(samples / f"{name}.mcap")["ports"]
-    rows = read(samples / f"{name}.mcap").drop_nulls("kind")
-    motor = pl.col("motor").is_in([1, 2, 3, 4])
-    sound = rows.filter(motor | pl.col("kind").is_in(["reset", "mecanum"])).with_columns(
-        motor=pl.when(motor).then("motor")
-    )
-    reported = {(one["kind"], one["motor"]): one for one in port["streams"]}
-    groups = sound.partition_by("kind", "motor", as_dict=True)
-    assert set(reported) == set(groups)
-    for key, own in groups.items():
-        one = reported[key]
-        assert one["frames"] == len(own)
-        values = {
-            column: {"least": own[column].min(), "greatest": own[column].max()}
-            for column in ("rpm", "pulses", "vx_cm_s", "vy_cm_s", "wz_mrad_s")
-            if own[column].null_count() == 0
-        }
-        assert one["values"] == values
-        if len(own) < 2:
-            assert one["frames_per_s"] is None
-            assert one["period"] == dict.fromkeys(one["period"])
-            continue
-        periods = own["ns"].diff().drop_nulls()
-        assert one["frames_per_s"] == pytest.approx((len(own) - 1) * SECOND / periods.sum())
-        assert one["period"]["longest_s"] == pytest.approx(periods.max() / SECOND)
-        assert one["period"]["p50_s"] <= periods.quantile(0.5, "higher") / SECOND * 1.05
-        assert one["period"]["p50_s"] >= periods.quantile(0.5, "lower") / SECOND * 0.95
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_motors(samples: Path, name: str) -> None:
-    rows = read(samples / f"{name}.mcap").drop_nulls("kind").to_dicts()
-    for reported in fte_sniff.stats(samples / f"{name}.mcap")["motors"]:
-        number, asked, delays, unanswered = reported["motor"], None, [], 0
-        commands = feedback = 0
-        covered = False
-        for row in rows:
-            if asked is not None and row["ns"] - asked["ns"] > DEADLINE_NS:
-                unanswered += asked["covered"]
-                asked = None
-            covered = covered or row["direction"] == "feedback"
-            if row["direction"] == "control" and row["motor"] in (None, number):
-                commands += 1
-                unanswered += asked is not None and asked["covered"]
-                asked = {**row, "covered": covered} if row["cmd"] else None
-            elif row["direction"] == "feedback" and row["motor"] == number:
-                feedback += 1
-                if asked is not None and asked["cmd"] == row["cmd"]:
-                    delays.append((row["ns"] - asked["ns"]) / SECOND)
-                    asked = None
-        assert (reported["commands"], reported["feedback"]) == (commands, feedback)
-        assert (reported["answered"], reported["unanswered"] or 0) == (len(delays), unanswered)
-        assert reported["delay"]["longest_s"] == (pytest.approx(max(delays)) if delays else None)
-        own = [row for row in rows if row["direction"] == "feedback" and row["motor"] == number]
-        for bit in range(8):
-            having = [row["ns"] for row in own if row["error"] >> bit & 1]
-            found = [one for one in reported["error_bits"] if one["bit"] == bit]
-            assert [one["frames"] for one in found] == ([len(having)] if having else [])
-            assert [t_ns(one["first_time"]) for one in found] == having[:1]
-            assert [t_ns(one["last_time"]) for one in found] == having[-1:]
-        every = [row for row in rows if row["direction"] == "feedback" and 1 <= row["motor"] <= 4]
-        here = [row["online"] >> (number - 1) & 1 for row in every]
-        assert reported["offline"]["frames"] == here.count(0)
-        assert reported["offline"]["times_lost"] == sum(a > b for a, b in pairwise(here))
-
-
 def pieces(run, source: Path, folder: Path) -> list[Path]:
     """A recording cut into three, by time."""
     folder.mkdir()
@@ -204,91 +81,6 @@ def pieces(run, source: Path, folder: Path) -> list[Path]:
     return found
 
 
-def test_nothing_is_measured_between_files_that_do_not_go_on(
-    run, samples: Path, tmp_path: Path
-) -> None:
-    early, late = tmp_path / "early.mcap", tmp_path / "late.mcap"
-    run("decode", samples / "clean.mcap", "--to", "+10s", "-o", early)
-    run("decode", samples / "clean.mcap", "--from", "+20s", "-o", late)
-    (port,) = numbers(run, early, late)["ports"]
-    assert port["silences"]["longest_s"] < 5
-
-
-def test_files_together_are_the_file_that_they_were(run, samples: Path, tmp_path: Path) -> None:
-    whole = fte_sniff.stats(samples / "clean.mcap")
-    parts = pieces(run, samples / "clean.mcap", tmp_path / "parts")
-    for named in ([tmp_path / "parts"], [tmp_path / "parts" / "*.mcap"], parts[::-1]):
-        together = numbers(run, *named)
-        assert [file["name"] for file in together["files"]] == list(map(str, parts))
-        assert sum(file["rows"] for file in together["files"]) == whole["rows"]
-        assert together | {"files": None} == whole | {"files": None}
-
-
-def test_files_that_overlap_in_time_have_no_answers(run, samples: Path, tmp_path: Path) -> None:
-    shutil.copy(samples / "clean.mcap", tmp_path / "copy.mcap")
-    reported = numbers(run, samples / "clean.mcap", "copy.mcap")
-    assert reported["rows"] == 2400
-    assert {motor["answered"] for motor in reported["motors"]} == {None}
-    assert {motor["delay"]["p50_s"] for motor in reported["motors"]} == {None}
-    text = run("stats", samples / "clean.mcap", "copy.mcap").stdout
-    assert text.count("overlap in time") == 1
-
-
-@pytest.mark.parametrize(("ending", "name"), crossed(["raw", "hex"], NAMES))
-def test_without_times_there_are_counts_alone(run, samples: Path, ending: str, name: str) -> None:
-    file = samples / f"{name}.{ending}"
-    reported = numbers(run, file)
-    rows = [json.loads(row) for row in run("decode", file, "--format", "jsonl").stdout.splitlines()]
-    (port,) = reported["ports"]
-    assert (reported["rows"], port["rows"]) == (len(rows), len(rows))
-    assert (
-        reported["bytes"]
-        == sum(row["length"] for row in rows)
-        == len((samples / f"{name}.raw").read_bytes())
-    )
-    for status, count in reported["status"].items():
-        assert count["rows"] == sum(row["status"] == status for row in rows)
-    assert (reported["first_time"], reported["duration_s"], port["line_use"]) == (None, None, None)
-    assert {one["frames_per_s"] for one in port["streams"]} == {None}
-    text = run("stats", file).stdout
-    assert text.count("no times") == 1
-    assert "baud" not in text
-
-
-@pytest.mark.parametrize("ending", ["mcap", "raw", "hex"])
-def test_standard_input(run, samples: Path, ending: str) -> None:
-    file = samples / f"clean.{ending}"
-    done = run("stats", "-", "--format", "json", stdin=file.read_bytes())
-    reported, expected = json.loads(done.stdout), numbers(run, file)
-    assert reported["files"][0]["name"] == "stdin"
-    for key in ("rows", "bytes", "first_time", "status", "motors"):
-        assert reported[key] == expected[key]
-
-
-def test_filter_and_span(run, samples: Path) -> None:
-    wanted = "motor = 1 AND kind = 'speed'"
-    options = ["--from", "+10s", "--to", "+35s"]
-    reported = numbers(run, samples / "clean.mcap", "--filter", wanted, *options)
-    start = read(samples / "clean.mcap")["ns"].min()
-    inside = read(samples / "clean.mcap").filter(
-        pl.col("ns").is_between(start + 10 * SECOND, start + 35 * SECOND, closed="left")
-    )
-    own = inside.filter((pl.col("motor") == 1) & (pl.col("kind") == "speed"))
-    assert (reported["filter"], reported["rows_read"], reported["rows"]) == (
-        wanted,
-        len(inside),
-        len(own),
-    )
-    assert_times(reported, own["ns"])
-    ((stream,),) = (port["streams"] for port in reported["ports"])
-    assert (stream["kind"], stream["motor"]) == ("speed", 1)
-    text = run("stats", samples / "clean.mcap", "--filter", wanted, *options).stdout
-    assert f"holds for {len(own):,} of {len(inside):,} rows" in text
-    nothing = run("stats", samples / "clean.mcap", "--filter", "motor = 1 AND motor = 2")
-    assert nothing.returncode == 0
-    assert "holds for 0 of 1,200 rows" in nothing.stdout
-
-
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
     write_recording(path, [port], [Rows.from_rows(rows, events=events)], {})
 
@@ -296,22 +88,6 @@ def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: lis
 def speed(port: str, at: int, t: int) -> fte_sniff.Frame:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     return fte_sniff.Frame(port, 10 * at, raw, t, (), 0)
-
-
-def test_the_baud_of_the_recording_or_of_the_user(run, tmp_path: Path) -> None:
-    recorded(
-        tmp_path / "a.mcap",
-        PortFacts("p", 9600),
-        [speed("p", at, 10**18 + at * SECOND) for at in range(11)],
-        [],
-    )
-    for options, baud in [((), 9600), (("--baud", "1200"), 1200)]:
-        (port,) = numbers(run, "a.mcap", *options)["ports"]
-        taken = 110 * byte_time_ns(baud)
-        share = taken / (10 * SECOND + 10 * byte_time_ns(baud))
-        assert port["baud"] == baud
-        assert port["line_use"] == pytest.approx(share)
-    assert run("stats", "a.mcap", "--baud", "0").returncode == 2
 
 
 def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
@@ -410,60 +186,6 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     )
     between = run("stats", "a.mcap", "--from", "2026-01-01T00:00:00Z")
     assert "no row is between" in between.stderr
-
-
-def test_a_cut_recording_is_reported_as_far_as_it_goes(run, samples: Path, tmp_path: Path) -> None:
-    whole = (samples / "clean.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    done = run("stats", "cut.mcap", "--format", "json")
-    assert done.returncode == 0
-    with pytest.warns(fte_sniff.RecordingWarning):
-        assert json.loads(done.stdout)["rows"] == read(tmp_path / "cut.mcap").height
-    assert done.stderr.count("\n") == 1
-    assert "cut.mcap" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (["none.mcap"], 4, "none.mcap"),
-        (["text.mcap"], 4, "text.mcap"),
-        (["bad.hex"], 2, "not hex"),
-        (["empty.raw"], 4, "empty"),
-        (["nothing*.mcap"], 4, "no file matches"),
-        (["-", "-"], 2, "name it once"),
-        (["--filter", "moter = 1", "good.raw"], 2, "did you mean motor"),
-        (["--from", "+1s", "good.raw"], 2, "no times"),
-        (["--format", "xml", "good.raw"], 2, "xml"),
-        ([], 2, "FILE"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_is_one_line(
-    run, samples: Path, tmp_path: Path, arguments: list[str], code: int, words: str
-) -> None:
-    (tmp_path / "text.mcap").write_text("no recording")
-    (tmp_path / "bad.hex").write_text("AA 01 0G\n")
-    (tmp_path / "empty.raw").write_bytes(b"")
-    shutil.copy(samples / "idle.raw", tmp_path / "good.raw")
-    done = run("stats", *arguments)
-    assert done.returncode == code
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert words in done.stderr
-
-
-def test_names_are_shown_and_not_obeyed(run, tmp_path: Path) -> None:
-    port = "[bold]p\x1b[31m\x07\nq[/bold]"
-    rows = [speed(port, at, 10**18 + at) for at in range(3)]
-    recorded(tmp_path / "[red]a\x1b]0;x\x07.mcap", PortFacts(port), rows, [])
-    for arguments in (["stats"], ["stats", "--format", "json"]):
-        done = run(*arguments, "[[]red]*.mcap")
-        assert done.returncode == 0, done.stderr
-        assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f]", done.stdout)
-        assert "[bold]p\\" in done.stdout
-        assert "[red]a\\" in done.stdout
-    assert numbers(run, "[[]red]*.mcap")["ports"][0]["port"] == port
 
 
 @pytest.mark.parametrize(("columns", "name"), crossed([40, 80, 200], ["damaged", "clean"]))

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import re
 import signal
 import sys
-import threading
-import tracemalloc
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -29,7 +26,6 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.file_jobs import (
-    DelayedInterrupt,
     FileJob,
     FileMerger,
     FileResult,
@@ -43,7 +39,6 @@ from tests.analysis.test_statistics import SECOND, frame
 from tests.beside import running
 from tests.cli.processes import BOUND_S, wait_until
 from tests.examples import examples
-from tests.slow import first
 from tests.support.in_workers import opened_or_killed
 from tests.support.recorded_rows import write_recording
 
@@ -157,67 +152,6 @@ def test_the_time_of_a_lost_port_is_not_a_gap_and_leaves_no_command_unanswered(
             assert found == pytest.approx([*rules.values()])
 
 
-def test_a_file_that_begins_while_a_port_is_lost_is_read_so(tmp_path: Path) -> None:
-    steps = two_wires(range(2, 7))
-    after_loss = [one for one in steps if isinstance(one, Row) or "found" in one.kind][5:]
-    (path,) = write_parts(tmp_path / "parts", [after_loss])
-    assert measured([path], None).answers.stats()[0].pairing.unanswered == 1
-
-
-@pytest.mark.parametrize("rules", first(1, [["delay(p95) < 20", "max_gap(motor = 1) < 1"], None]))
-def test_memory_does_not_grow_with_the_number_of_files(
-    tmp_path: Path, rules: list[str] | None
-) -> None:
-    (path,) = write_parts(tmp_path / "parts", [[reset_at(number) for number in range(9)]])
-    model = rules and [parse_rule(text) for text in rules]
-    measured([path], model)  # loads what is loaded once
-    held, peaks = [], []
-    with ThreadPoolExecutor(2) as executor:
-        for files in (8, 32):
-            tracemalloc.start()
-            try:
-                found = measured([path] * files, model, executor)
-                gc.collect()
-                now, peak = tracemalloc.get_traced_memory()
-            finally:
-                tracemalloc.stop()
-            held.append(now)
-            peaks.append(peak)
-            del found
-    a_line_each = 24 * 400
-    assert held[1] - held[0] < a_line_each
-    assert peaks[1] < 2 * peaks[0]  # not a result of each file
-
-
-def test_ctrl_c_in_a_step_that_fails_is_raised_and_delayed_no_more() -> None:
-    interrupts, before = DelayedInterrupt(), signal.getsignal(signal.SIGINT)
-
-    def fail(*, interrupted: bool) -> None:
-        with interrupts.held():
-            if interrupted:
-                signal.raise_signal(signal.SIGINT)
-            raise KeyError
-
-    with interrupts.installed(), pytest.raises(KeyboardInterrupt):
-        fail(interrupted=True)
-    with interrupts.installed():
-        with pytest.raises(KeyError):
-            fail(interrupted=False)
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_no_more_jobs_wait_than_allowed(tmp_path: Path) -> None:
-    (path,) = write_parts(tmp_path / "parts", [[reset_at(0)]])
-    taken: list[FileJob[StatisticsSummary]] = []
-    jobs = (taken.append(job) or job for job in [FileJob(path, opened, new_model(None))] * 9)
-    with ThreadPoolExecutor(2) as executor:
-        for number, _ in enumerate(finished_jobs(jobs, executor, 3)):
-            assert len(taken) <= number + 3
-    assert len(taken) == 9
-
-
 def test_a_baud_that_changed_in_one_file_holds_in_the_next(tmp_path: Path) -> None:
     rows = [reset_at(number) for number in range(6)]
     change = PortEvent(rows[1].t_ns + 1, "a", PortEventKind.BAUD_CHANGED, "", 9600)
@@ -247,39 +181,6 @@ def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
     assert apart.statistics.streams(None)[0].periods.count == 2
 
 
-def test_a_file_continues_another_whichever_of_its_rows_match(tmp_path: Path) -> None:
-    rows, paths = [reset_at(number) for number in range(4)], [tmp_path / n for n in ("a", "b")]
-    for path, part in zip(paths, (rows[:2], rows[2:]), strict=True):
-        write_recording(path, PORTS, [Rows.from_rows(part)])
-    for filter_text, periods in ((None, 3), (f"offset != {rows[2].offset}", 2)):
-        found = measured(paths, None, filter_text=filter_text)
-        assert found.statistics.streams(None)[0].periods.count == periods
-
-
-def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
-    make = partial(StatisticsSummary, LineSetup())
-    good = write_parts(tmp_path / "good", [[reset_at(0)]])[0]
-    jobs = [FileJob(path, opened, make) for path in (tmp_path / "absent.mcap", good)]
-    with ThreadPoolExecutor(1) as executor:
-        (_, lost), (_, found) = finished_jobs(jobs, executor, 2)
-    assert isinstance(lost, FileError)
-    assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: no such file")
-    assert "as its worker sees it" in str(lost)
-    assert not isinstance(found, FileError)
-
-
-def test_this_process_reads_files_while_the_executor_is_not_ready(tmp_path: Path) -> None:
-    paths = write_parts(tmp_path / "parts", [[reset_at(number)] for number in range(7)])
-    release = threading.Event()
-    with ThreadPoolExecutor(1) as executor:
-        executor.submit(release.wait)
-        try:
-            model = measured(paths, None, executor)
-        finally:
-            release.set()
-    assert model.total.rows == 7
-
-
 def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
     paths = write_parts(tmp_path / "parts", [[reset_at(0)], [reset_at(1)]])
     opens = partial(opened_or_killed, reader=os.getpid(), mark=tmp_path / "mark")
@@ -291,20 +192,6 @@ def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
     assert [isinstance(result, FileResult) for _, result in found].count(True) == 1
     ((job, lost),) = [one for one in found if isinstance(one[1], FileError)]
     assert re.fullmatch(rf"{re.escape(job.name)}: .* was killed by signal 9; .*", str(lost))
-
-
-def test_a_single_recording_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (path,) = write_parts(tmp_path / "parts", [[reset_at(0)]])
-    opens: list[Path] = []
-    original = RecordingReader.__init__
-
-    def counted(self: RecordingReader, path: Path) -> None:
-        opens.append(path)
-        original(self, path)
-
-    monkeypatch.setattr(RecordingReader, "__init__", counted)
-    assert fte_sniff.stats(path)["rows"] == 1
-    assert opens == [path]
 
 
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
@@ -340,51 +227,6 @@ WAIT_IN = (
     "import os, pathlib, signal; pathlib.Path({folder!r}, str(os.getpid())).touch(); signal.pause()"
 )
 """What a worker calls is of the standard library, so that it need not load this module."""
-
-
-def test_results_and_errors_come_back_in_order() -> None:
-    with WorkerPool(2) as pool:
-        futures = [pool.submit(pow, number, 2) for number in range(20)]
-        failed = pool.submit(exec, "import fte_sniff as f; raise f.FileError('a.mcap is empty')")
-        assert [future.result(BOUND_S) for future in futures] == [n * n for n in range(20)]
-        with pytest.raises(FileError, match=r"^a.mcap is empty$"):
-            failed.result(BOUND_S)
-
-
-@pytest.mark.parametrize(
-    ("code", "message"),
-    [
-        ("import signal; signal.raise_signal(signal.SIGKILL)", "killed by signal 9"),
-        ("import os; os._exit(0)", "ended with exit code 0"),
-        ("import os; os._exit(3)", "ended with exit code 3"),
-    ],
-)
-def test_a_process_that_ends_fails_its_own_job_alone(code: str, message: str) -> None:
-    with WorkerPool(1) as pool:
-        before, lost, after = (
-            pool.submit(pow, 2, 2), pool.submit(exec, code), pool.submit(pow, 3, 2),
-        )  # fmt: skip
-        assert before.result(BOUND_S) == 4
-        with pytest.raises(ChildProcessError, match=message):
-            lost.result(BOUND_S)
-        assert after.result(BOUND_S) == 9
-
-
-def test_what_cannot_be_sent_fails_alone() -> None:
-    with WorkerPool(1) as pool:
-        lost, after = pool.submit(lambda: 1), pool.submit(pow, 3, 2)
-        with pytest.raises(Exception, match=r"pickle|local object"):
-            lost.result(BOUND_S)
-        assert after.result(BOUND_S) == 9
-
-
-def test_cancelled_work_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
-    with WorkerPool(2) as pool:
-        futures = [pool.submit(exec, WAIT_IN.format(folder=str(tmp_path))) for _ in range(4)]
-        wait_until(lambda: len(list(tmp_path.iterdir())) == 2)
-        pool.shutdown(wait=False, cancel_futures=True)
-    assert not any(Path("/proc", one.name).exists() for one in tmp_path.iterdir())
-    assert not futures[0].cancelled()
 
 
 def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:

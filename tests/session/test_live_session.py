@@ -13,11 +13,10 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
-from hypothesis import HealthCheck, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.rules import RuleCheck, parse_rule
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
@@ -35,13 +34,11 @@ from fte_sniff.session.capture_process import (
     WriteProgress,
     capture,
 )
-from fte_sniff.session.inputs import InputReading, RecordingInput
 from fte_sniff.session.live_session import CaptureState, LiveSession
 from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import holding
-from tests.examples import examples
 from tests.recording.conftest import file_size_limit
-from tests.support.in_workers import falls_silent, is_behind
+from tests.support.in_workers import falls_silent
 from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S, wait_until, while_waiting
 
@@ -245,34 +242,6 @@ def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
         assert isinstance(session.state.error, PortError)
 
 
-def test_a_capture_that_is_behind_may_take_its_time_to_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(live, "capture", is_behind)
-    monkeypatch.setattr(live, "END_WITHIN_S", 2.0)
-    with running(plan()) as session:
-        session.stop()
-        while session.poll().state.running:
-            pass
-    assert session.state.error is None
-    assert session.state.total_rows == 14
-
-
-def test_a_capture_that_is_stuck_before_it_begins_just_ends(
-    tmp_path: Path, quickly_overdue: float
-) -> None:
-    session = LiveSession(plan(tmp_path / "x.mcap"))
-    pid = session.capture_pid
-    os.kill(pid, signal.SIGSTOP)
-    os.waitid(os.P_PID, pid, os.WSTOPPED)
-    session.stop()
-    with running(session):
-        assert not session.poll().state.running
-    assert session.state.error is None
-    assert session._process.poll() is not None
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_stop_while_the_port_is_not_open_yet_ends_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -320,54 +289,6 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
         assert list(RecordingReader(session.state.recording)) == rows
     assert {session.state.recording for session in sessions} == set(tmp_path.iterdir())
     assert len(list(tmp_path.iterdir())) == 2
-
-
-def test_a_duration_beyond_all_bounds_is_none() -> None:
-    with running(plan(duration_s=1e308, count=20)) as session:
-        assert len(to_the_end(session)) == 20
-
-
-JUDGED = [
-    "count(malformed) == 0",
-    "share(feedback) < 0.5",
-    "rate(motor = 1) > 1e6",
-    "max_gap(motor = 2) < 0.001",
-    "delay(p95) < 0.001",
-    "delay(max, motor = 1) < 0.001",
-    "unanswered() == 0",
-    "online(1) > 1",
-    "max(rpm) < -1000",
-    "mean(rpm) == -1",
-    "duration() < 0",
-]
-
-
-@examples(2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.lists(st.integers(0, 9), min_size=1, max_size=2, unique=True),
-    st.sampled_from(["", "&drop=0.1", "&noise=0.2&flip=0.1"]),
-)
-def test_the_verdicts_of_a_capture_are_those_of_its_recording(
-    tmp_path_factory: pytest.TempPathFactory, seeds: list[int], damage: str
-) -> None:
-    recording = tmp_path_factory.mktemp("live") / "a.mcap"
-    ports = tuple(f"sim://?seed={seed}&rate=400&frames=150{damage}" for seed in seeds)
-    rules = [parse_rule(text) for text in JUDGED]
-    judged, read = RuleCheck(rules), RuleCheck(rules)
-
-    def observe(update: FeedUpdate) -> None:
-        judged.observe(update.rows, update.changes)
-
-    wanted = CapturePlan(PortGroup(ports, reconnect=False), recording, count=120 * len(ports))
-    with running(LiveSession(wanted, observe)) as session:
-        to_the_end(session)
-    one = RecordingInput(RecordingReader(recording))
-    reading = InputReading([one])
-    for batch in reading.batches_of(one):
-        read.observe(batch.rows, batch.changes)
-    assert judged.total == read.total
-    assert judged.total.rows
-    assert judged.verdicts() == read.verdicts()
 
 
 ONE, TWO = Path("one.mcap"), Path("two.mcap")

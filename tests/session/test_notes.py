@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,8 +25,6 @@ from fte_sniff.session.notes import (
     read_place,
     save_place,
 )
-from tests.beside import running
-from tests.waiting import BOUND_S
 
 T_NS = 1_769_860_800_000_000_123
 
@@ -112,46 +105,6 @@ def test_a_damaged_file_is_one_warning_and_is_not_overwritten(
     assert set(Notes([recording]).notes) == {RowKey("p", 0), RowKey("p", 10)}
 
 
-WRITER = """
-import sys
-from pathlib import Path
-from fte_sniff.session.notes import Note, Notes
-notes = Notes([Path(sys.argv[1])])
-sys.stdin.readline()
-for number in range(20):
-    notes.set(Note(None, sys.argv[2], number, "x"))
-    assert notes.save() is None
-"""
-
-
-def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
-    words = [sys.executable, "-c", WRITER, str(recording)]
-    with ExitStack() as stack:
-        writers = [
-            stack.enter_context(running([*words, port], stdin=subprocess.PIPE)) for port in "pqr"
-        ]
-        for writer in writers:
-            assert writer.stdin is not None
-            writer.stdin.write(b"go\n")
-            writer.stdin.flush()
-        assert [writer.wait(BOUND_S) for writer in writers] == [0, 0, 0]
-    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(20)}
-    assert [path.name for path in recording.parent.glob("*run*")] == [beside(recording).name]
-
-
-def test_threads_that_save_the_same_notes_lose_none(recording: Path) -> None:
-    notes = Notes([recording])
-
-    def write(port: str) -> None:
-        for number in range(30):
-            notes.set(Note(None, port, number))
-            assert notes.save() is None
-
-    with ThreadPoolExecutor(3) as executor:
-        list(executor.map(write, "pqr"))
-    assert set(Notes([recording]).notes) == {RowKey(p, n) for p in "pqr" for n in range(30)}
-
-
 def test_a_note_that_could_not_be_saved_is_saved_later(recording: Path, state: Path) -> None:
     notes = Notes([recording])
     beside(recording).mkdir()
@@ -180,18 +133,6 @@ def test_a_recording_that_replaces_another_has_no_notes_of_it(recording: Path) -
         assert (found.text, found.capture) == (start, start)
     both = Notes([recording.with_name("run_00001.mcap"), recording], starts)
     assert {key.capture: note.text for key, note in both.notes.items()} == dict(enumerate(starts))
-
-
-def test_a_note_of_before_that_names_no_capture_is_found_and_replaced(recording: Path) -> None:
-    start = "2026-01-31T12:00:00.000000000Z"
-    beside(recording).write_text(f"{Note(T_NS, 'p', 0, 'old').line()}\n")
-    notes = Notes([recording], [start])
-    assert [note.text for note in notes.notes.values()] == ["old"]
-    notes.set(Note(T_NS, "p", 0, "new"))
-    assert notes.save() is None
-    assert [json.loads(line)["text"] for line in beside(recording).read_text().splitlines()] == [
-        "new"
-    ]
 
 
 def test_the_file_of_notes_is_named_once_and_again_where_it_changes(recording: Path) -> None:
@@ -241,50 +182,12 @@ def test_the_files_of_a_capture_share_one_file_of_notes(recording: Path, name: s
     assert beside(recording).exists()
 
 
-def test_without_a_recording_or_in_a_folder_that_takes_none_they_are_in_the_state_folder(
-    recording: Path, state: Path
-) -> None:
-    # A folder in place of the file refuses it, also for root.
-    beside(recording).mkdir()
-    for recordings in ([], [recording]):
-        notes = Notes(recordings)
-        notes.set(Note(T_NS, "p", 0, "here"))
-        assert notes.save() is None
-        assert notes.written[0].parent == state / "fte-sniff" / "notes"
-    assert Notes([recording]).notes[RowKey("p", 0)].text == "here"
-
-
 def test_where_nothing_can_be_written_that_is_reported(recording: Path, state: Path) -> None:
     beside(recording).mkdir()
     state.write_text("no folder")
     notes = Notes([recording])
     notes.set(Note(T_NS, "p", 0, "here"))
     assert "not saved" in str(notes.save())
-
-
-def test_a_note_belongs_to_the_capture_of_its_row(tmp_path: Path) -> None:
-    inputs = [tmp_path / name for name in ("a_00001.mcap", "b.mcap", "a_00002.mcap")]
-    notes = Notes(inputs)
-    notes.origins.append(2, 0)
-    notes.origins.append(3, np.array([0, 1, 2]))
-    notes.origins.append(0, 2)
-    notes.origins.append(1, 1)
-    captures = [notes.origins.at(index) for index in range(6)]
-    assert captures == [0, 0, 0, 1, 0, 1]
-    for capture, text in enumerate(("of a", "of b")):
-        notes.set(Note(None, "p", 0, text), capture)
-        notes.set(Note(None, "p", 10), capture)
-    assert notes.save() is None
-    assert {path.name for path in notes.written} == {
-        "a.mcap.notes.jsonl",
-        "b.mcap.notes.jsonl",
-    }
-    again = Notes(inputs)
-    assert again.notes == notes.notes
-    assert [again.notes[RowKey("p", 0, number)].text for number in (0, 1)] == ["of a", "of b"]
-    again.remove(Note(None, "p", 0), 1)
-    again.save()
-    assert Notes(inputs).notes.keys() == notes.notes.keys() - {RowKey("p", 0, 1)}
 
 
 def test_the_row_that_contains_the_byte_is_found() -> None:

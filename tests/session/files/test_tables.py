@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 import pytest
@@ -20,12 +19,12 @@ import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
-from fte_sniff.protocol import COLUMNS, Chunk, Fault, Frame, Framer, Row, record
+from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.scan import read, scan, time_bounds
+from fte_sniff.session.scan import read, scan
 from tests.examples import examples
 from tests.recording.conftest import some_rows
 from tests.support.columns import in_columns, without_facts
@@ -55,18 +54,6 @@ def test_a_table_has_the_values_of_the_rows(path: Path) -> None:
     frame = fte_sniff.read(path)
     assert frame.schema == TABLE_SCHEMA
     assert _records(frame) == [record(row) for row in _rows(path)]
-
-
-@pytest.mark.filterwarnings("ignore::fte_sniff.RecordingWarning")
-def test_recordings_without_a_summary_come_by_their_first_rows_too(tmp_path: Path) -> None:
-    for name, number in (("a", 2), ("b", 1), ("c", 3)):
-        rows = [Frame("p", 0, FRAME, START + number)]
-        write_recording(tmp_path / f"{name}.mcap", [PortFacts("p")], [Rows.from_rows(rows)])
-    cut = tmp_path / "b.mcap"
-    cut.write_bytes(cut.read_bytes()[:-20])
-    paths = [tmp_path / f"{name}.mcap" for name in "abc"]
-    for table in (fte_sniff.read(paths), fte_sniff.scan(paths).collect()):
-        assert table["time"].dt.epoch("ns").to_list() == [START + number for number in (1, 2, 3)]
 
 
 def test_each_column_alone_is_that_of_the_whole() -> None:
@@ -148,23 +135,6 @@ def test_a_query_gives_what_the_same_steps_give_of_the_whole(
     assert lazy.collect().equals(whole)
 
 
-@pytest.mark.parametrize("count", [0, 1, 5, 499, 500, 501, 1200, 5000])
-def test_the_first_rows_are_counted_before_those_the_filter_leaves(
-    two_files: tuple[pl.LazyFrame, pl.DataFrame], count: int
-) -> None:
-    lazy, whole = two_files
-    for by in _FILTERS:
-        assert lazy.head(count).filter(by).collect().equals(whole.head(count).filter(by))
-        assert lazy.filter(by).head(count).collect().equals(whole.filter(by).head(count))
-
-
-def test_filters_columns_and_limits_reach_the_reader() -> None:
-    query = fte_sniff.scan(SAMPLES / "damaged.mcap").filter(pl.col("rpm") > 500).select("motor")
-    plan = query.explain()
-    assert "SELECTION" in plan
-    assert any(f"PROJECT {few}/{len(COLUMNS)}" in plan for few in (1, 2)), plan
-
-
 def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
     late, early = tmp_path / "a.mcap", tmp_path / "b.mcap"
     rows = _rows(SAMPLES / "clean.mcap")
@@ -226,14 +196,6 @@ def test_a_damaged_recording_is_read_with_a_warning_that_names_the_loss(tmp_path
     assert [warning.filename for warning in caught] == [__file__, __file__]
 
 
-def test_what_is_whole_behind_a_damaged_beginning_is_read(tmp_path: Path) -> None:
-    content, path = (SAMPLES / "clean.mcap").read_bytes(), tmp_path / "x.mcap"
-    path.write_bytes(bytes(60) + content[60:])
-    with pytest.warns(fte_sniff.RecordingWarning, match=r"the first \d+ bytes of this recording"):
-        found = fte_sniff.read(path)
-    assert _records(found) == [record(row) for row in _rows(SAMPLES / "clean.mcap")]
-
-
 def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
     program = (
         "import sys, fte_sniff; assert 'scan' in fte_sniff.__all__; "
@@ -280,66 +242,7 @@ def test_the_first_example_of_the_documentation_shows_no_motor_that_does_not_exi
     assert re.findall(r"(\d+)\s+┆ 1000", printed) == ["1"]
 
 
-_START = datetime(2026, 1, 31, 12, tzinfo=UTC)
 _time = pl.col("time")
-
-
-_LATER = datetime(2027, 1, 1, tzinfo=UTC)
-_START_NS, _LATER_NS = (int(at.timestamp()) * 10**9 for at in (_START, _LATER))
-_FIRST, _LAST = 0, 2**63 - 1
-
-
-@pytest.mark.parametrize(
-    ("wanted", "first_ns", "last_ns"),
-    [
-        (_time > _START, _START_NS, _LAST),
-        (_time >= _START, _START_NS, _LAST),
-        (_time == _START, _START_NS, _START_NS),
-        (_time < _START, _FIRST, _START_NS),
-        (_time <= _START, _FIRST, _START_NS),
-        (pl.lit(_START) <= _time, _START_NS, _LAST),
-        (pl.lit(_START) >= _time, _FIRST, _START_NS),
-        (pl.lit(_START) == _time, _START_NS, _START_NS),
-        (_time >= pl.datetime(2026, 1, 31, 12, time_zone="UTC"), _START_NS, _LAST),
-        (_time.is_between(_START, _LATER), _START_NS, _LATER_NS),
-        ((_time >= _START) & (pl.col("rpm") > 3), _START_NS, _LAST),
-        ((pl.col("rpm") > 3) & ((_time < _LATER) & (_time > _START)), _START_NS, _LATER_NS),
-        ((_time >= _START) | (_time == _LATER), _START_NS, _LAST),
-        ((_time <= _START) | (_time == _LATER), _FIRST, _LATER_NS),
-        ((_time >= _START) | (pl.col("rpm") > 3), _FIRST, _LAST),
-        (_time != _START, _FIRST, _LAST),
-        (~(_time > _START), _FIRST, _LAST),
-        (_time > _time, _FIRST, _LAST),
-        (_time > pl.lit(None), _FIRST, _LAST),
-        (_time.is_not_null(), _FIRST, _LAST),
-        (pl.col("offset") > 10**18, _FIRST, _LAST),
-        (_time.dt.offset_by("1h") > _START, _FIRST, _LAST),
-        (_time.cast(pl.Int64) > 10**18, _FIRST, _LAST),
-        (pl.lit(True), _FIRST, _LAST),
-    ],
-    ids=str,
-)
-def test_bounds_are_taken_from_a_filter_only_where_they_hold(
-    wanted: pl.Expr, first_ns: int, last_ns: int
-) -> None:
-    """Polars compares with the microseconds of a datetime."""
-    first, last = time_bounds(wanted)
-    assert first == first_ns
-    assert last in (last_ns, last_ns + 999)
-
-
-def test_a_bound_holds_however_polars_writes_the_filter(tmp_path: Path) -> None:
-    """What reaches the reader is rewritten by polars: rounded, turned around, parted anew."""
-    rows = _rows(SAMPLES / "clean.mcap")
-    path = _recording_by_chunks(tmp_path, rows)
-    whole = fte_sniff.read(path)
-    for at in (0, 1, 300, len(rows) - 1):
-        time = whole["time"][at]
-        for wanted in (_time > time, _time >= time, _time == time, _time.is_between(time, time)):
-            both = wanted & (pl.col("length") > 0)
-            for asked in (wanted, both):
-                found = fte_sniff.scan(path).filter(asked).collect()
-                assert found.equals(whole.filter(asked))
 
 
 def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None:
@@ -354,27 +257,6 @@ def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None
     assert without_facts(_records(found)) == without_facts(map(record, rows[500:]))
     with pytest.warns(fte_sniff.RecordingWarning):
         fte_sniff.scan(path).filter(_time <= start).collect()
-
-
-def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
-    """It stands in a chunk whose log times are all later."""
-    from fte_sniff.protocol import Frame
-    from fte_sniff.recording.metadata import PortFacts
-    from fte_sniff.recording.writer import RecordingWriter
-
-    rows = [row for row in _rows(SAMPLES / "clean.mcap") if isinstance(row, Frame)][:40]
-    last = rows[-1]
-    late = Frame("late", 0, last.raw, (rows[0].t_ns or 0) + 1, (), 0)
-    path = tmp_path / "late.mcap"
-    with RecordingWriter(path, [PortFacts("p"), PortFacts("late")]) as writer:
-        for row in (*rows, late, *rows[-1:]):
-            writer.write(in_columns([row]))
-            writer.flush()
-    whole = fte_sniff.read(path)
-    time = whole.filter(pl.col("port") == "late")["time"][0]
-    for wanted in (_time <= time, _time == time, _time >= time):
-        assert fte_sniff.scan(path).filter(wanted).collect().equals(whole.filter(wanted))
-        assert "late" in fte_sniff.scan(path).filter(wanted).collect()["port"].to_list()
 
 
 def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
@@ -426,42 +308,6 @@ def test_a_folder_named_as_a_column_is_refused(tmp_path: Path) -> None:
         scan(path, hive=True)
 
 
-@pytest.mark.parametrize(
-    ("wanted", "opened"),
-    [
-        (pl.col("port") == "p8", 1),
-        (pl.col("port").is_in(["p7"]) & (pl.col("offset") > 5), 1),
-        ((pl.col("port") == "p8") | (pl.col("offset") == 0), 2),
-        ((pl.col("port") == "p8") | (pl.col("port") == "x"), 1),
-        (pl.col("port") == "x", 0),
-        (pl.col("robot") == 7, 1),
-        (pl.col("file").str.contains("robot=8"), 1),
-        ((pl.col("robot") > 7) & (pl.col("port") == "p7"), 0),
-        (pl.col("time") >= datetime.fromtimestamp(START // 10**9 + 8 * 3600, UTC), 1),
-        (pl.col("time") < datetime.fromtimestamp(START // 10**9 + 7 * 3600 + 9, UTC), 1),
-        (pl.col("time") <= datetime.fromtimestamp(START // 10**9, UTC), 0),
-        (pl.col("time").is_between(*(datetime.fromtimestamp(at, UTC) for at in (1, 9))), 0),
-        (pl.col("offset") >= 0, 2),
-    ],
-)
-def test_files_that_cannot_match_are_not_opened_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: pl.Expr, opened: int
-) -> None:
-    paths = _robots(tmp_path)
-    table = scan(paths, file_column=True, hive=True)
-    expected = table.collect().filter(wanted)
-    seen: list[Path] = []
-    original = RecordingReader.ranges
-
-    def counted(self: RecordingReader, *arguments: Any, **named: Any) -> object:
-        seen.append(self.path)
-        return original(self, *arguments, **named)
-
-    monkeypatch.setattr(RecordingReader, "ranges", counted)
-    assert table.filter(wanted).collect().equals(expected)
-    assert len(seen) == opened
-
-
 @st.composite
 def _predicates(draw: st.DrawFn) -> pl.Expr:
     """Filters of time and port, and both joined."""
@@ -506,26 +352,6 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
     whole = read(folder)
     for wanted in asked:
         assert scan(folder).filter(wanted).collect().equals(whole.filter(wanted)), wanted
-
-
-def test_a_file_whose_library_marks_no_early_rows_shows_no_first_time(tmp_path: Path) -> None:
-    path = tmp_path / "x.mcap"
-    write_recording(path, [PortFacts("a")], [Rows.from_rows([Frame("a", 0, FRAME, START)])])
-    assert RecordingReader(path).span_ns == (START, START)
-    path.write_bytes(path.read_bytes().replace(b"library.marks", b"library.other"))
-    assert RecordingReader(path).span_ns == (0, START)
-
-
-def test_a_file_with_a_row_before_its_first_message_is_not_skipped(tmp_path: Path) -> None:
-    rows = [Frame("a", 0, FRAME, START + 9), Frame("b", 0, FRAME, START + 3)]
-    path = tmp_path / "x.mcap"
-    with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
-        for row in rows:
-            writer.write(in_columns([row]))
-            writer.flush()
-    assert RecordingReader(path).span_ns == (0, START + 9)
-    at = pl.lit(START + 5).cast(pl.Datetime("ns", "UTC"))
-    assert scan(path).filter(_time < at).collect()["port"].to_list() == ["b"]
 
 
 def test_chunks_after_the_last_time_of_a_filter_are_not_read(tmp_path: Path) -> None:
