@@ -4,6 +4,7 @@ Modules:
 
     dissect     Explain a row: its bytes field by field, and the readings of damage.
     framer      The framer: chunks in, rows out.
+    islands     The framer in numpy: islands and gaps; takes the place of `framer`.
     columns     The column table; values as text; signs and colours of each status.
     rows        Rows: the one container; a row.
     table       Rows: the container of rows as fixed-size numpy columns; takes the place of `rows`.

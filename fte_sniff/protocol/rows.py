@@ -98,6 +98,11 @@ class Frame(_Row):
     """Ten bytes whose framing holds: a header and a tail, in step with the stream."""
 
     @property
+    def framed(self) -> bool:
+        """Whether the bytes are a frame."""
+        return True
+
+    @property
     def direction(self) -> Direction:
         """The direction that the header names."""
         return DIRECTION_OF_HEADER[self.raw[0]]
@@ -122,6 +127,11 @@ class Frame(_Row):
 @dataclass(frozen=True, slots=True)
 class Damage(_Row):
     """Bytes that no frame contains: kept, labelled with their cause, never decoded."""
+
+    @property
+    def framed(self) -> bool:
+        """Whether the bytes are a frame."""
+        return False
 
     faults: tuple[Fault, ...]
 

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from fte_sniff.protocol import FRAME_LENGTH, Frame, Row, Status
+from fte_sniff.protocol import FRAME_LENGTH, Status
+from fte_sniff.protocol.table import Row
 from tests.support.faults import Harm, Sent
 
 
@@ -21,7 +22,7 @@ class Score:
     """Undamaged frames that were found as suspect."""
     invented: int = 0
     invented_ok: int = 0
-    cases: list[tuple[int, Frame]] = field(default_factory=list)
+    cases: list[tuple[int, Row]] = field(default_factory=list)
     """Invented rows with status ok: the number of the frame that was sent there, and the row."""
     missed: list[int] = field(default_factory=list)
     """Numbers of the undamaged frames that were not found."""
@@ -54,7 +55,7 @@ def score(sent: Sequence[Sent], rows: Iterable[Row]) -> Score:
     found: set[int] = set()
     for row in rows:
         total.rows += 1
-        if not isinstance(row, Frame):
+        if not row.framed:
             continue
         number = began.get(row.offset)
         if number is not None and row.raw == sent[number].raw:
@@ -92,9 +93,9 @@ def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str
     Keys are the kind of harm, its detail, and the label.
 
     The label is the first fault of the row that covers exactly the damaged bytes, `ok` without a
-    fault, and `split` where no single row covers them.
+    fault, and `split` where no row begins or ends with them, or their rows have other labels.
     """
-    by_span = {(row.offset, len(row.raw)): row for row in rows}
+    by_start = {row.offset: row for row in rows}
     seen: Counter[tuple[Harm, str, str]] = Counter()
     for before, frame, after in zip(sent, sent[1:], sent[2:], strict=False):
         if frame.harm is None or before.harm is not None or after.harm is not None:
@@ -104,7 +105,10 @@ def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str
             if frame.harm is Harm.JUNK
             else (frame.start, len(frame.arrived))
         )
-        row = by_span.get(span)
-        name = "split" if row is None else row.faults[0].value if row.faults else "ok"
+        found, at = set(), span[0]
+        while at < sum(span) and (row := by_start.get(at)) is not None:
+            found.add(row.faults[0].value if row.faults else "ok")
+            at += len(row.raw)
+        name = found.pop() if at == sum(span) and len(found) == 1 else "split"
         seen[frame.harm, harm_detail(frame), name] += 1
     return seen
