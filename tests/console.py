@@ -126,9 +126,7 @@ def play(session: Session, folder: Path, environment: Mapping[str, str], *, bles
     Raises:
         AssertionError: Another output than expected.
     """
-    for sample in SAMPLES.iterdir():
-        if sample.suffix in (".mcap", ".raw", ".hex"):
-            shutil.copyfile(sample, folder / sample.name)
+    copy_samples(folder)
     for part in session.parts:
         match part:
             case GivenFile():
@@ -139,6 +137,13 @@ def play(session: Session, folder: Path, environment: Mapping[str, str], *, bles
                     part.expected = found
                 shown = "\n".join([f"$ {part.command}", *found])
                 assert fits(part.expected, found), f"expected:\n{part.expected}\nfound:\n{shown}"
+
+
+def copy_samples(folder: Path) -> None:
+    """Copies of the samples: a session may overwrite them."""
+    for sample in SAMPLES.iterdir():
+        if sample.suffix in (".mcap", ".raw", ".hex"):
+            shutil.copyfile(sample, folder / sample.name)
 
 
 def replace_session(path: Path, session: Session) -> None:

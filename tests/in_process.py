@@ -63,13 +63,14 @@ def call(words: Sequence[str], given: bytes, folder: Path, environment: Mapping[
         file.write(given)
         file.seek(0)
         outputs = [_Output(), _Output()]
-        with _streams([file.fileno(), *(one.near for one in outputs)]), _place(folder, environment):
-            code = _exit_code(words)
+        with streams([file.fileno(), *(one.near for one in outputs)]), place(folder, environment):
+            code = exit_code(words)
         written = [one.end() for one in outputs]
     return Done(code, *written)
 
 
-def _exit_code(words: Sequence[str]) -> int:
+def exit_code(words: Sequence[str]) -> int:
+    """Run a command with the streams and in the folder of this process; returns its exit code."""
     handlers = {number: signal.getsignal(number) for number in _HANDLED}
     try:
         with warnings.catch_warnings():
@@ -83,7 +84,7 @@ def _exit_code(words: Sequence[str]) -> int:
 
 
 @contextmanager
-def _streams(descriptors: Sequence[int]) -> Iterator[None]:
+def streams(descriptors: Sequence[int]) -> Iterator[None]:
     """Standard streams at these descriptors, in Python and below it."""
     kept, ours = [os.dup(number) for number in range(3)], (sys.stdin, sys.stdout, sys.stderr)
     try:
@@ -105,7 +106,7 @@ def _streams(descriptors: Sequence[int]) -> Iterator[None]:
 
 
 @contextmanager
-def _place(folder: Path, environment: Mapping[str, str]) -> Iterator[None]:
+def place(folder: Path, environment: Mapping[str, str]) -> Iterator[None]:
     """A working folder and variables."""
     here, variables = Path.cwd(), dict(os.environ)
     try:
