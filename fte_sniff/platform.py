@@ -5,8 +5,12 @@ All other code uses them only where `POSIX` is true; `.ci/windows.ini` lets mypy
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
 from threading import Lock
 from typing import Final
 
@@ -70,3 +74,82 @@ def sync_data(descriptor: int) -> None:
         os.fdatasync(descriptor)
     else:
         os.fsync(descriptor)
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def sync_folder(folder: Path) -> None:
+    """Push a new, changed or deleted name to the disk, where the file system can do that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, open_flags("O_CLOEXEC"))
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+# Locks: POSIX has `flock`. Windows locks ranges of bytes, and a locked byte cannot be read: there
+# it is one far behind the end of any file.
+
+if POSIX:
+    import fcntl
+elif sys.platform == "win32":
+    import ctypes
+    import msvcrt
+    from ctypes import wintypes
+
+    class _Overlapped(ctypes.Structure):
+        """`OVERLAPPED` of the Windows API: where a range begins."""
+
+        _fields_ = (
+            ("internal", ctypes.c_void_p),
+            ("internal_high", ctypes.c_void_p),
+            ("offset", wintypes.DWORD),
+            ("offset_high", wintypes.DWORD),
+            ("event", wintypes.HANDLE),
+        )
+
+    _FAIL_AT_ONCE, _EXCLUSIVE = 1, 2
+    _ERROR_LOCK_VIOLATION = 33
+
+    def _locked_byte(descriptor: int) -> tuple[wintypes.HANDLE, _Overlapped]:
+        return wintypes.HANDLE(msvcrt.get_osfhandle(descriptor)), _Overlapped(offset_high=1 << 30)
+
+
+def try_to_lock(descriptor: int, *, exclusive: bool = True) -> None:
+    """Lock a file until it is closed; returns at once.
+
+    Raises BlockingIOError if another program has it locked, and OSError on a file system without
+    locks.
+    """
+    if POSIX:
+        fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    elif sys.platform == "win32":
+        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+        handle, where = _locked_byte(descriptor)
+        flags = _FAIL_AT_ONCE | (_EXCLUSIVE if exclusive else 0)
+        if not kernel.LockFileEx(handle, flags, 0, 1, 0, ctypes.byref(where)):
+            code = ctypes.get_last_error()
+            kind = BlockingIOError if code == _ERROR_LOCK_VIOLATION else OSError
+            raise kind(errno.EAGAIN, ctypes.FormatError(code))
+    else:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+
+def is_locked(descriptor: int) -> bool:
+    """Whether another program has a file locked; False where locks do not work."""
+    try:
+        try_to_lock(descriptor, exclusive=False)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a file system without locks
+    if POSIX:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    elif sys.platform == "win32":
+        handle, where = _locked_byte(descriptor)
+        ctypes.WinDLL("kernel32").UnlockFileEx(handle, 0, 1, 0, ctypes.byref(where))
+    return False

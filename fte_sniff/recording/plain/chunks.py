@@ -1,0 +1,328 @@
+"""The chunks of an MCAP file.
+
+A chunk is all that is needed to read its rows, so a file is a list of chunks. A summary with the
+right checksum lists them. Without one the records are walked; where a record makes no sense, the
+search resumes behind the last chunk, with the bytes that every chunk has:
+
+    06 length | start  end  size crc  04 00 00 00 z s t d  packed length | records ...
+       8      |  8      8    8    4   the mark             8
+
+Both lengths must agree, and `unpack` checks the checksum. So damage costs the chunks that it hits.
+No size from a file is trusted before it is compared with the size of the file.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, BinaryIO, Final, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Header, Metadata, MetadataIndex, Schema, Statistics
+from zlib_ng.zlib_ng import crc32
+
+from fte_sniff.errors import TranslatableText
+from fte_sniff.platform import read_at
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+HEAD: Final = struct.Struct("<BQ")
+"""Opcode and length of a record."""
+LARGEST: Final = 256 * 1024 * 1024
+"""Bytes of the largest unpacked chunk that is read."""
+
+_CHUNK_HEAD: Final = struct.Struct("<QQQII")
+_FOOTER: Final = struct.Struct("<BQQQI")
+_MARK: Final = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
+_MARK_OFFSET: Final = HEAD.size + _CHUNK_HEAD.size - 4
+_CHUNK_START: Final = HEAD.size + _CHUNK_HEAD.size + 16
+"""Bytes of a chunk record up to the packed records, at most."""
+_BLOCK: Final = 1024 * 1024
+_FIRST_PRIVATE: Final = 0x80
+_OPCODES: Final = frozenset(map(int, Opcode))
+
+
+class DamagedError(ValueError):
+    """Bytes that are not what they claim to be; the text is a `TranslatableText`."""
+
+    @property
+    def why(self) -> str:
+        """What is wrong."""
+        return str(self.args[0])
+
+
+class ChunkRef(NamedTuple):
+    """A chunk of a file; offsets from its beginning."""
+
+    start: int
+    stop: int
+    """The end of its record; its message indexes follow up to `end`."""
+    end: int
+    first_ns: int
+    """The first and the last log time of its messages, nanoseconds since 1970 UTC."""
+    last_ns: int
+    size: int
+    """Unpacked bytes, as the file claims."""
+
+
+class LostBytes(NamedTuple):
+    """Bytes of a file that could not be read."""
+
+    start: int
+    stop: int
+    why: str
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a file, or the part of it that was walked, has besides rows."""
+
+    chunks: list[ChunkRef] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    lost: list[LostBytes] = field(default_factory=list)
+    library: str = ""
+    """The library of the header."""
+    statistics: Statistics | None = None
+    is_indexed: bool = False
+    """Whether a summary with the right checksum listed the chunks."""
+
+    def define(self, opcode: int, body: bytes) -> bool:
+        """Apply a record; False if it is damaged."""
+        kind = _RECORDS.get(opcode)
+        if kind is None:
+            return True
+        stream = BytesIO(body)
+        try:
+            record = kind.read(ReadDataStream(stream))
+        except (McapError, struct.error, ValueError, OverflowError, MemoryError):
+            return False
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Metadata):
+            self.metadata.append(record)
+        elif isinstance(record, Statistics):
+            self.statistics = record
+        elif isinstance(record, Header):
+            self.library = record.library
+        return stream.tell() == len(body)
+
+
+_RECORDS: Final[dict[int, Any]] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
+}
+
+
+def contents_of(stream: BinaryIO) -> Contents:
+    """What a file has, by its summary, or by walking over its records."""
+    return _indexed(stream) or walk(stream)
+
+
+def _indexed(stream: BinaryIO) -> Contents | None:
+    """What the summary lists; None without one with the right checksum."""
+    descriptor, size = stream.fileno(), os.fstat(stream.fileno()).st_size
+    end = size - _FOOTER.size - len(MAGIC)
+    footer = read_at(descriptor, _FOOTER.size, max(0, end))
+    if end < len(MAGIC) or read_at(descriptor, len(MAGIC), 0) != MAGIC:
+        return None
+    opcode, length, start, _, crc = _FOOTER.unpack(footer)
+    if (opcode, length) != (Opcode.FOOTER, 20) or not len(MAGIC) <= start < end or not crc:
+        return None
+    summary = read_at(descriptor, end - start, start)
+    if crc32(footer[:-4], crc32(summary)) != crc:
+        return None
+    found = Contents(is_indexed=True)
+    try:
+        first = _body_at(descriptor, len(MAGIC), size)
+        found.define(*first)
+        for opcode, at, stop in records_in(summary):
+            body = summary[at + HEAD.size : stop]
+            if opcode == Opcode.CHUNK_INDEX:
+                found.chunks.append(_ref_in(body, size))
+            elif opcode == Opcode.METADATA_INDEX:
+                index = MetadataIndex.read(ReadDataStream(BytesIO(body)))
+                opcode, body = _body_at(descriptor, index.offset, size)
+            if not found.define(opcode, body):
+                return None
+    except (McapError, struct.error, ValueError, OverflowError):
+        return None
+    statistics = found.statistics
+    return found if statistics and statistics.chunk_count == len(found.chunks) else None
+
+
+def _body_at(descriptor: int, at: int, size: int) -> tuple[int, bytes]:
+    """Opcode and body of a record; raises DamagedError if the file does not have it."""
+    head = read_at(descriptor, HEAD.size, at) if at < size else b""
+    opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, size)
+    if length > size - at - HEAD.size:
+        raise DamagedError(TranslatableText("a record that goes beyond the end of the file"))
+    return opcode, read_at(descriptor, length, at + HEAD.size)
+
+
+def _ref_in(body: bytes, file_size: int) -> ChunkRef:
+    """The chunk of an index record; raises DamagedError if the file is too short for it."""
+    index = ChunkIndex.read(ReadDataStream(BytesIO(body)))
+    start, stop = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
+    end = stop + index.message_index_length
+    if end > file_size or stop < start + HEAD.size:
+        raise DamagedError(TranslatableText("a chunk that goes beyond the end of the file"))
+    times = index.message_start_time, index.message_end_time
+    return ChunkRef(start, stop, end, *times, index.uncompressed_size)
+
+
+def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Contents:
+    """What the records from an offset on are.
+
+    Of a growing file: up to the last whole record, because another program writes the next one.
+    """
+    file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
+    found = Contents()
+    at = trusted = first or _start_of(file, found)
+    while at < file.size:
+        head = _head_at(file, at)
+        if head is None:
+            if is_growing:
+                break
+            following = _next_chunk(file, trusted)
+            found.lost = [one for one in found.lost if one.stop <= trusted]
+            lost = LostBytes(at if at < following else trusted, following, _RECORDS_LOST)
+            found.lost.append(lost)
+            at = trusted = following
+            continue
+        opcode, stop = head
+        if opcode == Opcode.CHUNK:
+            found.chunks.append(_chunk_at(file, at, stop))
+            trusted = stop
+        elif opcode == Opcode.MESSAGE_INDEX:
+            if found.chunks and found.chunks[-1].end == at:
+                found.chunks[-1] = found.chunks[-1]._replace(end=stop)
+        elif opcode in _RECORDS and not found.define(opcode, file.read(at, stop)[HEAD.size :]):
+            found.lost.append(LostBytes(at, stop, _RECORDS_LOST))
+        at = stop
+        if opcode == Opcode.FOOTER:
+            break
+    return found
+
+
+class _Bytes(NamedTuple):
+    """The bytes of a file; not mapped, because another program may cut the file."""
+
+    descriptor: int
+    size: int
+
+    def read(self, start: int, stop: int) -> bytes:
+        """The bytes from `start` to `stop`, as far as the file has them."""
+        return read_at(self.descriptor, max(0, min(stop, self.size) - start), start)
+
+
+_RECORDS_LOST: Final = TranslatableText("damaged records")
+
+
+def _start_of(file: _Bytes, found: Contents) -> int:
+    """The offset of the first record; reports a damaged beginning."""
+    if file.read(0, len(MAGIC)) == MAGIC:
+        return len(MAGIC)
+    if _head_at(file, len(MAGIC)) is None:
+        return 0
+    found.lost.append(LostBytes(0, len(MAGIC), _RECORDS_LOST))
+    return len(MAGIC)
+
+
+def _head_at(file: _Bytes, at: int) -> tuple[int, int] | None:
+    """Opcode and end of the record at an offset; None if it makes no sense."""
+    start = file.read(at, at + _CHUNK_START)
+    if len(start) < HEAD.size:
+        return None
+    opcode, length = HEAD.unpack_from(start)
+    stop = at + HEAD.size + length
+    if stop > file.size or not (opcode in _OPCODES or opcode >= _FIRST_PRIVATE):
+        return None
+    # A chunk whose opcode is damaged looks like another record.
+    if (opcode == Opcode.CHUNK) != (_chunk_length(start) == length):
+        return None
+    if opcode == Opcode.FOOTER and file.read(stop, stop + len(MAGIC)) != MAGIC:
+        return None
+    if opcode == Opcode.MESSAGE_INDEX:
+        own = struct.unpack_from("<I", start, HEAD.size + 2)[0] if length >= 6 else None
+        if own != length - 6:
+            return None
+    return opcode, stop
+
+
+def _chunk_length(start: bytes) -> int | None:
+    """The length of a chunk by its inner lengths; `start` are the first bytes of its record."""
+    try:
+        *_, name_size = _CHUNK_HEAD.unpack_from(start, HEAD.size)
+        before = _CHUNK_HEAD.size + name_size + 8
+        return int(before + struct.unpack_from("<Q", start, HEAD.size + before - 8)[0])
+    except struct.error:
+        return None
+
+
+def _chunk_at(file: _Bytes, at: int, stop: int) -> ChunkRef:
+    first_ns, last_ns, size, _, _ = _CHUNK_HEAD.unpack_from(
+        file.read(at, at + _CHUNK_START), HEAD.size
+    )
+    return ChunkRef(at, stop, stop, first_ns, last_ns, size)
+
+
+def _next_chunk(file: _Bytes, start: int) -> int:
+    """The next whole chunk that begins at `start` or later; the end of the file without one."""
+    for block in range(start, file.size, _BLOCK):
+        data = file.read(block, block + _BLOCK + _CHUNK_START)
+        for mark in _MARK.finditer(data):
+            at = block + mark.start() - _MARK_OFFSET
+            if at >= start and (head := _head_at(file, at)) and head[0] == Opcode.CHUNK:
+                return at
+    return file.size
+
+
+def unpack(body: bytes) -> bytes:
+    """The records of a chunk, which must have its checksum; raises DamagedError."""
+    try:
+        _, _, size, crc, name_size = _CHUNK_HEAD.unpack_from(body)
+        name = body[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_size]
+        packed = memoryview(body)[_CHUNK_HEAD.size + name_size + 8 :]
+        if size > LARGEST:
+            raise DamagedError(TranslatableText("a chunk of {size} bytes", size=size))
+        if name == b"zstd":
+            if zstandard.frame_content_size(packed) not in (size, -1):
+                raise DamagedError(TranslatableText("a chunk whose sizes do not agree"))
+            records = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        elif name == b"lz4":
+            records = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
+        else:
+            records = bytes(packed)
+    except (struct.error, RuntimeError, EOFError, MemoryError, zstandard.ZstdError) as error:
+        raise DamagedError(TranslatableText("a chunk that does not unpack")) from error
+    if len(records) != size or (crc and crc32(records) != crc):
+        raise DamagedError(TranslatableText("a chunk whose checksum does not match"))
+    return records
+
+
+def records_in(records: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, offset and end of each record; raises DamagedError if one is cut."""
+    at = 0
+    while at < len(records):
+        if at + HEAD.size > len(records):
+            raise DamagedError(TranslatableText("records that go beyond their chunk"))
+        opcode, length = HEAD.unpack_from(records, at)
+        stop = at + HEAD.size + length
+        if stop > len(records):
+            raise DamagedError(TranslatableText("records that go beyond their chunk"))
+        yield opcode, at, stop
+        at = stop

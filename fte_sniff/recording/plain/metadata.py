@@ -1,0 +1,163 @@
+"""Port facts, recorded gaps and selections as MCAP metadata."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from typing import Final, NamedTuple
+
+from fte_sniff.protocol.columns import iso_time, iso_time_ns
+from fte_sniff.protocol.items import Gap, GapKind
+
+PROGRAM: Final = "fte-sniff"
+"""The start of the header's library string, and the name of the file's own metadata record."""
+
+PART_FACTS: Final = ("part", "previous")
+"""The items that give a file's position in the sequence of a capture."""
+
+NEXT_NAME: Final = f"{PROGRAM}.next"
+"""The metadata record that names the next file of the capture."""
+
+END_NAME: Final = f"{PROGRAM}.end"
+"""The metadata record of a file that ended because a limit was reached, while the capture went on.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class PortFacts:
+    """One port of a recording."""
+
+    name: str
+    """As in the rows' `port`; may contain text from outside."""
+    baud: int | None = None
+    """Bits per second; None if unknown."""
+
+
+@cache
+def library_name() -> str:
+    """The library string of the header: `fte-sniff 1.2.3`."""
+    return f"{PROGRAM} {version(PROGRAM)}"
+
+
+def host_facts(start_ns: int) -> dict[str, str]:
+    """Metadata about this host and its clock at `start_ns`, nanoseconds since 1970 UTC."""
+    clock = time.get_clock_info("time")
+    return {
+        "start": iso_time(start_ns),
+        "host": platform.node(),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "clock": f"{clock.implementation}, resolution {clock.resolution:g} s",
+        "time": "when the row's first byte began on the wire, from the read's return, UTC",
+    }
+
+
+def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:
+    """The file's own metadata record: its library, the caller's `facts`, and each port."""
+    found = {"library": library_name(), **facts}
+    for number, port in enumerate(ports, 1):
+        found[f"port.{number}.name"] = port.name
+        found[f"port.{number}.baud"] = "" if port.baud is None else str(port.baud)
+    return found
+
+
+_MOST_BAUD_DIGITS: Final = 9
+
+
+def baud_in(text: str) -> int | None:
+    """The baud in a text from a file; None if it is not a number."""
+    legible = text.isascii() and text.isdecimal() and len(text) <= _MOST_BAUD_DIGITS
+    return int(text) if legible else None
+
+
+class Part(NamedTuple):
+    """One file of a capture."""
+
+    start: str
+    host: str
+    number: int
+    """From 1."""
+
+    @property
+    def next(self) -> Part:
+        """The file after it."""
+        return self._replace(number=self.number + 1)
+
+
+def part_of(facts: Mapping[str, str]) -> Part | None:
+    """Which file of a capture has these facts; None if they do not show it."""
+    start, number = facts.get("start"), facts.get("part", "1")
+    if not start or not _is_number(number):
+        return None
+    return Part(start, facts.get("host", ""), int(number))
+
+
+GAP_NAME: Final = f"{PROGRAM}.gap"
+"""The metadata record of a gap before this file: rows that could not be recorded."""
+
+LEFT_OUT_NAME: Final = f"{PROGRAM}.left-out"
+"""The metadata record of a gap in this file: rows that were left out."""
+
+_GAP_KINDS: Final = {GAP_NAME: GapKind.WRITE_ERROR, LEFT_OUT_NAME: GapKind.LEFT_OUT}
+_MOST_DIGITS: Final = 18
+
+
+def gap_to_metadata(gap: Gap) -> dict[str, str]:
+    """The items of a gap's metadata record; both times must be known."""
+    assert gap.start_ns is not None
+    assert gap.end_ns is not None
+    return {
+        "rows": "" if gap.rows is None else str(gap.rows),
+        "from": iso_time(gap.start_ns),
+        "to": iso_time(gap.end_ns),
+        "reason": gap.reason,
+    }
+
+
+def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
+    """The gap in a metadata record; None if the record is of another kind or invalid."""
+    kind = _GAP_KINDS.get(name)
+    rows, start, end = (
+        items.get("rows", ""),
+        iso_time_ns(items.get("from", "")),
+        iso_time_ns(items.get("to", "")),
+    )
+    if kind is None or start is None or end is None or end < start:
+        return None
+    if rows and (not _is_number(rows) or not int(rows)):
+        return None
+    return Gap(kind, int(rows) if rows else None, start, end, items.get("reason", ""))
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS
+
+
+SELECTION_NAME: Final = f"{PROGRAM}.selection"
+"""The metadata record of a file with only the rows that pass a filter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The filter that was applied to the rows of a file."""
+
+    filter_text: str
+    """May contain text from outside."""
+    rows: int
+    """Rows before the filter."""
+
+    def to_metadata(self) -> dict[str, str]:
+        """The items of its metadata record."""
+        return {"filter": self.filter_text, "rows": str(self.rows)}
+
+
+def selection_from_metadata(name: str, items: Mapping[str, str]) -> Selection | None:
+    """The selection in a metadata record; None if the record is of another kind or invalid."""
+    text, rows = items.get("filter", ""), items.get("rows", "")
+    if name != SELECTION_NAME or not text or not _is_number(rows):
+        return None
+    return Selection(text, int(rows))

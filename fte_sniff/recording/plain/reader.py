@@ -1,0 +1,643 @@
+"""Recording: the rows, port events and gaps of one MCAP file.
+
+    chunks     c1   c2   c3 (damaged)   c4          `contents_of`, `walk`
+    batches    [c1  c2]  gap            [c4]        threads unpack ahead, numpy decodes
+    items      Rows PortEvent Rows  Gap  Rows       in file order
+
+`grow` finds the chunks that another program added; `read` reads chunks again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from shutil import copyfileobj
+from tempfile import NamedTemporaryFile
+from typing import IO, BinaryIO, Final, NamedTuple, TypeAlias
+from weakref import finalize
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel
+from mcap.well_known import MessageEncoding
+
+from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
+from fte_sniff.platform import cores, is_locked, read_at
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.table import NO_ROWS, Array, Bools, Ints, Rows
+from fte_sniff.recording.plain.chunks import (
+    HEAD,
+    MAGIC,
+    ChunkRef,
+    Contents,
+    DamagedError,
+    LostBytes,
+    contents_of,
+    records_in,
+    unpack,
+    walk,
+)
+from fte_sniff.recording.plain.metadata import (
+    END_NAME,
+    NEXT_NAME,
+    PROGRAM,
+    PortFacts,
+    Selection,
+    baud_in,
+    gap_from_metadata,
+    selection_from_metadata,
+)
+from fte_sniff.recording.plain.schema import (
+    EVENTS,
+    TOPIC_BY_NAME,
+    TOPICS,
+    Channels,
+    message_class,
+    schema_data,
+    schema_name,
+)
+from fte_sniff.recording.plain.skeletons import (
+    MESSAGE_HEAD,
+    MessageDecoder,
+    Messages,
+    MessageType,
+    at_every_byte,
+)
+
+Item: TypeAlias = Rows | PortEvent | Gap
+
+SUFFIX: Final = ".mcap"
+BATCH: Final = 1024 * 1024
+"""Unpacked bytes of one batch, at least: enough rows for numpy."""
+_MOST_AHEAD: Final = 64 * 1024 * 1024
+"""Unpacked bytes that wait to be decoded, at most, beside one batch."""
+_LATEST: Final = 2**63 - 1
+_MOST_TOPICS: Final = 10
+_MOST_FIRST: Final = 4
+"""Chunks that are read for definitions when a file without summary is opened."""
+_MOST_LOSSES: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRange:
+    """A range of time, nanoseconds since 1970 UTC, without its end."""
+
+    first_ns: int = 0
+    end_ns: int = _LATEST
+
+    @property
+    def everything(self) -> bool:
+        """Whether the range covers all of time."""
+        return self.first_ns <= 0 and self.end_ns >= _LATEST
+
+    def overlaps(self, first_ns: int, last_ns: int) -> bool:
+        """Whether the range overlaps the time from `first_ns` to `last_ns`, both included."""
+        return self.first_ns <= last_ns and first_ns < self.end_ns
+
+    def contains(self, t_ns: int) -> bool:
+        """Whether a time is in the range."""
+        return self.first_ns <= t_ns < self.end_ns
+
+    def mask(self, t_ns: Array) -> Bools:
+        """Which times are in the range."""
+        found: Bools = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
+        return found
+
+
+EVERYTHING: Final = TimeRange()
+
+
+class Batch(NamedTuple):
+    """The rows of some chunks, and what is between them."""
+
+    chunks: list[ChunkRef]
+    rows: Rows
+    between: list[tuple[int, PortEvent | Gap]]
+    """Port events, and gaps where chunks are damaged; each with the number of rows before it."""
+
+    @property
+    @property
+    def items(self) -> list[Item]:
+        """The rows, events and gaps in file order."""
+        found: list[Item] = []
+        start = 0
+        for place, item in self.between:
+            if place > start:
+                found.append(self.rows[start:place])
+            found.append(item)
+            start = place
+        if start < len(self.rows):
+            found.append(self.rows[start:] if start else self.rows)
+        return found
+
+    def within(self, span: TimeRange) -> Batch:
+        """The rows and events in a range of time; gaps stay."""
+        if span.everything:
+            return self
+        inside = span.mask(self.rows.t_ns)
+        places = np.concatenate([[0], np.cumsum(inside)])
+        between = [
+            (int(places[place]), item)
+            for place, item in self.between
+            if isinstance(item, Gap) or span.contains(item.t_ns)
+        ]
+        return Batch(self.chunks, self.rows.select(inside), between)
+
+
+class _Run(NamedTuple):
+    """Consecutive chunks, as a thread read them: intact ones, or one that is damaged."""
+
+    chunks: list[ChunkRef]
+    records: list[bytes]
+    starts: list[Ints]
+    lost: LostBytes | None = None
+
+
+class Recording:
+    """One recording."""
+
+    def __init__(
+        self, path: Path, stream: BinaryIO | None = None, *, is_growing: bool = False
+    ) -> None:
+        """Find the chunks of a file; of a stream, which `path` names, a copy is made.
+
+        Another program may write a file that `is_growing`. Raises FileError if it cannot be read,
+        is not an MCAP file, or has no topics of this program.
+        """
+        self.path = path
+        self.contents = Contents()
+        self.unreadable = 0
+        """Messages that could not be read so far."""
+        self._decoder = MessageDecoder()
+        self._types: dict[int, MessageType] = {}
+        self._ports: dict[int, str] = {}
+        self._rows = 0
+        self._copy: IO[bytes] | None = None
+        if stream is not None or path.is_fifo():
+            self._copy = self._copied(stream)
+        with self._open() as file:
+            found = os.fstat(file.fileno())
+            self.size = found.st_size
+            """Bytes of the file when it was opened."""
+            self._identity = found.st_dev, found.st_ino
+            self._check_start(file)
+            self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
+            first = [] if self.contents.is_indexed else self.contents.chunks[:_MOST_FIRST]
+            runs = _runs_of(file.fileno(), first)
+        self._define(self.contents)
+        for run in [run for run in runs if run.records][:1]:
+            self._define_from(run)
+        self._check_topics()
+
+    # What the file reports about itself
+
+    @property
+    def ports(self) -> list[PortFacts]:
+        """The ports of its channels, each once."""
+        channels = [self.contents.channels[id_] for id_ in self._types]
+        facts = {self._ports[one.id]: one.metadata.get("baud", "") for one in channels}
+        return [PortFacts(name, baud_in(baud)) for name, baud in facts.items()]
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name; of several with a name, the last."""
+        return {one.name: one.metadata for one in self.contents.metadata}
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """The file's own metadata record: host, clock, ports, and its part of the capture."""
+        return self.metadata.get(PROGRAM, {})
+
+    @property
+    def count(self) -> int | None:
+        """The number of messages in the summary; None without a summary."""
+        statistics = self.contents.statistics
+        return statistics.message_count if statistics and self.contents.is_indexed else None
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """The first and the last log time of its chunks; None without chunks."""
+        chunks = self.contents.chunks
+        if not chunks:
+            return None
+        return min(one.first_ns for one in chunks), max(one.last_ns for one in chunks)
+
+    def gaps(self) -> list[Gap]:
+        """The gaps that the file's metadata reports."""
+        found = [gap_from_metadata(one.name, one.metadata) for one in self.contents.metadata]
+        return list(dict.fromkeys(gap for gap in found if gap is not None))
+
+    def selections(self) -> list[Selection]:
+        """The filters that selected the rows of the file."""
+        found = [selection_from_metadata(one.name, one.metadata) for one in self.contents.metadata]
+        return [selection for selection in found if selection is not None]
+
+    @property
+    def next_path(self) -> Path | None:
+        """The next file of the capture; None while the file names none."""
+        name = Path(self.metadata.get(NEXT_NAME, {}).get("file", "")).name
+        return self.path.with_name(name) if name else None
+
+    @property
+    def limit(self) -> str:
+        """The limit at which the recording ended, text from the file; empty if it names none."""
+        return self.metadata.get(END_NAME, {}).get("reason", "")
+
+    @property
+    def has_summary(self) -> bool:
+        """Whether the file ends with a summary, as a recording that is complete does."""
+        return self.contents.is_indexed
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it has a summary, and everything that was read so far is intact."""
+        return self.has_summary and not self.losses
+
+    @property
+    def losses(self) -> list[str]:
+        """What could not be read so far, one line each."""
+        lost = sorted(self.contents.lost)
+        lines: list[str] = [
+            TranslatableText(
+                "bytes {start} to {stop} could not be read: {why}",
+                start=one.start,
+                stop=one.stop,
+                why=one.why,
+            )
+            for one in lost[:_MOST_LOSSES]
+        ]
+        if len(lost) > _MOST_LOSSES:
+            more = len(lost) - _MOST_LOSSES
+            lines.append(TranslatableText("{count} more damaged spans", count=more))
+        if self.unreadable:
+            text = TranslatableText("{count} messages could not be read", count=self.unreadable)
+            lines.append(text)
+        return lines
+
+    # Reading
+
+    def items(self, span: TimeRange = EVERYTHING) -> Iterator[Item]:
+        """The rows, port events and gaps in file order; a gap that the metadata reports by time.
+
+        The chunks outside `span`, by their log times, are skipped: damage in them is not noticed.
+        """
+        gaps = deque(sorted(self.gaps(), key=lambda gap: gap.start_ns or 0))
+        for batch in self.batches(span):
+            rising = np.maximum.accumulate(batch.rows.t_ns)
+            between = list(batch.between)
+            while gaps and len(rising) and (gaps[0].start_ns or 0) <= rising[-1]:
+                gap = gaps.popleft()
+                between.append((int(rising.searchsorted(gap.start_ns or 0)), gap))
+            between.sort(key=lambda placed: placed[0])
+            yield from batch._replace(between=between).items
+        yield from gaps
+
+    def batches(
+        self, span: TimeRange = EVERYTHING, chunks: Sequence[ChunkRef] | None = None
+    ) -> Iterator[Batch]:
+        """The rows of all chunks, or of these, in batches of several chunks.
+
+        Raises FileError if the file cannot be read any more.
+        """
+        wanted = self.contents.chunks if chunks is None else chunks
+        wanted = [one for one in wanted if span.overlaps(one.first_ns, one.last_ns)]
+        jobs: deque[tuple[int, Future[list[_Run]]]] = deque()
+        waiting = 0
+        with ThreadPoolExecutor(cores()) as threads, self._open() as file:
+            for group in _groups(wanted):
+                size = sum(one.size for one in group)
+                while jobs and (len(jobs) > cores() or waiting + size > _MOST_AHEAD):
+                    waiting -= jobs[0][0]
+                    for run in jobs.popleft()[1].result():
+                        yield self._decode(run).within(span)
+                jobs.append((size, threads.submit(_runs_of, file.fileno(), group)))
+                waiting += size
+            for _, job in jobs:
+                for run in job.result():
+                    yield self._decode(run).within(span)
+
+    def read(self, chunks: list[ChunkRef]) -> list[Item]:
+        """The rows, port events and gaps of some chunks, read again.
+
+        Raises FileError if they have changed.
+        """
+        lost = len(self.contents.lost)
+        found = [item for batch in self.batches(chunks=chunks) for item in batch.items]
+        del self.contents.lost[lost:]
+        return found
+
+    def grow(self) -> list[ChunkRef]:
+        """The chunks that another program added since the previous call.
+
+        Raises FileError if the file was deleted, replaced or cut off.
+        """
+        chunks = self.contents.chunks
+        first = chunks[-1].end if chunks else 0
+        with self._open() as file:
+            self._check_identity(file, first)
+            added = walk(file, first, is_growing=True)
+        chunks += added.chunks
+        known = self.contents.metadata
+        known += [one for one in added.metadata if one not in known]
+        self._define(added)
+        return added.chunks
+
+    def settle(self) -> list[ChunkRef]:
+        """The chunks that were added to a file that nobody writes any more; raises as `grow`."""
+        known = len(self.contents.chunks)
+        self.grow()
+        with self._open() as file:
+            found = contents_of(file)
+        found.lost += [one for one in self.contents.lost if one not in found.lost]
+        self.contents = found
+        self._define(found)
+        return found.chunks[known:]
+
+    @property
+    def has_writer(self) -> bool:
+        """Whether a program holds the writer's lock; False also where locks do not work."""
+        with self._open() as file:
+            return is_locked(file.fileno())
+
+    def find_next(self) -> Path | None:
+        """The next file, also if this one could not name it because the disk failed.
+
+        That is the file of the next number whose metadata names this one.
+        """
+        if self.next_path is not None:
+            return self.next_path
+        stem, _, number = self.path.stem.rpartition("_")
+        if not (len(number) == 5 and number.isdecimal()):
+            stem, number = self.path.stem, "1"
+        after = [
+            path
+            for path in self.path.parent.glob(f"*_[0-9][0-9][0-9][0-9][0-9]{self.path.suffix}")
+            if path.stem[:-6] == stem and int(path.stem[-5:]) > int(number)
+        ]
+        with suppress(FileError, ValueError):
+            following = Recording(min(after), is_growing=True)
+            if following.facts.get("previous") == self.path.name:
+                return following.path
+        return None
+
+    @property
+    def nothing_read(self) -> FileError | None:
+        """Why no row was read, although the file has data; None if one was, or it has none."""
+        if self._rows or not self.losses:
+            return None
+        return FileError(
+            "{path}: no row in it could be read, although it has data: {why}; try another copy of "
+            "the file",
+            path=self.path,
+            why=self.losses[0],
+        )
+
+    # Decoding
+
+    def _decode(self, run: _Run) -> Batch:
+        if run.lost is not None:
+            if run.lost not in self.contents.lost:
+                self.contents.lost.append(run.lost)
+            times = run.chunks[0].first_ns, run.chunks[0].last_ns
+            return Batch(
+                run.chunks, NO_ROWS, [(0, Gap(GapKind.DAMAGE, None, *times, run.lost.why))]
+            )
+        if not self.contents.is_indexed:
+            self._define_from(run)
+        messages = _messages_of(run)
+        self._define_lost(messages.channels)
+        found = self._decoder.decode(messages, self._types, self._ports)
+        self.unreadable += found.unreadable
+        self._rows += len(found.rows) + len(found.events)
+        return Batch(run.chunks, found.rows, list(found.events))
+
+    def _define_from(self, run: _Run) -> None:
+        """Apply the definitions at the beginning of chunks, which have a checksum."""
+        for records, starts in zip(run.records, run.starts, strict=True):
+            found = Contents()
+            for opcode, at, stop in records_in(records[: int(starts[0]) if len(starts) else None]):
+                found.define(opcode, records[at + HEAD.size : stop])
+            self._define(found)
+
+    def _define(self, added: Contents) -> None:
+        """Apply schemas and channels; later ones replace earlier ones of the same number."""
+        known = self.contents
+        schemas = {id_ for id_, one in added.schemas.items() if known.schemas.get(id_) != one}
+        known.schemas |= added.schemas
+        changed = [
+            one
+            for id_, one in added.channels.items()
+            if id_ not in self._types or known.channels.get(id_) != one
+        ]
+        known.channels |= added.channels
+        if schemas:
+            changed += [one for one in known.channels.values() if one.schema_id in schemas]
+        for channel in changed:
+            self._define_channel(channel)
+
+    def _define_channel(self, channel: Channel) -> None:
+        """Find the message type of a channel: by its schema, or by our own if that is lost."""
+        topic = TOPIC_BY_NAME.get(channel.topic)
+        self._types.pop(channel.id, None)
+        if topic is None or channel.message_encoding != MessageEncoding.Protobuf:
+            return
+        schema = self.contents.schemas.get(channel.schema_id)
+        own = schema_name(topic), schema_data(topic.schema)
+        kind = _type_of(*own)
+        if schema is not None and (schema.name, schema.data) != own:
+            with suppress(ValueError):
+                kind = _type_of(schema.name, schema.data)
+        self._types[channel.id] = kind
+        self._ports[channel.id] = channel.metadata.get("port", self.path.name)
+
+    def _define_lost(self, used: Ints) -> None:
+        """Define the channels whose definitions are lost as this program numbers them."""
+        if not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
+            return
+        known = self.contents.channels
+        lost = [id_ for id_ in np.unique(used).tolist() if id_ and id_ not in known]
+        for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:
+            first = number * len(TOPICS)
+            channels = [
+                replace(one, id=one.id + first)
+                for one in Channels().of_port(PortFacts(f"port {number + 1}"))
+            ]
+            like = [known[one.id] for one in channels if one.id in known]
+            metadata = [one.metadata for one in like if one.topic in TOPIC_BY_NAME][:1]
+            for one in channels:
+                if one.id in lost:
+                    one = replace(one, metadata=metadata[0] if metadata else one.metadata)
+                    known[one.id] = one
+                    self._define_channel(one)
+
+    # The file
+
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        try:
+            with Path(self._copy.name if self._copy else self.path).open("rb") as stream:
+                yield stream
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+
+    def _copied(self, stream: BinaryIO | None) -> IO[bytes]:
+        """A temporary copy of what can be read only once."""
+        copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=SUFFIX)  # noqa: SIM115
+        finalize(self, copy.close)
+        with stream or self._open() as source:
+            copyfileobj(source, copy)
+        copy.flush()
+        return copy
+
+    def _check_start(self, file: BinaryIO) -> None:
+        """Raise FileError unless the file begins as an MCAP file, or has chunks."""
+        start = file.read(len(MAGIC))
+        if not start:
+            raise FileError("{path} is empty: nothing was recorded into it", path=self.path)
+        if start != MAGIC and MAGIC.startswith(start):
+            raise FileError(
+                "{path} is cut after {count} bytes: nothing is left in it",
+                path=self.path,
+                count=len(start),
+            )
+        if start != MAGIC and not walk(file).chunks:
+            raise FileError(
+                "{path} is not an MCAP recording; make one of a log: "
+                "`fte-sniff decode --input hex LOG -o NAME.mcap`, or --input raw for raw bytes",
+                path=self.path,
+            )
+
+    def _check_topics(self) -> None:
+        """Raise FileError for an MCAP file of another program; the text lists its topics."""
+        is_ours = self.contents.library.startswith(PROGRAM)
+        names = sorted({one.topic for one in self.contents.channels.values()})
+        if self._types or is_ours or (self.contents.lost and not names):
+            return
+        has: str = listed(map(repr, names[:_MOST_TOPICS])) or TranslatableText("no topics at all")
+        if len(names) > _MOST_TOPICS:
+            has = TranslatableText(
+                "{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS
+            )
+        raise FileError(
+            "{path} is an MCAP, but has no topics of fte-sniff (/fte/...): it has {topics}; if one "
+            "of them has serial bytes, name it with --topic",
+            path=self.path,
+            topics=has,
+        )
+
+    def _check_identity(self, file: BinaryIO, least: int) -> None:
+        """Raise FileError if what was read is not in the file any more."""
+        found = os.fstat(file.fileno())
+        if (found.st_dev, found.st_ino) != self._identity:
+            raise FileError(
+                "{path} was replaced by another file while it was followed", path=self.path
+            )
+        if found.st_size < least:
+            raise FileError(
+                "{path} was cut off to {size:,} bytes while it was followed",
+                path=self.path,
+                size=found.st_size,
+            )
+
+
+@lru_cache(maxsize=64)
+def _type_of(name: str, data: bytes) -> MessageType:
+    """The messages of a schema; raises ValueError if it is not a usable one of ours."""
+    own = message_class(name, data)
+    names = {field.number: field.name for field in own.DESCRIPTOR.fields}
+    is_event = name == schema_name(EVENTS)
+    if not is_event and "raw" not in names.values():
+        raise ValueError(f"{name} has no bytes")
+    return MessageType(own.FromString, names, is_event)
+
+
+def _groups(chunks: Sequence[ChunkRef]) -> Iterator[list[ChunkRef]]:
+    """Consecutive chunks of a batch."""
+    group: list[ChunkRef] = []
+    size = 0
+    for chunk in chunks:
+        group.append(chunk)
+        size += chunk.size
+        if size >= BATCH:
+            yield group
+            group, size = [], 0
+    if group:
+        yield group
+
+
+def _runs_of(descriptor: int, chunks: list[ChunkRef]) -> list[_Run]:
+    """Read and unpack chunks, in a thread."""
+    runs = [_Run([], [], [])]
+    for chunk in chunks:
+        data = read_at(descriptor, chunk.end - chunk.start, chunk.start)
+        try:
+            records = unpack(data[HEAD.size : chunk.stop - chunk.start])
+            starts = _indexed_starts(data[chunk.stop - chunk.start :], records)
+            starts = _walked_starts(records) if starts is None else starts
+        except DamagedError as error:
+            lost = LostBytes(chunk.start, chunk.stop, error.why)
+            runs += [_Run([chunk], [], [], lost), _Run([], [], [])]
+            continue
+        for own, value in zip(runs[-1], (chunk, records, starts), strict=False):
+            own.append(value)
+    return [run for run in runs if run.chunks]
+
+
+_INDEX_HEAD: Final = HEAD.size + 6
+_ENTRY: Final = 16
+
+
+def _indexed_starts(indexes: bytes, records: bytes) -> Ints | None:
+    """The message starts in a chunk's index records; None if they do not tile its records."""
+    found, at = [np.empty(0, "<u8")], 0
+    while at + _INDEX_HEAD <= len(indexes):
+        length = HEAD.unpack_from(indexes, at)[1]
+        body = indexes[at + _INDEX_HEAD : at + HEAD.size + length]
+        found.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
+        at += HEAD.size + length
+    own = np.sort(np.concatenate(found))
+    if not len(own) or own[-1] + np.uint64(MESSAGE_HEAD) > len(records):
+        return None
+    starts = own.astype(np.int64)
+    ends = starts + HEAD.size + _numbers(records, starts + 1, "<i8")
+    is_whole = (ends[:-1] == starts[1:]).all() and ends[-1] == len(records)
+    are_messages = (np.frombuffer(records, np.uint8)[starts] == Opcode.MESSAGE).all()
+    are_long = (ends - starts >= MESSAGE_HEAD).all()
+    return starts if is_whole and are_messages and are_long else None
+
+
+def _walked_starts(records: bytes) -> Ints:
+    """The starts of messages; raises DamagedError if a record is cut."""
+    own = [
+        at
+        for opcode, at, stop in records_in(records)
+        if opcode == Opcode.MESSAGE and stop - at >= MESSAGE_HEAD
+    ]
+    return np.array(own, np.int64)
+
+
+def _numbers(records: bytes, at: Ints, kind: str) -> Ints:
+    """The numbers at any offsets of some bytes."""
+    every = at_every_byte(records, np.dtype(kind).itemsize)
+    return every[at].view(kind).astype(np.int64)
+
+
+def _messages_of(run: _Run) -> Messages:
+    """The messages of several chunks, as of one."""
+    records = run.records[0] if len(run.records) == 1 else b"".join(run.records)
+    shifts = np.cumsum([0, *map(len, run.records[:-1])])
+    own = [starts + shift for starts, shift in zip(run.starts, shifts, strict=True)]
+    starts = np.concatenate(own)
+    return Messages(
+        records,
+        starts,
+        _numbers(records, starts + 1, "<i8") - (MESSAGE_HEAD - HEAD.size),
+        _numbers(records, starts + 9, "<u2"),
+        _numbers(records, starts + 15, "<i8"),
+    )

@@ -1,0 +1,491 @@
+"""Writers of one recording.
+
+While a capture runs, the file ends without a summary, which is legal: tools scan it. Each step
+leads from one valid file to the next, also where it is half done, and `close` adds the summary:
+
+    1   data | end |                    | end |      a second end, behind the offset of the new data
+    2   data | 80 length . chunk . end  | end |      a private record, which readers skip
+    3   data | chunk             | end  | end |      its first nine bytes become those of the chunk
+    4   data | chunk             | end |             the second end is cut off
+
+Log times never fall. Rows of several ports come a little out of order, so a chunk is sorted by
+time, each port in the order of its stream: a message's log time is its row's time. If a row comes
+after its chunk, or its port's clock fell back, the log time is raised to the last one written; the
+message then has the row's own time too.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Final, Self, TypeAlias
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Statistics,
+    SummaryOffset,
+)
+from zlib_ng.zlib_ng import crc32
+
+from fte_sniff.errors import unwritable
+from fte_sniff.platform import sync_data, write_at
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.table import NO_KIND, NO_TIME, Array, Ints, Rows
+from fte_sniff.recording.plain.chunks import HEAD, MAGIC
+from fte_sniff.recording.plain.metadata import PROGRAM, PortFacts, library_name, recording_facts
+from fte_sniff.recording.plain.output_file import (
+    CutOffError,
+    Existing,
+    FileIdentity,
+    LostDataError,
+    OutputFile,
+    stopped_by_error,
+)
+from fte_sniff.recording.plain.schema import (
+    EVENTS,
+    TOPICS,
+    Channels,
+    encodable_items,
+    encode_event,
+    topics_of,
+)
+from fte_sniff.recording.plain.skeletons import MESSAGE_HEAD, Template, at_every_byte
+
+MOST_ROWS: Final = 16_384
+"""Rows of a chunk, at most."""
+
+Entry: TypeAlias = Rows | PortEvent
+"""What is written."""
+
+_MESSAGE: Final = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<i8"),
+        ("publish", "<i8"),
+    ]
+)
+_PRIVATE: Final = 0x80
+
+
+def bytes_of(*records: McapRecord) -> bytes:
+    """The bytes of MCAP records."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+END: Final = bytes_of(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+"""What a file ends with while it grows."""
+
+
+class AppendFile:
+    """A file that is a valid MCAP file after, and during, each of its writes."""
+
+    def __init__(self, descriptor: int, head: bytes) -> None:
+        """Begin an empty file, which the caller closes; raises OSError."""
+        self._descriptor = descriptor
+        self.end = len(head)
+        """Where the next data begins."""
+        self._write(head + END, 0)
+        sync_data(descriptor)
+
+    def append(self, data: bytes, end: bytes = END) -> None:
+        """Write data before the end; raises OSError, and the file has its old end then."""
+        start, new = self.end, data + end
+        after = start + len(new)
+        if os.fstat(self._descriptor).st_size < start + len(END):
+            raise CutOffError
+        try:
+            self._write(END, after)
+            sync_data(self._descriptor)
+            self._write(HEAD.pack(_PRIVATE, len(new) - HEAD.size) + new[HEAD.size :], start)
+            sync_data(self._descriptor)
+            self._write(new[: HEAD.size], start)
+            os.ftruncate(self._descriptor, after)
+            sync_data(self._descriptor)
+        except OSError:
+            self._write(END, start)
+            os.ftruncate(self._descriptor, start + len(END))
+            raise
+        self.end = start + len(data)
+
+    def _write(self, data: bytes, offset: int) -> None:
+        view = memoryview(data)
+        while view:
+            written = write_at(self._descriptor, view, offset)
+            view, offset = view[written:], offset + written
+
+
+class Encoder:
+    """Rows and port events to the bytes of a recording."""
+
+    def __init__(self, ports: Sequence[PortFacts], facts: Mapping[str, str]) -> None:
+        """Take the ports whose rows will come, and further items for the file's metadata."""
+        self._channels = Channels()
+        self._schemas = self._channels.schemas()
+        self._defined = [one for port in ports for one in self._channels.of_port(port)]
+        self._pending: list[Channel] = list(self._defined)
+        """The channels that no chunk defines yet."""
+        self._templates: dict[int, Template] = {}
+        self._counts: dict[int, int] = {}
+        """Messages by channel."""
+        self._chunks = bytearray()
+        """The index records of the chunks."""
+        self._chunk_count = 0
+        self._metadata: list[MetadataIndex] = []
+        self.times: tuple[int, int] | None = None
+        """The first and the last log time."""
+        own = Metadata(PROGRAM, encodable_items(recording_facts(ports, facts)))
+        head = MAGIC + bytes_of(Header("", library_name()))
+        head += self.metadata(own, len(head))
+        self.head = head + bytes_of(*self._schemas, *self._defined)
+        """The first bytes of the file."""
+
+    def metadata(self, record: Metadata, at: int) -> bytes:
+        """The bytes of a metadata record at an offset of the file."""
+        data = bytes_of(record)
+        self._metadata.append(MetadataIndex(at, len(data), record.name))
+        return data
+
+    def chunk(self, entries: Iterable[Entry], at: int) -> bytes:
+        """The chunk of rows and events, one at least, and its message indexes, at an offset."""
+        entries = list(entries)
+        rows = Rows.concat([one for one in entries if isinstance(one, Rows)])
+        events = [one for one in entries if isinstance(one, PortEvent)]
+        if (rows.t_ns < 0).any():
+            raise ValueError("each row of a recording must have a time")
+        definitions = self._definitions(rows, events)
+        order, times = self._in_order(rows, events)
+        channels = self._channels_of(rows, events)[order]
+        messages = self._messages(rows, events, order, times)
+        data, starts = self._records(messages, order, times, channels)
+        data = definitions + data
+        record = self._chunk_record(data, times)
+        return record + self._indexes(
+            record, at, len(data), channels, times, starts + len(definitions)
+        )
+
+    def summary(self, at: int) -> bytes:
+        """The end of the file, with its summary, at an offset."""
+        start = at + len(bytes_of(DataEnd(0)))
+        groups = (
+            (Opcode.SCHEMA, bytes_of(*self._schemas)),
+            (Opcode.CHANNEL, bytes_of(*self._defined)),
+            (Opcode.STATISTICS, bytes_of(self._statistics())),
+            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.METADATA_INDEX, bytes_of(*self._metadata)),
+        )
+        offsets, stop = [], start
+        for opcode, records in groups:
+            if records:
+                offsets.append(SummaryOffset(opcode, stop, len(records)))
+                stop += len(records)
+        summary = b"".join(records for _, records in groups) + bytes_of(*offsets)
+        crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, stop), crc32(summary))
+        return bytes_of(DataEnd(0)) + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
+
+    def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
+        """The schemas and channels that no chunk has yet: a copy of those in the head, too."""
+        for port in dict.fromkeys([*rows.used_ports, *(event.port for event in events)]):
+            new = self._channels.of_port(PortFacts(port))
+            self._defined += new
+            self._pending += new
+        schemas = [] if self._chunk_count else self._schemas
+        found = bytes_of(*schemas, *self._pending) if schemas or self._pending else b""
+        self._pending = []
+        return found
+
+    def _in_order(self, rows: Rows, events: Sequence[PortEvent]) -> tuple[Ints, Ints]:
+        """The entries (rows, then events) in the order of time, and their log times."""
+        rising = np.empty(len(rows), np.int64)
+        for code in np.unique(rows.port):
+            own = rows.port == code
+            rising[own] = np.maximum.accumulate(rows.t_ns[own])
+        times = np.concatenate([rising, np.array([one.t_ns for one in events], np.int64)])
+        order = np.argsort(times, kind="stable")
+        least = self.times[1] if self.times else 0
+        return order, np.maximum(times[order], least)
+
+    def _channels_of(self, rows: Rows, events: Sequence[PortEvent]) -> Ints:
+        used = set(rows.used_ports)
+        firsts = [self._channels.id_of(one, 0) if one in used else 0 for one in rows.ports]
+        own = np.array(firsts, np.int64)[rows.port] + topics_of(rows) if len(rows) else rows.port
+        code = TOPICS.index(EVENTS)
+        return np.append(own, [self._channels.id_of(one.port, code) for one in events]).astype(int)
+
+    def _messages(
+        self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints
+    ) -> list[tuple[Ints, Array]]:
+        """The messages of equal length: the numbers of their entries, and opaque values."""
+        log_times = np.empty(len(order), np.int64)
+        log_times[order] = times
+        found: list[tuple[Ints, Array]] = []
+        keys = _keys_of(rows, log_times[: len(rows)])
+        unique, group = np.unique(keys, return_inverse=True)
+        by_group = np.argsort(group, kind="stable")
+        cuts = np.cumsum(np.bincount(group, minlength=len(unique)))[:-1]
+        for key, own in zip(unique.tolist(), np.split(by_group, cuts), strict=False):
+            template = self._templates.get(key)
+            if template is None:
+                first = int(own[0])
+                template = self._templates[key] = Template(rows[first], int(log_times[first]))
+            found.append((own, template.encode(rows.select(own))))
+        for number, event in enumerate(events, len(rows)):
+            message = encode_event(event, int(log_times[number]))
+            found.append((np.array([number]), np.array([np.void(message)])))
+        return found
+
+    def _records(
+        self, messages: list[tuple[Ints, Array]], order: Ints, times: Ints, channels: Ints
+    ) -> tuple[bytes, Ints]:
+        """The message records in their order, and their starts."""
+        places = np.empty(len(order), np.int64)
+        places[order] = np.arange(len(order))
+        lengths = np.empty(len(order), np.int64)
+        for own, values in messages:
+            lengths[places[own]] = MESSAGE_HEAD + values.itemsize
+        stops = np.cumsum(lengths)
+        starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
+        heads = np.empty(len(order), _MESSAGE)
+        heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
+        heads["channel"], heads["sequence"] = channels, self._sequences(channels)
+        heads["log"] = heads["publish"] = times
+        at_every_byte(data, MESSAGE_HEAD)[starts] = heads.view(f"V{MESSAGE_HEAD}")
+        for own, values in messages:
+            at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values
+        return data.tobytes(), starts
+
+    def _sequences(self, channels: Ints) -> Ints:
+        """The sequence number of each message; they are counted."""
+        found = np.empty(len(channels), np.int64)
+        for channel in np.unique(channels).tolist():
+            own = np.flatnonzero(channels == channel)
+            first = self._counts.get(channel, 0)
+            found[own] = np.arange(first, first + len(own))
+            self._counts[channel] = first + len(own)
+        return found
+
+    def _chunk_record(self, data: bytes, times: Ints) -> bytes:
+        first, last = int(times[0]), int(times[-1])
+        self.times = (first if self.times is None else self.times[0]), last
+        packed = zstandard.ZstdCompressor(level=1).compress(data)
+        return bytes_of(Chunk("zstd", packed, last, first, crc32(data), len(data)))
+
+    def _indexes(
+        self, record: bytes, at: int, size: int, channels: Ints, times: Ints, starts: Ints
+    ) -> bytes:
+        """The message indexes of a chunk; its own index is kept for the summary."""
+        indexes, offsets = bytearray(), dict[int, int]()
+        for channel in np.unique(channels).tolist():
+            own = channels == channel
+            entries = np.stack([times[own], starts[own]], 1).astype("<u8")
+            offsets[channel] = at + len(record) + len(indexes)
+            body = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
+            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+        packed = len(record) - HEAD.size - 32 - len("zstd") - 8
+        first, last = int(times[0]), int(times[-1])
+        self._chunks += bytes_of(
+            ChunkIndex(len(record), at, "zstd", packed, last, len(indexes), offsets, first, size)
+        )
+        self._chunk_count += 1
+        return bytes(indexes)
+
+    def _statistics(self) -> Statistics:
+        first, last = self.times or (0, 0)
+        counts = self._counts
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._defined),
+            channel_message_counts=counts,
+            chunk_count=self._chunk_count,
+            message_count=sum(counts.values()),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+
+
+def _keys_of(rows: Rows, log_times: Ints) -> Ints:
+    """A number of each row; rows with the same number have the same template."""
+    keys = topics_of(rows).astype(np.int64)
+    columns: Iterable[tuple[Array, int]] = (
+        (rows.kinds, NO_KIND.bit_length()),
+        (rows.faults, 16),
+        (rows.length, 5),
+        (rows.framed, 1),
+        (rows.unordered, 1),
+        (rows.delay_ns == NO_TIME, 1),
+        (rows.t_ns != log_times, 1),
+    )
+    for values, bits in columns:
+        keys = keys << bits | values
+    return keys
+
+
+class RecordingWriter:
+    """Writes a recording while it is captured; rows reach the file with `flush`.
+
+    When a write fails, the file has what was flushed before.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        ports: Sequence[PortFacts],
+        facts: Mapping[str, str] | None = None,
+        *,
+        existing: Existing = Existing.REFUSE,
+    ) -> None:
+        """Create the file, with the schemas and channels of all ports in it.
+
+        Args:
+            path: the file.
+            ports: the ports whose rows will come; rows of others are accepted too.
+            facts: further items for the file's metadata, e.g. `host_facts(now)`.
+            existing: what to do if the file exists.
+
+        Raises FileError if the file exists, another program records to it, its folder does not
+        exist, or the system refuses it. The disk is unchanged then.
+        """
+        self.unflushed: list[Entry] = []
+        self.flushed_rows = self.flushed_events = 0
+        """Rows and port events in the file."""
+        self.identity: FileIdentity | None = None
+        """What the file is once it is closed; None if it was deleted."""
+        self.is_gone = False
+        """Whether the file was deleted, moved, replaced or cut off."""
+        self._encoder = Encoder(ports, facts or {})
+        self._output = OutputFile(path, existing)
+        try:
+            self._file = AppendFile(self._output.descriptor, self._encoder.head)
+            self._output.commit()
+        except OSError as error:
+            self._output.discard()
+            raise unwritable(path, error) from error
+        self.path = self._output.path
+        """The file's name."""
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file, without its end."""
+        return self._file.end
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time in the file; None without any."""
+        return self._encoder.times
+
+    @property
+    def unflushed_rows(self) -> int:
+        """Rows that wait for a flush."""
+        return sum(len(one) for one in self.unflushed if isinstance(one, Rows))
+
+    def write(self, *entries: Entry) -> None:
+        """Write rows and port events; `flush` stores them."""
+        self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
+
+    def write_metadata(self, record: Metadata) -> None:
+        """Write one more metadata record; raises FileError."""
+        encodable = Metadata(record.name, encodable_items(record.metadata))
+        self._append(self._encoder.metadata(encodable, self._file.end))
+
+    def flush(self) -> None:
+        """Write a chunk of all that is pending; raises FileError."""
+        if self.unflushed:
+            self._append(self._encoder.chunk(self.unflushed, self._file.end))
+            self.flushed_rows += self.unflushed_rows
+            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
+            self.unflushed = []
+
+    def close(self) -> None:
+        """Flush, write the summary, and close; raises FileError, and the file is closed then."""
+        try:
+            self.flush()
+            self._append(b"", self._encoder.summary(self._file.end))
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Close the file as it is; it has no summary. Closing again does nothing."""
+        if self.identity is None:
+            self.identity = self._output.identity
+            self._output.close()
+
+    def _append(self, data: bytes, end: bytes = END) -> None:
+        try:
+            self._output.check()
+            self._file.append(data, end)
+        except OSError as error:
+            self.is_gone = isinstance(error, LostDataError)
+            raise stopped_by_error(self.path, error, self.flushed_rows) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+
+class BulkWriter:
+    """Writes a recording in sequence, for example to a pipe: valid once it is closed."""
+
+    def __init__(
+        self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
+    ) -> None:
+        """Write the head to an open descriptor, which is not closed; raises OSError."""
+        self._descriptor = descriptor
+        self._encoder = Encoder(ports, facts or {})
+        self._pending: list[Entry] = []
+        self._rows = self._end = 0
+        self._write(self._encoder.head)
+
+    def write(self, *entries: Entry) -> None:
+        """Write rows and port events; raises OSError."""
+        for one in entries:
+            if isinstance(one, PortEvent):
+                self._pending.append(one)
+                continue
+            for start in range(0, len(one), MOST_ROWS):
+                part = one[start : start + MOST_ROWS]
+                self._pending.append(part)
+                self._rows += len(part)
+                if self._rows >= MOST_ROWS:
+                    self._flush()
+
+    def close(self, metadata: Iterable[Metadata] = ()) -> None:
+        """Write the rest, these metadata records, and the summary; raises OSError."""
+        self._flush()
+        for record in metadata:
+            own = Metadata(record.name, encodable_items(record.metadata))
+            self._write(self._encoder.metadata(own, self._end))
+        self._write(self._encoder.summary(self._end))
+
+    def _flush(self) -> None:
+        if self._pending:
+            self._write(self._encoder.chunk(self._pending, self._end))
+            self._pending, self._rows = [], 0
+
+    def _write(self, data: bytes) -> None:
+        self._end += len(data)
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._descriptor, view) :]
