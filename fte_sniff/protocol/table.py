@@ -322,7 +322,8 @@ class Rows(Sequence[Row]):
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """The earliest and the latest time of its rows and events; None if none of them has one."""
-        times = np.append(self.t_ns[self.timed], [event.t_ns for event in self.events])
+        events = np.array([event.t_ns for event in self.events], np.int64)
+        times = np.append(self.t_ns[self.timed], events)
         return (int(times.min()), int(times.max())) if len(times) else None
 
     @property

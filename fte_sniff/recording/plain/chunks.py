@@ -88,6 +88,8 @@ class Contents:
     metadata: list[Metadata] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    messages: list[tuple[int, int]] = field(default_factory=list)
+    """Where the messages outside of chunks are, which only other programs write."""
     lost: list[LostBytes] = field(default_factory=list)
     library: str = ""
     """The library of the header."""
@@ -160,8 +162,10 @@ def _indexed(stream: BinaryIO) -> Contents | None:
                 return None
     except (McapError, struct.error, ValueError, OverflowError):
         return None
-    statistics = found.statistics
-    return found if statistics and statistics.chunk_count == len(found.chunks) else None
+    counted = found.statistics
+    if counted is None or counted.chunk_count != len(found.chunks):
+        return None
+    return found if found.chunks or not counted.message_count else None
 
 
 def _body_at(descriptor: int, at: int, size: int) -> tuple[int, bytes]:
@@ -210,6 +214,8 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
         elif opcode == Opcode.MESSAGE_INDEX:
             if found.chunks and found.chunks[-1].end == at:
                 found.chunks[-1] = found.chunks[-1]._replace(end=stop)
+        elif opcode == Opcode.MESSAGE:
+            found.messages.append((at, stop))
         elif opcode in _RECORDS and not found.define(opcode, file.read(at, stop)[HEAD.size :]):
             found.lost.append(LostBytes(at, stop, _RECORDS_LOST))
         at = stop

@@ -122,7 +122,6 @@ class Batch(NamedTuple):
     """Port events, and gaps where chunks are damaged; each with the number of rows before it."""
 
     @property
-    @property
     def items(self) -> list[Item]:
         """The rows, events and gaps in file order."""
         found: list[Item] = []
@@ -174,13 +173,18 @@ class Recording:
         self.contents = Contents()
         self.unreadable = 0
         """Messages that could not be read so far."""
+        self.messages = 0
+        """Messages in the chunks that were read so far."""
         self._decoder = MessageDecoder()
         self._types: dict[int, MessageType] = {}
         self._ports: dict[int, str] = {}
         self._rows = 0
         self._copy: IO[bytes] | None = None
-        if stream is not None or path.is_fifo():
+        if stream is not None:
             self._copy = self._copied(stream)
+        with self._open() as file:
+            if not file.seekable():
+                self._copy = self._copied(file)
         with self._open() as file:
             found = os.fstat(file.fileno())
             self.size = found.st_size
@@ -193,7 +197,8 @@ class Recording:
         self._define(self.contents)
         for run in [run for run in runs if run.records][:1]:
             self._define_from(run)
-        self._check_topics()
+        if not is_growing or self.contents.channels:
+            self._check_topics()
 
     # What the file reports about itself
 
@@ -414,6 +419,7 @@ class Recording:
         self._define_lost(messages.channels)
         found = self._decoder.decode(messages, self._types, self._ports)
         self.unreadable += found.unreadable
+        self.messages += len(messages.starts)
         self._rows += len(found.rows) + len(found.events)
         return Batch(run.chunks, found.rows, list(found.events))
 
@@ -486,12 +492,11 @@ class Recording:
         except OSError as error:
             raise unreadable(self.path, error) from error
 
-    def _copied(self, stream: BinaryIO | None) -> IO[bytes]:
+    def _copied(self, stream: BinaryIO) -> IO[bytes]:
         """A temporary copy of what can be read only once."""
         copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=SUFFIX)  # noqa: SIM115
         finalize(self, copy.close)
-        with stream or self._open() as source:
-            copyfileobj(source, copy)
+        copyfileobj(stream, copy)
         copy.flush()
         return copy
 
@@ -584,8 +589,9 @@ def _runs_of(descriptor: int, chunks: list[ChunkRef]) -> list[_Run]:
             lost = LostBytes(chunk.start, chunk.stop, error.why)
             runs += [_Run([chunk], [], [], lost), _Run([], [], [])]
             continue
-        for own, value in zip(runs[-1], (chunk, records, starts), strict=False):
-            own.append(value)
+        runs[-1].chunks.append(chunk)
+        runs[-1].records.append(records)
+        runs[-1].starts.append(starts)
     return [run for run in runs if run.chunks]
 
 

@@ -1,32 +1,57 @@
 """Recorder: rows in, files out. A disk error never stops the capture.
 
-    NAME.mcap --rotation--> NAME_00002.mcap --disk full--> (gap) --space again--> NAME_00003.mcap
+    NAME_00001 --rotation--> NAME_00002 --disk full--> (gap) --space again--> NAME_00003
 
-Rows reach the disk with a flush. When a file cannot be written, its unflushed rows and all that
-follow are counted as a gap, a new file is tried every `RETRY_S`, and it begins with that gap.
+Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed, when `MOST_ROWS`
+rows wait, before a rotation, and at the end. Rows that were not flushed go into the next file.
+While no file can be made, rows are counted only, and the next file reports the gap. `keep_bytes`
+deletes the oldest files of the capture; a gap that one of them reports is copied into the current
+file first.
 """
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from glob import escape
+from itertools import count
+from math import inf
 from pathlib import Path
 from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, TranslatableText, size_text
-from fte_sniff.protocol import Gap, GapKind
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.metadata import GAP_NAME, NEXT_NAME, PortFacts, gap_to_metadata
-from fte_sniff.recording.plain.writer import RecordingWriter
+from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.table import Rows
+from fte_sniff.recording.plain.metadata import (
+    END_NAME,
+    GAP_NAME,
+    NEXT_NAME,
+    PortFacts,
+    gap_to_metadata,
+)
+from fte_sniff.recording.plain.output_file import Existing, FileIdentity, file_names
+from fte_sniff.recording.plain.writer import MOST_ROWS, Entry, RecordingWriter
 
-RETRY_S: Final = 5.0
-MAX_PENDING: Final = 16_384
-"""Rows that wait for a flush at most; then they are flushed."""
+RETRY_S: Final = 3.0
+MOST_RETRY_S: Final = 60.0
+"""Seconds from a failure to the next attempt to record again: the first time, and at most."""
+
+DEFAULT_FREE_BYTES: Final = 1_000_000_000
+"""Bytes to leave free on the disk; less on a small or nearly full one."""
+
+_FREE_SHARE: Final = 10
+"""By default at most 1/10 of a disk is left free."""
+_ROTATE_BYTES: Final = 512_000_000
+_FILES: Final = 8
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +59,60 @@ class RecordingOptions:
     """When rows reach the disk, when the next file begins, and when old files are deleted."""
 
     flush_every_s: float = 1.0
+    """Seconds between two flushes: a kill or a power cut costs the rows of this time."""
     rotate_bytes: int | None = None
+    """Size at which the next file begins; None for no limit."""
     rotate_s: float | None = None
+    """Seconds of rows after which the next file begins; None for no limit."""
     keep_bytes: int | None = None
-    """Total size of the capture's files; the oldest are deleted. None to delete none."""
-    min_free_bytes: int = 1_000_000_000
-    """Bytes to leave free on the disk: recording pauses below."""
+    """Total size of the capture's files: beyond it, the oldest are deleted. None to delete none."""
+    min_free_bytes: int | None = None
+    """Bytes to leave free on the disk: recording stops below until there is space again. None for
+    the default, which fits small and full disks."""
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the recording is a sequence of numbered files from the beginning."""
+        return (self.rotate_bytes, self.rotate_s, self.keep_bytes) != (None, None, None)
+
+    @property
+    def next_file_bytes(self) -> int | None:
+        """Size at which the next file begins: a fraction of what is kept, if not given."""
+        if self.rotate_bytes is not None or self.rotate_s is not None or self.keep_bytes is None:
+            return self.rotate_bytes
+        return min(_ROTATE_BYTES, self.keep_bytes // _FILES)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """The recording stopped, or goes on in another file."""
+
+    path: Path | None
+    """The file it goes on in; None if it stopped."""
+    failure: FileError | None = None
+    """Why it stopped; None if it goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The files of a finished capture."""
+
+    first: Path
+    """The oldest file that was not deleted for space."""
+    last: Path
+    deleted_files: int = 0
+    deleted_rows: int = 0
+    undeleted: str = ""
+    """The first file that could not be deleted, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ClosedFile:
+    path: Path
+    identity: FileIdentity
+    rows: int
+    gaps: tuple[Gap, ...]
+    """The gaps that it reports."""
 
 
 class Recorder:
@@ -50,131 +123,397 @@ class Recorder:
         path: Path,
         ports: Sequence[PortFacts],
         facts: Mapping[str, str] | None = None,
+        *,
+        existing: Existing = Existing.REFUSE,
         options: RecordingOptions | None = None,
     ) -> None:
-        """Create the first file; raises FileError."""
-        self._options, self._ports = options or RecordingOptions(), tuple(ports)
-        self._first, self._facts, self._number = path, dict(facts or {}), 1
-        self._closed: list[Path] = []
-        self._gap: Gap | None = None
-        """Rows that no file has; it grows while `_writer` is None."""
-        self._retry_s = self._flush_ns = 0.0
+        """Create the first file.
+
+        Args:
+            path: the file, or the name from which the names of the sequence are made.
+            ports: the ports whose rows will come.
+            facts: further items for each file's metadata.
+            existing: what to do if the file exists.
+            options: by default those of a recording without options.
+
+        Raises FileError if the file cannot be made, or the disk has too little space for it.
+        """
+        self._options = options or RecordingOptions()
+        self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
+        self._base = _base_of(path, existing)
+        self._number = self._part = 1
+        self._closed: list[_ClosedFile] = []
+        self._own_gaps: list[Gap] = []
+        """The gaps that the current file reports."""
+        self._gaps: list[Gap] = []
+        """What could not be written; the last gap grows while there is no file."""
+        self._missed_events = 0
+        self._stopped: FileError | None = None
+        self._changes: list[Change] = []
+        self._wait_s, self._due_s, self._failed_s = RETRY_S, -inf, -inf
+        self._flush_ns = 0
         self._wants_rotation = False
-        self.missed_rows = self.deleted_files = 0
-        self.failure: FileError | None = None
-        """Why rows were not recorded, the last time; None if all were."""
-        self._writer: RecordingWriter | None = self._open(path)
-        self.path = path
+        self._deleted_files = self._deleted_rows = 0
+        self._undeleted = ""
+        self._min_free = self._free_limit()
+        first = self._first_path()
+        if limit := self._limit_reached():
+            raise FileError(
+                "{path} cannot be recorded: {limit}; free space, or change the limit",
+                path=first,
+                limit=limit,
+            )
+        writer = RecordingWriter(first, self._ports, self._facts_of_part(), existing=existing)
+        self._writer: RecordingWriter | None = writer
+        self.path = writer.path
         """The current file, or the last one."""
+        if not self._options.rotates:
+            self._base = writer.path
 
-    def write(self, rows: Rows) -> None:
-        """Record rows and port events; `flush_if_due` stores them."""
-        if self._writer is None:
-            self._miss(rows)
-            return
-        self._writer.write(rows)
-        if self._writer.unflushed.rows >= MAX_PENDING:
-            self.flush()
+    # What was recorded
 
-    def flush_if_due(self, now_ns: int) -> None:
-        """Flush if the interval between flushes has passed at this time, which never falls."""
-        if now_ns >= self._flush_ns:
-            self._flush_ns = now_ns + self._options.flush_every_s * 1e9
-            self.flush()
-
-    def flush(self) -> None:
-        """Push all rows to the disk; begin another file if that is due."""
-        writer = self._writer
-        try:
-            if writer is None:
-                self._resume()
-            elif self._has_space():
-                writer.flush()
-                if self._is_rotation_due(writer):
-                    self._rotate(writer)
-            else:
-                free = size_text(self._options.min_free_bytes)
-                raise FileError("{path}: less than {free} is free", path=self.path, free=free)
-        except FileError as error:
-            self._fail(error)
-
-    def rotate(self) -> None:
-        """Begin the next file at the next flush; from any thread."""
-        self._wants_rotation = True
-
-    def close(self) -> None:
-        """Flush, and close the file."""
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            try:
-                writer.close()
-            except FileError as error:
-                self._gap, self.failure = Gap(GapKind.WRITE_ERROR, reason=str(error)), error
-                self._miss(writer.unflushed.all())
-
-    def _open(self, path: Path) -> RecordingWriter:
-        facts = self._facts | {"part": str(self._number)}
-        return RecordingWriter(path, self._ports, facts)
-
-    def _next_path(self) -> Path:
-        self._number += 1
-        return self._first.with_stem(f"{self._first.stem}_{self._number:05}")
-
-    def _is_rotation_due(self, writer: RecordingWriter) -> bool:
-        options = self._options
-        return writer.rows > 0 and (
-            self._wants_rotation
-            or (options.rotate_bytes is not None and writer.size >= options.rotate_bytes)
-            or (options.rotate_s is not None and writer.span_ns >= options.rotate_s * 1e9)
+    @property
+    def failure(self) -> FileError | None:
+        """What was not recorded and why; None if everything was."""
+        gaps = [gap for gap in self._gaps if gap.start_ns is not None]
+        if not gaps:
+            return self._stopped
+        entries = sum(gap.rows or 0 for gap in gaps) + self._missed_events
+        return FileError(
+            "{what} were not recorded: {reason}",
+            what=f"{entries:,} rows and port events from {iso_time(gaps[0].start_ns or 0)} on",
+            reason="; then ".join(dict.fromkeys(gap.reason for gap in gaps)),
         )
 
-    def _rotate(self, writer: RecordingWriter) -> None:
-        following = self._open(self._next_path())
-        writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
-        writer.close()
-        self._go_on(following)
-
-    def _go_on(self, writer: RecordingWriter) -> None:
-        self._closed.append(self.path)
-        self._writer, self.path, self._wants_rotation = writer, writer.path, False
-        limit = self._options.keep_bytes
-        while limit is not None and self._closed and self.size > limit:
-            with suppress(OSError):
-                self._closed[0].unlink()
-            del self._closed[0]
-            self.deleted_files += 1
+    @property
+    def unflushed_rows(self) -> int:
+        """Rows that wait for the next flush."""
+        return 0 if self._writer is None else self._writer.unflushed_rows
 
     @property
     def size(self) -> int:
         """Bytes in all files."""
-        closed = sum(path.stat().st_size for path in self._closed if path.exists())
+        closed = sum(file.identity.size for file in tuple(self._closed))
         return closed + (0 if self._writer is None else self._writer.size)
 
-    def _has_space(self) -> bool:
-        with suppress(OSError):
-            return shutil.disk_usage(self._first.parent).free >= self._options.min_free_bytes
+    @property
+    def outcome(self) -> Outcome:
+        """The files so far."""
+        first = self._closed[0].path if self._closed else self.path
+        return Outcome(first, self.path, self._deleted_files, self._deleted_rows, self._undeleted)
+
+    def changes(self) -> list[Change]:
+        """The changes since the previous call."""
+        found, self._changes = self._changes, []
+        return found
+
+    # What is recorded
+
+    def write(self, *entries: Entry) -> None:
+        """Record rows, each port's in the order of its stream, and port events."""
+        for entry in _portions(entries):
+            if self._writer is None:
+                self._miss([entry])
+                continue
+            self._writer.write(entry)
+            if self._writer.unflushed_rows >= MOST_ROWS:
+                self.flush()
+
+    def flush_if_due(self, now_ns: int) -> None:
+        """Flush if the interval between flushes has passed at this time, which never falls."""
+        if now_ns < self._flush_ns:
+            return
+        began_ns = time.monotonic_ns()
+        self.flush()
+        # On a slow disk, the next flush writes all that came during this one.
+        took_ns = time.monotonic_ns() - began_ns
+        self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
+
+    def flush(self) -> None:
+        """Push all rows to the disk; begin another file if that is due."""
+        writer = self._writer
+        if writer is None:
+            if time.monotonic() >= self._due_s:
+                self._due_s = time.monotonic() + self._wait_s
+                self._resume([])
+            return
+        try:
+            writer.flush()
+        except FileError as failure:
+            self._fail(writer, failure)
+            return
+        if self._is_rotation_due(writer):
+            self._rotate(writer)
+        self._delete_surplus()
+        if self._writer is not None and (limit := self._limit_reached()):
+            self._stop(self._writer, limit)
+
+    def rotate(self) -> None:
+        """Begin the next file at the next flush, if the current one has rows; from any thread."""
+        self._wants_rotation = True
+
+    def close(self) -> None:
+        """Flush, and close the file. Closing again does nothing."""
+        for _ in range(2):  # another file may take what the first one refuses
+            writer = self._writer
+            if writer is None:
+                return
+            try:
+                writer.close()
+            except FileError as failure:
+                self._fail(writer, failure)
+            else:
+                self._writer = None
+
+    # Files
+
+    def _first_path(self) -> Path:
+        """The first file; raises FileError if files of an earlier sequence have its name."""
+        earlier = _numbered(self._base) if self._existing is Existing.REFUSE else None
+        if earlier is not None:
+            raise FileError(
+                "{path}: {earlier} exists already, from an earlier capture; name another file, or "
+                "use --force",
+                path=self._base,
+                earlier=earlier.name,
+            )
+        return self._name(1) if self._options.rotates else self._base
+
+    def _name(self, number: int) -> Path:
+        return self._base.with_stem(f"{self._base.stem}_{number:05}")
+
+    def _facts_of_part(self, previous: str = "") -> dict[str, str]:
+        own = {"part": str(self._part)} if previous or self._options.rotates else {}
+        return self._facts | own | ({"previous": previous} if previous else {})
+
+    def _next(self) -> RecordingWriter:
+        """The next file; raises FileError."""
+        replaces = self._existing is Existing.REPLACE
+        number = next(
+            number
+            for number in count(self._number + 1)
+            if replaces or not os.path.lexists(self._name(number))
+        )
+        self._part += 1
+        existing = Existing.REPLACE if replaces else Existing.REFUSE
+        facts = self._facts_of_part(self.path.name)
+        try:
+            writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
+        except FileError:
+            self._part -= 1
+            raise
+        self._number = number
+        return writer
+
+    def _is_rotation_due(self, writer: RecordingWriter) -> bool:
+        self._wants_rotation = self._wants_rotation and writer.span_ns is not None
+        if writer.span_ns is None or time.monotonic() < self._due_s:
+            return False
+        first_ns, last_ns = writer.span_ns
+        limits = (
+            (writer.size, self._options.next_file_bytes),
+            ((last_ns - first_ns) / 1e9, self._options.rotate_s),
+        )
+        reached = any(limit is not None and value >= limit for value, limit in limits)
+        return self._wants_rotation or reached
+
+    def _rotate(self, writer: RecordingWriter) -> None:
+        """Begin the next file; if that fails, the current one grows until the next attempt."""
+        try:
+            following = self._next()
+        except FileError:
+            self._due_s = time.monotonic() + RETRY_S
+            return
+        # All rows are flushed, so the file is valid also if these fail.
+        with suppress(FileError):
+            writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
+            writer.close()
+        self._put_away(writer)
+        self._go_on(following, [])
+
+    def _put_away(self, writer: RecordingWriter) -> None:
+        """Close a file, and keep account of it if it is still there."""
+        writer.abandon()
+        if writer.identity is not None and not writer.is_gone:
+            file = _ClosedFile(
+                writer.path, writer.identity, writer.flushed_rows, tuple(self._own_gaps)
+            )
+            self._closed.append(file)
+
+    def _go_on(self, writer: RecordingWriter, gaps: list[Gap]) -> None:
+        self._stopped, self._wants_rotation = None, False
+        self._writer, self.path, self._own_gaps = writer, writer.path, gaps
+        self._changes.append(Change(writer.path))
+
+    # Errors and gaps
+
+    def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
+        """Report that a file cannot be written any more, and try to go on with the next one."""
+        self._writer = None
+        self._put_away(writer)
+        cause = failure.__cause__
+        is_full = isinstance(cause, OSError) and cause.errno in _FULL
+        self._note(writer, failure)
+        may_try = time.monotonic() >= self._due_s
+        if is_full and self._options.keep_bytes is not None:
+            may_try = self._delete_oldest(keep=1)
+        if not (may_try and self._resume(writer.unflushed)):
+            self._miss(writer.unflushed)
+        now_s = time.monotonic()
+        was_calm = now_s - self._failed_s > MOST_RETRY_S
+        self._wait_s = RETRY_S if was_calm else min(2 * self._wait_s, MOST_RETRY_S)
+        self._failed_s, self._due_s = now_s, now_s + self._wait_s
+
+    def _stop(self, writer: RecordingWriter, limit: str) -> None:
+        """End a file because a limit is reached."""
+        with suppress(FileError):  # all rows are flushed, and the file is valid
+            writer.write_metadata(Metadata(END_NAME, {"reason": str(limit)}))
+            writer.close()
+        failure = FileError(
+            "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows); free "
+            "space, or change the limit",
+            limit=limit,
+            path=writer.path,
+            rows=writer.flushed_rows,
+        )
+        self._fail(writer, failure)
+
+    def _note(self, writer: RecordingWriter, failure: FileError) -> None:
+        """Begin the gap after a file that failed."""
+        self._stopped = failure
+        gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
+        if writer.is_gone and writer.span_ns is not None:
+            gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
+            self._missed_events += writer.flushed_events
+        self._gaps.append(gap)
+        self._changes.append(Change(None, failure))
+
+    def _miss(self, entries: Iterable[Entry]) -> None:
+        """Count what is not recorded."""
+        for entry in entries if self._stopped is not None else ():
+            gap = self._gaps[-1]
+            if isinstance(entry, PortEvent):
+                self._missed_events += 1
+                self._gaps[-1] = gap.including(entry.t_ns, 0)
+            elif (span_ns := entry.span_ns) is not None:
+                self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
+
+    def _resume(self, unflushed: Sequence[Entry]) -> bool:
+        """Go on in a new file that begins with these rows; False if that fails."""
+        if self._limit_reached():
+            return False
+        gaps = [self._gaps[-1]] if self._gaps and self._gaps[-1].start_ns is not None else []
+        try:
+            writer = self._next()
+        except FileError:
+            return False
+        try:
+            for gap in gaps:
+                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+            writer.write(*unflushed)
+            writer.flush()
+        except FileError:
+            writer.abandon()
+            with suppress(OSError):
+                if writer.identity is not None:
+                    writer.identity.delete(writer.path)
+            return False
+        self._go_on(writer, gaps)
         return True
 
-    def _fail(self, error: FileError) -> None:
-        """Begin a gap; the file has what was flushed."""
-        self._retry_s = time.monotonic() + RETRY_S
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            self.failure = error
-            self._gap = Gap(GapKind.WRITE_ERROR, 0, reason=TranslatableText(str(error)))
-            self._miss(writer.unflushed.all())
-            writer.abandon()
+    # Space
 
-    def _miss(self, rows: Rows) -> None:
-        self.missed_rows += len(rows)
-        if self._gap is not None and (span_ns := rows.span_ns) is not None:
-            self._gap = self._gap.including(span_ns[0], len(rows)).including(span_ns[1], 0)
+    def _delete_surplus(self) -> None:
+        limit = self._options.keep_bytes
+        while limit is not None and self.size > limit:
+            if not self._delete_oldest():
+                return
 
-    def _resume(self) -> None:
-        if time.monotonic() < self._retry_s or not self._has_space():
-            return
-        writer = self._open(self._next_path())
-        if self._gap is not None and self._gap.start_ns is not None:
-            writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(self._gap)))
-        self._gap = None
-        self._go_on(writer)
+    def _delete_oldest(self, keep: int = 0) -> bool:
+        """Delete the capture's oldest closed file, if there are more than `keep`.
+
+        A file that another program replaced or moved, or that cannot be deleted, counts no more.
+        The gaps that it reports are reported by the current file first.
+        """
+        writer = self._writer
+        for oldest in self._closed[: len(self._closed) - keep]:
+            if oldest.gaps and writer is None:
+                continue
+            if writer is not None and not self._copy_gaps(oldest, writer):
+                return False
+            self._closed.remove(oldest)
+            try:
+                if oldest.identity.delete(oldest.path):
+                    self._deleted_files += 1
+                    self._deleted_rows += oldest.rows
+                    return True
+            except OSError as error:
+                self._undeleted = self._undeleted or TranslatableText(
+                    "{path} cannot be deleted: {reason}",
+                    path=oldest.path,
+                    reason=reason_of(error),
+                )
+        return False
+
+    def _copy_gaps(self, file: _ClosedFile, writer: RecordingWriter) -> bool:
+        """Report the gaps of a file in the current one, too; False if that fails."""
+        try:
+            for gap in file.gaps:
+                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+                self._own_gaps.append(gap)
+        except FileError as failure:
+            self._fail(writer, failure)
+            return False
+        return True
+
+    def _limit_reached(self) -> str:
+        """Why the disk has too little space, in words; empty if it has enough."""
+        free = self._disk()[1]
+        if free is None or free >= self._min_free:
+            return ""
+        return TranslatableText(
+            "the disk has only {left} free (--min-free {free})",
+            left=size_text(free),
+            free=size_text(self._min_free),
+        )
+
+    def _free_limit(self) -> int:
+        if self._options.min_free_bytes is not None:
+            return self._options.min_free_bytes
+        total, free = self._disk()
+        if total is None or free is None:
+            return 0
+        return min(DEFAULT_FREE_BYTES, total // _FREE_SHARE, free // 2)
+
+    def _disk(self) -> tuple[int, int] | tuple[None, None]:
+        """Total and free bytes; None if unknown."""
+        try:
+            found = shutil.disk_usage(self._base.parent)
+        except OSError:
+            return None, None
+        return found.total, found.free
+
+
+def _base_of(path: Path, existing: Existing) -> Path:
+    """The name from which the names of the sequence are made: one without numbered files."""
+    if existing is not Existing.NUMBER:
+        return path
+    return next(name for name in file_names(path) if not _numbered(name))
+
+
+def _numbered(path: Path) -> Path | None:
+    """The first existing file of a sequence of this name."""
+    pattern = f"{escape(path.stem)}_[0-9][0-9][0-9][0-9][0-9]{path.suffix}"
+    with suppress(OSError):  # the error of the file that cannot be made there is raised instead
+        return min(path.parent.glob(pattern), default=None)
+    return None
+
+
+def _portions(entries: Iterable[Entry]) -> Iterable[Entry]:
+    """The entries, rows in portions of `MOST_ROWS` at most."""
+    for entry in entries:
+        if isinstance(entry, Rows):
+            for start in range(0, len(entry), MOST_ROWS):
+                yield entry[start : start + MOST_ROWS]
+        else:
+            yield entry

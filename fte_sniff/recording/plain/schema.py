@@ -118,7 +118,7 @@ def topic_of(row: Row) -> Topic:
     """The topic of a row: that of its kind and motor, or `MALFORMED`."""
     if row.kind is None or row.status is Status.MALFORMED:
         return MALFORMED
-    return TOPICS[_TOPIC_CODES[KINDS.index(row.kind), row.raw[NUM_OFFSET]]]
+    return TOPICS[int(_TOPIC_CODES[KINDS.index(row.kind), row.raw[NUM_OFFSET]])]
 
 
 # Schemas

@@ -22,7 +22,17 @@ from google.protobuf.message import DecodeError
 
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, TAIL, Fault
-from fte_sniff.protocol.table import MOST_BYTES, NO_TIME, Array, Bools, Ints, Row, Rows, fault_bits
+from fte_sniff.protocol.table import (
+    MOST_BYTES,
+    NO_TIME,
+    Array,
+    Bools,
+    Codes,
+    Ints,
+    Row,
+    Rows,
+    fault_bits,
+)
 from fte_sniff.recording.plain.schema import class_of, encode_row, topic_of
 
 MESSAGE_HEAD: Final = 31
@@ -199,8 +209,8 @@ class MessageDecoder:
         placed = [(int(places[row]), events[row]) for row in sorted(events)]
         if long and len(columns):
             return _with_long(columns, kept, long, placed, unreadable)
-        rows = columns if kept.all() else columns.select(kept)
-        return Decoded(rows, placed, unreadable)
+        found_rows = columns if kept.all() else columns.select(kept)
+        return Decoded(found_rows, placed, unreadable)
 
     def _decode_alike(
         self,
@@ -240,7 +250,7 @@ class MessageDecoder:
         return np.concatenate(good)
 
 
-def at_every_byte(records: bytes, size: int) -> Array:
+def at_every_byte(records: bytes | Codes, size: int) -> Array:
     """Opaque values of `size` bytes at every offset of some bytes."""
     return np.ndarray((max(0, len(records) - size + 1),), f"V{size}", records, 0, (1,))
 
@@ -360,7 +370,11 @@ class Template:
         """The messages of rows, as opaque values."""
         messages = np.full(len(rows), np.void(self._message))
         table = messages.view(self._type)
-        own = {"offset": rows.offset, "read_delay_ns": rows.delay_ns, "time_ns": rows.t_ns}
+        own: dict[str, Array] = {
+            "offset": rows.offset,
+            "read_delay_ns": rows.delay_ns,
+            "time_ns": rows.t_ns,
+        }
         own |= {"cmd": rows.cmds, "length": rows.length}
         for name in self._type.names or ():
             kind = self._type[name]

@@ -369,8 +369,11 @@ class RecordingWriter:
         self.unflushed: list[Entry] = []
         self.flushed_rows = self.flushed_events = 0
         """Rows and port events in the file."""
+        self.span_ns: tuple[int, int] | None = None
+        """First and last log time in the file; None without any."""
         self.identity: FileIdentity | None = None
         """What the file is once it is closed; None if it was deleted."""
+        self._is_closed = False
         self.is_gone = False
         """Whether the file was deleted, moved, replaced or cut off."""
         self._encoder = Encoder(ports, facts or {})
@@ -388,11 +391,6 @@ class RecordingWriter:
     def size(self) -> int:
         """Bytes in the file, without its end."""
         return self._file.end
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """First and last log time in the file; None without any."""
-        return self._encoder.times
 
     @property
     def unflushed_rows(self) -> int:
@@ -415,6 +413,7 @@ class RecordingWriter:
             self.flushed_rows += self.unflushed_rows
             self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
             self.unflushed = []
+            self.span_ns = self._encoder.times
 
     def close(self) -> None:
         """Flush, write the summary, and close; raises FileError, and the file is closed then."""
@@ -426,7 +425,8 @@ class RecordingWriter:
 
     def abandon(self) -> None:
         """Close the file as it is; it has no summary. Closing again does nothing."""
-        if self.identity is None:
+        if not self._is_closed:
+            self._is_closed = True
             self.identity = self._output.identity
             self._output.close()
 

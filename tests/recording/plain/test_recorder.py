@@ -1,0 +1,287 @@
+"""Files of one capture: rotation, retention, and gaps where the disk refuses them."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from collections import namedtuple
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.table import Row, Rows
+from fte_sniff.recording.plain import recorder as recorder_module
+from fte_sniff.recording.plain.output_file import Existing
+from fte_sniff.recording.plain.reader import Recording
+from fte_sniff.recording.plain.recorder import Change, Recorder, RecordingOptions
+from tests.recording.conftest import file_size_limit, unprivileged
+from tests.recording.plain.samples import (
+    BOTH,
+    EVENTS,
+    FACTS,
+    FIRST,
+    START,
+    STEP,
+    events_in,
+    flush_each,
+    rows_in,
+    some_rows,
+)
+
+ROTATED = RecordingOptions(rotate_bytes=15_000)
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next attempt after a failure is made at the next flush."""
+    monkeypatch.setattr(recorder_module, "RETRY_S", 0.0)
+    monkeypatch.setattr(recorder_module, "MOST_RETRY_S", 0.0)
+
+
+@pytest.fixture
+def sizes_are_limited() -> Iterator[None]:
+    """A write beyond the limit of a file's size is an error, not a signal."""
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGXFSZ, before)
+
+
+@pytest.fixture
+def free_space(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The free bytes of the disk: the last number."""
+    usage = namedtuple("usage", "total used free")
+    found = [10**12]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage(10**12, 0, found[-1]))
+    return found
+
+
+def files_in(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"))
+
+
+def all_rows(folder: Path) -> list[Row]:
+    """The rows of all files, in the order of their names."""
+    return [row for path in files_in(folder) for row in rows_in(path)]
+
+
+def test_rotated_files_have_all_rows_and_name_each_other(tmp_path: Path) -> None:
+    rows = some_rows(900, BOTH)
+    recorder = Recorder(tmp_path / "x.mcap", BOTH, FACTS, options=ROTATED)
+    flush_each(recorder, rows)
+    recorder.write(*EVENTS)
+    recorder.close()
+    files = files_in(tmp_path)
+    assert len(files) > 2
+    assert all_rows(tmp_path) == rows
+    assert events_in(files[-1]) == EVENTS
+    for number, (path, following) in enumerate(zip(files, [*files[1:], None], strict=True), 1):
+        recording = Recording(path)
+        assert path.name == f"x_{number:05}.mcap"
+        assert recording.is_whole
+        assert recording.size < 30_000
+        assert recording.next_path == recording.find_next() == following
+        assert recording.facts["part"] == str(number)
+        assert recording.facts.get("previous") == (files[number - 2].name if number > 1 else None)
+    assert recorder.failure is None
+    assert recorder.changes() == [Change(path) for path in files[1:]]
+    assert (recorder.outcome.first, recorder.outcome.last) == (files[0], files[-1])
+
+
+def test_a_file_begins_after_a_time_and_at_once_when_asked(tmp_path: Path) -> None:
+    options = RecordingOptions(rotate_s=100 * STEP / 1e9)
+    recorder = Recorder(tmp_path / "x.mcap", [FIRST], options=options)
+    recorder.rotate()
+    recorder.flush()
+    assert len(files_in(tmp_path)) == 1, "a file without rows is kept"
+    flush_each(recorder, some_rows(240))
+    assert len(files_in(tmp_path)) == 3
+    recorder.write(Rows.of(some_rows(1, [BOTH[1]])))
+    recorder.rotate()
+    recorder.flush()
+    recorder.close()
+    assert len(files_in(tmp_path)) == 4
+
+
+def test_rows_reach_the_disk_when_their_time_has_come(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(20)
+    recorder = Recorder(path, [FIRST], options=RecordingOptions(flush_every_s=1000))
+    recorder.flush_if_due(START)
+    recorder.write(Rows.of(rows))
+    recorder.flush_if_due(START + 999 * 10**9)
+    assert (rows_in(path), recorder.unflushed_rows) == ([], 20)
+    recorder.flush_if_due(START + 1000 * 10**9)
+    assert (rows_in(path), recorder.unflushed_rows) == (rows, 0)
+    recorder.close()
+    recorder.close()
+
+
+def test_many_rows_are_flushed_before_their_time(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", Rows.of(some_rows(1000))
+    recorder = Recorder(path, [FIRST])
+    many = Rows.concat([rows] * 40)
+    recorder.write(many)
+    assert recorder.unflushed_rows == len(many) % recorder_module.MOST_ROWS
+    recorder.close()
+    assert Recording(path).count == len(many)
+
+
+def test_the_newest_files_are_kept(tmp_path: Path) -> None:
+    rows = some_rows(4000, BOTH)
+    options = RecordingOptions(keep_bytes=80_000, rotate_bytes=15_000)
+    recorder = Recorder(tmp_path / "x.mcap", BOTH, options=options)
+    for start in range(0, len(rows), 40):
+        flush_each(recorder, rows[start : start + 40])
+        assert sum(path.stat().st_size for path in files_in(tmp_path)) < 90_000
+    recorder.close()
+    left = all_rows(tmp_path)
+    assert left == rows[-len(left) :]
+    outcome = recorder.outcome
+    assert outcome.first == files_in(tmp_path)[0]
+    assert outcome.deleted_rows == len(rows) - len(left)
+    assert outcome.deleted_files == int(outcome.first.stem[-5:]) - 1
+
+
+def test_a_file_of_somebody_else_is_not_deleted(tmp_path: Path) -> None:
+    rows = some_rows(4000, BOTH)
+    options = RecordingOptions(keep_bytes=60_000, rotate_bytes=15_000)
+    recorder = Recorder(tmp_path / "x.mcap", BOTH, options=options)
+    flush_each(recorder, rows[:400])
+    first, second = files_in(tmp_path)[:2]
+    first.unlink()
+    first.write_bytes(b"precious")
+    second.rename(tmp_path / "mine")
+    second.symlink_to(tmp_path / "mine")
+    flush_each(recorder, rows[400:])
+    recorder.close()
+    assert recorder.outcome.deleted_files > 3
+    assert first.read_bytes() == b"precious"
+    assert Recording(tmp_path / "mine").is_whole
+
+
+def test_a_gap_is_reported_before_the_file_that_reports_it_is_deleted(
+    tmp_path: Path, free_space: list[int]
+) -> None:
+    rows = some_rows(4000, BOTH)
+    options = RecordingOptions(keep_bytes=60_000, rotate_bytes=15_000, min_free_bytes=1000)
+    recorder = Recorder(tmp_path / "x.mcap", BOTH, options=options)
+    flush_each(recorder, rows[:40])
+    free_space.append(999)
+    recorder.flush()
+    recorder.write(Rows.of(rows[40:60]))
+    free_space.append(10**12)
+    recorder.flush()
+    seen: list[list[Gap]] = []
+    for start in range(60, 4000, 40):
+        flush_each(recorder, rows[start : start + 40])
+        seen.append([gap for path in files_in(tmp_path) for gap in Recording(path).gaps()])
+    recorder.close()
+    assert recorder.outcome.deleted_files > 10
+    expected = Gap(GapKind.WRITE_ERROR, 20, rows[40].t_ns, rows[59].t_ns)
+    assert all(gaps and all(gap[:4] == expected[:4] for gap in gaps) for gaps in seen)
+
+
+def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
+    tmp_path: Path, free_space: list[int]
+) -> None:
+    rows = some_rows(200)
+    path = tmp_path / "x.mcap"
+    recorder = Recorder(path, [FIRST], FACTS, options=RecordingOptions(min_free_bytes=10**6))
+    flush_each(recorder, rows[:80])
+    free_space.append(10**6 - 1)
+    recorder.flush()
+    assert "the disk has only 1e+03 kB free (--min-free 1 MB)" in str(recorder.failure)
+    assert "x.mcap is complete up to there (80 rows)" in str(recorder.failure)
+    recorder.write(Rows.of(rows[80:100]), EVENTS[1])
+    recorder.flush()
+    free_space.append(10**7)
+    recorder.flush()
+    flush_each(recorder, rows[100:])
+    recorder.close()
+    following = tmp_path / "x_00002.mcap"
+    assert rows_in(path) + rows_in(following) == rows[:80] + rows[100:]
+    (gap,) = Recording(following).gaps()
+    assert gap[:2] == (GapKind.WRITE_ERROR, 20)
+    assert (gap.start_ns, gap.end_ns) == (EVENTS[1].t_ns, rows[99].t_ns)
+    assert "--min-free" in Recording(path).limit
+    assert Recording(path).is_whole
+    assert Recording(path).find_next() == following
+    changes = recorder.changes()
+    assert [change.path for change in changes] == [None, following]
+    assert str(recorder.failure).startswith("21 rows and port events from 2026-")
+
+
+@pytest.mark.usefixtures("sizes_are_limited")
+def test_rows_that_one_file_refuses_go_into_the_next(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(2000, BOTH)
+    recorder = Recorder(path, BOTH)
+    with file_size_limit(25_000):
+        flush_each(recorder, rows)
+        recorder.close()
+    assert len(files_in(tmp_path)) > 2
+    assert all_rows(tmp_path) == rows
+    assert recorder.failure is None
+    assert Recording(path).losses == []
+    assert Recording(path).find_next() == tmp_path / "x_00002.mcap"
+
+
+@pytest.mark.usefixtures("sizes_are_limited")
+def test_what_no_file_takes_is_counted(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(100)
+    recorder = Recorder(path, [FIRST])
+    flush_each(recorder, rows[:40])
+    with file_size_limit(100):
+        recorder.write(Rows.of(rows[40:60]), *EVENTS)
+        recorder.flush()
+        recorder.write(Rows.of(rows[60:]))
+        recorder.close()
+    assert rows_in(path) == rows[:40]
+    assert str(recorder.failure).startswith("63 rows and port events from 2026-")
+    assert "recording stopped: " in str(recorder.failure)
+    assert files_in(tmp_path) == [path]
+
+
+def test_rows_of_a_deleted_file_are_a_gap(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(120)
+    recorder = Recorder(path, [FIRST])
+    flush_each(recorder, rows[:40])
+    path.unlink()
+    flush_each(recorder, rows[40:])
+    recorder.close()
+    (following,) = files_in(tmp_path)
+    assert rows_in(following) == rows[40:]
+    (gap,) = Recording(following).gaps()
+    assert gap[:4] == (GapKind.WRITE_ERROR, 40, rows[0].t_ns, rows[39].t_ns)
+    assert "was deleted while it was being written" in gap.reason
+
+
+def test_a_capture_does_not_begin_on_a_full_disk(tmp_path: Path, free_space: list[int]) -> None:
+    free_space.append(5)
+    with pytest.raises(FileError, match=r"cannot be recorded: the disk has only 5 bytes free"):
+        Recorder(tmp_path / "x.mcap", [FIRST], options=RecordingOptions(min_free_bytes=6))
+    assert files_in(tmp_path) == []
+    Recorder(tmp_path / "x.mcap", [FIRST]).close()
+
+
+def test_files_of_an_earlier_capture_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    (tmp_path / "x_00007.mcap").write_bytes(b"precious")
+    for options in (RecordingOptions(), ROTATED):
+        with pytest.raises(FileError, match=r"x_00007\.mcap exists already, from an earlier"):
+            Recorder(path, [FIRST], options=options)
+    recorder = Recorder(path, [FIRST], options=ROTATED, existing=Existing.NUMBER)
+    assert recorder.path == tmp_path / "x-2_00001.mcap"
+    recorder.close()
+    recorder = Recorder(path, BOTH, options=ROTATED, existing=Existing.REPLACE)
+    flush_each(recorder, some_rows(400, BOTH))
+    recorder.close()
+    assert (tmp_path / "x_00007.mcap").read_bytes() == b"precious"
+
+
+def test_a_folder_without_permission_is_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "closed"
+    folder.mkdir(0o555)
+    with unprivileged(), pytest.raises(FileError, match="no permission"):
+        Recorder(folder / "x.mcap", [FIRST])
