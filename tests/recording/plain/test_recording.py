@@ -35,8 +35,8 @@ from tests.recording.plain.samples import (
     WAYS,
     events_in,
     flush_each,
-    records,
     recorded,
+    records,
     rows_in,
     rows_of,
     some_rows,
@@ -212,7 +212,7 @@ def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
     writer.write(*EVENTS)
     writer.close()
     assert not recording.has_writer
-    assert [item for item in recording.read(recording.settle())] == EVENTS
+    assert recording.read(recording.settle()) == EVENTS
     assert recording.is_whole
     assert recording.ports == [FIRST, replace(SECOND, baud=None)]
 
