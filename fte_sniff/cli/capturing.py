@@ -578,12 +578,12 @@ class Screen(Observer):
 
     def show(self, session: LiveSession) -> int:
         """Show the screen until the user leaves it; the exit code is not 0 if it failed."""
-        from fte_sniff.session.notes import Notes, capture_start
+        from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
         self._rest.begin_with(Tally())  # if the end comes before the screen
         files = [path for path in session.state.recordings if path.is_file()]
-        self._notes = Notes(files, [capture_start(path) for path in files])
+        self._notes = Notes(dict.fromkeys(files))
         if session.stopping:
             return 0
         options = replace(self._options, notes=self._notes)

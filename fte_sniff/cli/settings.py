@@ -1,4 +1,4 @@
-"""The settings file: what it may contain, reading it, and writing screen choices back.
+"""The settings file, which is the user's, and the choices of the screen, which the program stores.
 
 [screen]
 theme = "textual-light"
@@ -9,7 +9,7 @@ changes = true                  # highlight bytes that changed
 events = false                  # no lines of port events
 language = "zh"                 # or en, or auto: that of the locale
 
-[filters]                       # listed by the key f; ^s there adds one
+[filters]                       # listed by the key f, with those that ^s there adds
 stalled = "abs(rpm) < 10 AND motor IS NOT NULL"
 
 [colors]                        # rows that match; the first match wins
@@ -22,6 +22,8 @@ gear-ratio = 30.0
 
 [live]
 ports = ["/dev/ttyUSB0"]        # what `fte-sniff live` opens without a PORT
+
+What is chosen on the screen is stored in the state folder, where it differs from this file.
 """
 
 from __future__ import annotations
@@ -38,12 +40,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import click
 
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
+from fte_sniff.errors import FileError, FteSniffError, UsageError, unreadable
 from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 
 if TYPE_CHECKING:
-    from fte_sniff.session.notes import Place
+    from fte_sniff.session.user_state import Place
     from fte_sniff.tui.options import Choices
 
 
@@ -95,11 +97,22 @@ class Settings:
         return language_of(lang or self.screen.get("language"), os.environ)
 
     @property
-    def choices(self) -> Choices:
-        """Theme, view, filters and panes of the screen."""
+    def _written(self) -> Choices:
+        """Theme, view, filters and panes of the file."""
         from fte_sniff.tui.options import Choices
 
         return Choices(**self.screen, filters=tuple(self.filters.items()))
+
+    @property
+    def choices(self) -> Choices:
+        """Those of the file, with what was chosen on the screen; what is invalid is ignored."""
+        from fte_sniff.session.user_state import read_choices
+
+        stored, check = read_choices(), _Check()
+        filters = check.texts(stored.pop("filters", {}), "filters")
+        chosen = check.values(stored, "screen", SCREEN_SETTINGS)
+        merged = {**self.filters, **filters}
+        return replace(self._written, **chosen, filters=tuple(merged.items()))
 
     def choices_at(self, place: Place) -> Choices:
         """The choices, with the columns of a view that was left."""
@@ -109,18 +122,20 @@ class Settings:
         return replace(self.choices, columns=names)
 
     def keep(self, choices: Choices) -> None:
-        """Save the choices for the next start of the screen; a failure is only reported."""
+        """Store what differs from the file for the next start; a failure is only reported."""
+        from fte_sniff.session.user_state import save_choices
+
+        written = asdict(self._written)
+        chosen = {
+            name: value.name.lower() if isinstance(value, Enum) else value
+            for name, value in asdict(choices).items()
+            if value != written[name] and value is not None
+        }
+        own = {name: text for name, text in choices.filters if self.filters.get(name) != text}
         try:
-            # Read again: another screen may have written it.
-            found = read_settings(self.path)
-            if found.faults:
-                print_err(f"the screen settings are not saved: correct {self.path} first")
-                return
-            defaults = asdict(type(choices)())
-            chosen = {name: one for name, one in asdict(choices).items() if one != defaults[name]}
-            save_screen(self.path, chosen, dict(choices.filters))
+            save_choices(chosen | {"filters": own})
         except FteSniffError as error:
-            print_err(f"the screen settings are not saved: {error}")
+            print_err(f"the choices of the screen are not saved: {error}")
 
 
 _Convert: TypeAlias = Callable[[Any], Any]
@@ -308,41 +323,6 @@ def read_settings(path: Path) -> Settings:
     except RecursionError as error:
         raise FileError(f"{path} is nested too deeply; {_FIX}") from error
     return parse_settings(tables)
-
-
-def save_screen(path: Path, settings: Mapping[str, Any], filters: Mapping[str, str]) -> None:
-    """Write screen settings and filters into the file; comments and other settings stay.
-
-    `settings` has values of `SCREEN_SETTINGS`; those that are None or lacking are removed. The file
-    is replaced atomically. Raises FileError if it cannot be read or written.
-    """
-    import tomlkit
-    from tomlkit.exceptions import TOMLKitError
-
-    from fte_sniff.session.save import replace_text
-
-    try:
-        document = tomlkit.parse(read_toml(path, _FIX) if path.exists() else "")
-        screen = document.setdefault("screen", tomlkit.table())
-        for name in SCREEN_SETTINGS:
-            value = settings.get(name)
-            if value is not None:
-                screen[name] = _toml(value)
-            elif name in screen:
-                del screen[name]
-        if filters:
-            document.setdefault("filters", tomlkit.table()).update(filters)
-        replace_text(path, tomlkit.dumps(document))
-    except (TOMLKitError, TypeError) as error:
-        raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {reason_of(error)}") from error
-
-
-def _toml(value: Any) -> Any:
-    if isinstance(value, Enum):
-        return value.name.lower()
-    return list(value) if isinstance(value, tuple) else value
 
 
 config_option = click.option(

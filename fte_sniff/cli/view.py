@@ -42,7 +42,7 @@ from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.session.notes import Place
+    from fte_sniff.session.user_state import Place
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
@@ -92,8 +92,9 @@ def command(
     if not query.files:
         query = replace(query, files=(_picked(language),))
     check_inputs(query.files)
-    from fte_sniff.session.notes import Notes, read_place
+    from fte_sniff.session.notes import Notes
     from fte_sniff.session.replay import RecordingPages, ReplaySession
+    from fte_sniff.session.user_state import read_place
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
@@ -108,8 +109,8 @@ def command(
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
-    parts = [one.part for one in reading.inputs]
-    notes = Notes([Path(one.name) for one in reading.inputs], [one and one.start for one in parts])
+    several = len(reading.inputs) > 1
+    notes = Notes({Path(one.name): one.first_ns if several else None for one in reading.inputs})
     session = ReplaySession(
         chain(opening_rows, batches),
         " ".join(map(str, query.files)),
@@ -117,7 +118,6 @@ def command(
         list(map(str, paths)),
         pages,
         following,
-        notes.origins,
     )
     opening = StartOptions(
         row_filter=wanted or _filter_of(place),
@@ -150,7 +150,7 @@ def command(
 
 def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:
     """Save where the view is left, if that is new; a failure is only reported."""
-    from fte_sniff.session.notes import save_place
+    from fte_sniff.session.user_state import save_place
 
     if place != before:
         try:

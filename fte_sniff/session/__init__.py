@@ -11,7 +11,8 @@ Modules:
     live_session     LiveSession: start, poll, stop; CaptureState.
     log_rows         The rows of raw bytes and logs: streams are framed and merged.
     merge            Merge: rows of several lanes in one order, with watermarks.
-    notes            Notes on rows beside the recording, and the place of a view.
+    notes            Notes on rows beside the recording.
+    user_state       Places of views and choices of the screen, as JSON of the program.
     replay           ReplaySession over files with paging; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().

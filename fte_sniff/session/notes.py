@@ -1,41 +1,33 @@
-"""Notes on rows, in a file beside the recording, and the place at which a recording was left.
+"""Notes on rows, in a file beside the recording: JSON lines to which lines are only appended.
 
-A line of the file is a note; the files of one capture share it, also after rotation:
+    capture.mcap  capture_00002.mcap  capture.mcap.notes.jsonl
 
-{"time": "2026-01-31T12:00:00.033000000Z", "port": "/dev/ttyUSB0", "offset": 4890, "text": "stall",
-"capture": "2026-01-31T12:00:00.000000000Z"}
+    {"time": "2026-01-31T12:00:00.033000000Z", "port": "ttyUSB0", "offset": 4890, "text": "stall"}
+    {"time": "2026-01-31T12:00:00.033000000Z", "port": "ttyUSB0", "offset": 4890, "text": null}
 
-`capture` is when the capture began, where the recording says it: a recording that replaces another
-has rows with the same ports and offsets. Where that file cannot be written, a file in the user's
-state folder takes its place. Several programs may write notes at once: each locks the folder.
+A line replaces earlier ones about the same row: an empty text is a mark, null removes the note. The
+files of one capture share their notes. Several programs may write at once.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import stat
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
-from hashlib import sha256
-from itertools import zip_longest
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
-
-from platformdirs import user_state_path
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import FileError, TranslatableText, reason_of
+from fte_sniff.platform import open_flags
 from fte_sniff.protocol import Row, iso_time
-from fte_sniff.recording.output_file import locked_folder
-from fte_sniff.session.save import replace_text
 
 if TYPE_CHECKING:
-    from fte_sniff.protocol.rows import Ints, Rows
+    from fte_sniff.protocol.rows import Rows
 
 NOTES_SUFFIX: Final = ".notes.jsonl"
 
@@ -45,393 +37,187 @@ MOST_TEXT: Final = 500
 _MOST_BYTES: Final = 10_000_000
 """Largest notes file that is read."""
 
-_PATIENCE_S: Final = 5.0
-"""How long the notes of another program are waited for."""
+_NEAR_NS: Final = 1_000_000_000
+"""A row whose time differs less may be that of a note: a later decoder may divide bytes anew."""
 
 
 class RowKey(NamedTuple):
-    """What identifies a row in a view."""
+    """What identifies a row: captures that repeat ports and offsets differ in their times."""
 
     port: str
     offset: int
     """Of its first byte in the port's stream."""
-    capture: int = 0
-    """Number of its capture among those of the view."""
+    t_ns: int | None = None
+    """Its time, nanoseconds since 1970 UTC; None if it has none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A text about a row; empty for a mark."""
+    """A text about a row; empty for a mark, None where the note was removed."""
 
-    t_ns: int | None
-    """Time of the row, nanoseconds since 1970 UTC."""
-    port: str
-    offset: int
-    """Of the row's first byte in the port's stream."""
-    text: str = ""
-    capture: str | None = None
-    """When its capture began, as the recording says it; None if that is unknown."""
-
-    @property
-    def key(self) -> RowKey:
-        """What identifies its row in its capture."""
-        return RowKey(self.port, self.offset)
+    key: RowKey
+    text: str | None = ""
 
     @classmethod
-    def on(cls, row: Row, text: str = "") -> Note:
+    def on(cls, row: Row, text: str | None = "") -> Note:
         """A note on a row."""
-        return cls(row.t_ns, row.port, row.offset, text[:MOST_TEXT])
+        key = RowKey(row.port, row.offset, row.t_ns)
+        return cls(key, None if text is None else text[:MOST_TEXT])
 
     def line(self) -> str:
-        """The line of the file."""
-        time = None if self.t_ns is None else iso_time(self.t_ns)
-        entry = {"time": time, "port": self.port, "offset": self.offset, "text": self.text}
-        if self.capture is not None:
-            entry["capture"] = self.capture
-        line = json.dumps(entry, ensure_ascii=False)
-        # A name of a file that is not UTF-8 has half characters.
-        return line if line.isascii() or _is_utf8(line) else json.dumps(entry)
+        """The line of the file, with its end."""
+        port, offset, t_ns = self.key
+        time = None if t_ns is None else iso_time(t_ns)
+        entry = {"time": time, "port": port, "offset": offset, "text": self.text}
+        line = json.dumps(entry, ensure_ascii=False) + "\n"
+        try:
+            line.encode()
+        except UnicodeEncodeError:  # a file name that is not UTF-8 has half characters
+            return json.dumps(entry) + "\n"
+        return line
 
     @classmethod
     def parse(cls, line: str) -> Note:
-        """The note of a line; raises ValueError if it is none."""
+        """The note of a line; raises ValueError if it is not a note."""
         found = json.loads(line)
         match found:
-            case {"time": str() | None as time, "port": str(port), "offset": int(offset)} if (
-                isinstance(found.get("text", ""), str)
-                and isinstance(found.get("capture"), str | None)
-                and not isinstance(offset, bool)
-            ):
-                t_ns = None if time is None else time_ns(time)
-                if time is None or t_ns is not None:
-                    return cls(t_ns, port, offset, found.get("text", ""), found.get("capture"))
-        raise ValueError("no note")
+            case {"time": str() | None as time, "port": str(port), "offset": int(offset)}:
+                text, t_ns = found.get("text", ""), None if time is None else time_ns(time)
+                if isinstance(text, str | None) and (time is None or t_ns is not None):
+                    return cls(RowKey(port, offset, t_ns), text)
+        raise ValueError("not a note")
 
 
-def _is_utf8(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
-def capture_path(file: Path) -> Path:
-    """The name of the capture of a file: without the number of a rotated one."""
-    return file.with_stem(re.sub(r"_[0-9]{5}$", "", file.stem))
-
-
-def _state_folder() -> Path:
-    return user_state_path("fte-sniff", appauthor=False)
-
-
-def _fallback_path(capture: Path | None) -> Path:
-    """The notes file in the state folder."""
-    if capture is None:
-        name = f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-    else:
-        folder = sha256(str(capture.resolve().parent).encode()).hexdigest()[:12]
-        name = f"{capture.name}.{folder}"
-    return _state_folder() / "notes" / f"{name}{NOTES_SUFFIX}"
-
-
-def capture_start(file: Path) -> str | None:
-    """When the capture of a recording began, as it says; None if it is not a recording."""
-    from fte_sniff.recording.metadata import PROGRAM, part_of
-    from fte_sniff.recording.reader import RecordingReader
-
-    with suppress(FileError):
-        part = part_of(RecordingReader(file).metadata.get(PROGRAM, {}))
-        return None if part is None else part.start
-    return None
-
-
-_Entries: TypeAlias = dict[tuple[str | None, RowKey], Note]
-"""The notes of a file, by capture and row."""
-
-
-class _NotesFile:
-    """The notes of one capture, in the file beside it and that in the state folder."""
-
-    def __init__(self, capture: Path | None, start: str | None) -> None:
-        self._start = start
-        self.paths = [_fallback_path(capture)]
-        if capture is not None:
-            self.paths.insert(0, capture.with_name(capture.name + NOTES_SUFFIX))
-        self.damaged: dict[Path, str] = {}
-        """Files that are never written, each with what is wrong."""
-        self.written: Path | None = None
-        self.said: Path | None = None
-        """The file that the user knows."""
-
-    def read(self) -> dict[RowKey, Note]:
-        """The notes of both files on this capture, and those that name no capture."""
-        found: dict[RowKey, Note] = {}
-        for path in reversed(self.paths):
-            entries = self._read(path)
-            for start in (None, self._start):
-                found |= {key: note for (own, key), note in entries.items() if own == start}
-        return found
-
-    def _read(self, path: Path) -> _Entries:
-        found: _Entries = {}
-        number = 0
-        try:
-            if not stat.S_ISREG(path.stat().st_mode):
-                raise ValueError("no regular file")
-            with path.open("rb") as file:
-                content = file.read(_MOST_BYTES + 1)
-            if len(content) > _MOST_BYTES:
-                raise ValueError("too large")
-            for line in content.decode("utf-8").split("\n"):
-                number += 1
-                if line.strip():
-                    note = Note.parse(line)
-                    found[note.capture, note.key] = note
-        except (FileNotFoundError, NotADirectoryError):
-            pass
-        except OSError as error:
-            self._refuse(path, reason_of(error))
-        except (ValueError, RecursionError):
-            self._refuse(path, TranslatableText("line {number:,} is not a note", number=number))
-        return found
-
-    def _refuse(self, path: Path, why: str) -> None:
-        self.damaged[path] = TranslatableText(
-            "the notes in {path} are not read further, and not changed: {why}", path=path, why=why
-        )
-
-    def write(self, changes: Mapping[RowKey, Note | None]) -> str | None:
-        """Apply changes to the file that can be written; returns what went wrong, if anything."""
-        why: str | None = None
-        for path in self.paths:
-            try:
-                self._change(path, changes)
-            except OSError as error:
-                why = TranslatableText(
-                    "the notes are not saved: {path}: {why}", path=path, why=reason_of(error)
-                )
-                continue
-            if path in self.damaged:
-                continue
-            self.written = path
-            for other in self.paths:  # it was written when this one could not be
-                if other != path and other.exists():
-                    with suppress(OSError):
-                        self._change(other, dict.fromkeys(changes))
-            return None
-        return why or TranslatableText("the notes are not saved")
-
-    def _change(self, path: Path, changes: Mapping[RowKey, Note | None]) -> None:
-        """Apply changes to a file that is not damaged; raises OSError."""
-        folder = path.resolve().parent
-        folder.mkdir(parents=True, exist_ok=True)
-        with locked_folder(folder, _PATIENCE_S):
-            before = self._read(path)
-            if path in self.damaged:
-                return
-            notes = before.copy()
-            for key, note in changes.items():
-                notes.pop((None, key), None)
-                notes.pop((self._start, key), None)
-                if note is not None:
-                    notes[self._start, key] = replace(note, capture=self._start)
-            if notes != before:
-                replace_text(path, "".join(f"{note.line()}\n" for note in notes.values()), 0o666)
-
-
-class RowOrigins:
-    """For each row of a view, the number of its capture."""
-
-    def __init__(self, captures: Sequence[int]) -> None:
-        """Know no rows yet; `captures` are the numbers of the captures of the inputs."""
-        self._captures = captures
-        self.captures = max(1, len(set(captures)))
-        self._several = self.captures > 1
-        self._starts: list[int] = []
-        self._found: list[int | Ints] = []
-        """For each start, the capture of the rows from there on, or of each of them."""
-        self._rows = 0
-
-    def append(self, rows: int, origin: int | Ints) -> None:
-        """Append rows; `origin` is the number of their input, or of that of each row."""
-        if not self._several or not rows:
-            return
-        if isinstance(origin, int):
-            captures: int | Ints = self._captures[origin]
-        else:
-            import numpy as np
-
-            # A byte for each row where captures overlap, which can be hundreds of millions.
-            kind = np.min_scalar_type(max(self._captures))
-            captures = np.array(self._captures, kind)[origin]
-        self._starts.append(self._rows)
-        self._found.append(captures)
-        self._rows += rows
-
-    def at(self, index: int) -> int:
-        """The capture of a row; `index` counts all rows from 0."""
-        if not self._several:
-            return 0
-        number = bisect_right(self._starts, index) - 1
-        found = self._found[number]
-        return found if isinstance(found, int) else int(found[index - self._starts[number]])
+def notes_path(recording: Path) -> Path:
+    """The notes file of a recording: that of its capture, without the number of a rotated file."""
+    capture = re.sub(r"_[0-9]{5}$", "", recording.stem)
+    return recording.with_name(f"{capture}{recording.suffix}{NOTES_SUFFIX}")
 
 
 class Notes:
-    """The notes on the rows of a view."""
+    """The notes on the rows of a view; `save` appends the changes."""
 
-    def __init__(self, inputs: Sequence[Path] = (), starts: Sequence[str | None] = ()) -> None:
-        """Read the notes of the captures to which the inputs belong; none for unrecorded rows.
-
-        `starts` says of each input when its capture began, see `capture_start`.
-        """
-        named = [*zip_longest(map(capture_path, inputs), starts)]
-        captures = [*dict.fromkeys(named)] or [(None, None)]
-        self.origins = RowOrigins([captures.index(one) for one in named])
-        self._files = [_NotesFile(capture, start) for capture, start in captures]
-        self.notes: dict[RowKey, Note] = {
-            key._replace(capture=number): note
-            for number, one in enumerate(self._files)
-            for key, note in one.read().items()
-        }
-        self._changes: dict[RowKey, Note | None] = {}
-        """What is not saved."""
-        self._lock, self._saving = Lock(), Lock()
-
-    @property
-    def damage(self) -> list[str]:
+    def __init__(self, recordings: Mapping[Path, int | None] | None = None) -> None:
+        """Read the notes of recordings, each with the time of its first row, if it is known."""
+        starts: dict[Path, int] = {}
+        for recording, first_ns in (recordings or {}).items():
+            path, start = notes_path(recording), first_ns or 0
+            starts[path] = min(starts.get(path, start), start)
+        self._starts = sorted((start, path) for path, start in starts.items())
+        self.damage: list[str] = []
         """What could not be read, one line each."""
-        return [line for one in self._files for line in one.damaged.values()]
-
-    @property
-    def written(self) -> list[Path]:
+        self.written: list[Path] = []
         """Files that were written."""
-        return [one.written for one in self._files if one.written is not None]
+        self._announced: set[Path] = set()
+        self._pending: list[Note] = []
+        self._lock, self._saving = Lock(), Lock()
+        self.notes: dict[RowKey, Note] = {}
+        for _, path in self._starts:
+            for note in self._read(path):
+                self._apply(note)
 
-    def news(self, capture: int = 0) -> Path | None:
-        """The file in which the notes on a capture are or will be; None if that was said before."""
-        own = self._files[capture]
-        path = own.written or next((path for path in own.paths if path not in own.damaged), None)
-        if path == own.said:
+    def _read(self, path: Path) -> Iterator[Note]:
+        unread = 0
+        try:
+            if not stat.S_ISREG(path.stat().st_mode):
+                raise FileError("{path} is not a regular file", path=path)
+            with path.open("rb") as file:
+                content = file.read(_MOST_BYTES)
+        except (FileNotFoundError, NotADirectoryError):
+            return
+        except (OSError, FileError) as error:
+            why = reason_of(error) if isinstance(error, OSError) else error.message
+            self.damage.append(
+                TranslatableText("the notes in {path} are not read: {why}", path=path, why=why)
+            )
+            return
+        for line in content.decode("utf-8", "replace").splitlines():
+            try:
+                yield Note.parse(line)
+            except (ValueError, RecursionError):
+                unread += bool(line.strip())
+        if unread:
+            text = "{path}: {count:,} lines are not notes, and are ignored"
+            self.damage.append(TranslatableText(text, path=path, count=unread))
+
+    def _apply(self, note: Note) -> None:
+        if note.text is None:
+            self.notes.pop(note.key, None)
+        else:
+            self.notes[note.key] = note
+
+    def path_of(self, key: RowKey) -> Path | None:
+        """The file for a note on a row: that of the capture that began last before it.
+
+        None for rows that no file has.
+        """
+        if not self._starts:
             return None
-        own.said = path
+        before = [path for start, path in self._starts if start <= (key.t_ns or 0)]
+        return before[-1] if before else self._starts[0][1]
+
+    def news(self, key: RowKey) -> Path | None:
+        """The file in which notes on a row are stored; None if that was reported before."""
+        path = self.path_of(key)
+        if path is None or path in self._announced:
+            return None
+        self._announced.add(path)
         return path
 
-    def set(self, note: Note, capture: int = 0) -> None:
-        """Add or replace a note on a row of a capture; `save` writes it."""
-        key = note.key._replace(capture=capture)
-        self.notes[key] = note
-        self._change(key, note)
-
-    def remove(self, note: Note, capture: int = 0) -> None:
-        """Remove the note on a row of a capture; `save` writes it."""
-        key = note.key._replace(capture=capture)
-        self.notes.pop(key, None)
-        self._change(key, None)
-
-    def _change(self, key: RowKey, changed: Note | None) -> None:
+    def set(self, note: Note) -> None:
+        """Add, replace or remove a note; `save` writes it."""
+        self._apply(note)
         with self._lock:
-            self._changes[key] = changed
+            self._pending.append(note)
 
     def save(self) -> str | None:
-        """Write the changes; returns what went wrong, if anything. Any thread may call it.
+        """Append the changes; returns what went wrong, if anything. Any thread may call it.
 
         Changes that cannot be written are kept, and tried again by the next call.
         """
         trouble: str | None = None
         with self._saving:
             with self._lock:
-                taken, self._changes = self._changes, {}
-            by_file: dict[int, dict[RowKey, Note | None]] = {}
-            for key, note in taken.items():
-                by_file.setdefault(key.capture, {})[key] = note
-            for capture, changes in by_file.items():
-                own = {key._replace(capture=0): note for key, note in changes.items()}
-                why = self._files[capture].write(own)
-                if why is not None:
-                    trouble = why
+                taken, self._pending = self._pending, []
+            by_path: dict[Path, list[Note]] = {}
+            for note in taken:
+                if (path := self.path_of(note.key)) is not None:
+                    by_path.setdefault(path, []).append(note)
+            for path, notes in by_path.items():
+                try:
+                    _append(path, "".join(note.line() for note in notes).encode())
+                except OSError as error:
+                    text = "the notes are not saved: {path}: {why}"
+                    trouble = TranslatableText(text, path=path, why=reason_of(error))
                     with self._lock:
-                        self._changes = {**changes, **self._changes}
+                        self._pending = notes + self._pending
+                    continue
+                if path not in self.written:
+                    self.written.append(path)
         return trouble
 
 
+def _append(path: Path, data: bytes) -> None:
+    """Append to a file, which is made, and never through a link; raises OSError."""
+    flags = open_flags("O_WRONLY", "O_CREAT", "O_APPEND", "O_NOFOLLOW", "O_NONBLOCK")
+    descriptor = os.open(path, flags, 0o666)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError("it is not a regular file")
+        os.write(descriptor, data)
+    finally:
+        os.close(descriptor)
+
+
 def located(rows: Rows, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
-    """The rows that contain the byte of a key, of any capture: number in the batch, and key."""
+    """The rows that contain the byte of a key, at about its time: number in the batch, and key."""
     import numpy as np
 
-    by_port: dict[str, dict[int, list[RowKey]]] = {}
     for key in keys:
-        by_port.setdefault(key.port, {}).setdefault(key.offset, []).append(key)
-    for code, port in enumerate(rows.codebook.ports):
-        if port not in by_port:
+        if key.port not in rows.codebook.ports:
             continue
-        wanted = np.sort(np.array(list(by_port[port]), np.int64))
-        numbers = np.flatnonzero(rows.port == code)
-        starts = rows.offset[numbers]
-        first = wanted.searchsorted(starts)
-        last = wanted.searchsorted(starts + rows.length[numbers])
-        for at in np.flatnonzero(last > first).tolist():
-            for offset in wanted[first[at] : last[at]].tolist():
-                yield from ((int(numbers[at]), key) for key in by_port[port][offset])
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a view was left."""
-
-    filter: str = ""
-    columns: tuple[str, ...] | None = None
-    cursor: RowKey | None = None
-
-
-START: Final = Place()
-"""The place of a view that is opened for the first time."""
-
-MOST_PLACES: Final = 200
-"""Views whose place is kept."""
-
-
-def _places_path() -> Path:
-    return _state_folder() / "views.json"
-
-
-def _view_key(files: Iterable[Path]) -> str:
-    return "\n".join(str(file.resolve()) for file in files)
-
-
-def _read_places() -> dict[str, Any]:
-    with suppress(OSError, ValueError, RecursionError):
-        path = _places_path()
-        if path.stat().st_size <= _MOST_BYTES:
-            found = json.loads(path.read_text("utf-8"))
-            return found if isinstance(found, dict) else {}
-    return {}
-
-
-def read_place(files: Iterable[Path]) -> Place:
-    """Where the view of these files was left; the start if that is unknown."""
-    match _read_places().get(_view_key(files)):
-        case {"filter": str(text), "columns": columns, "cursor": cursor}:
-            with suppress(TypeError, ValueError):
-                return Place(
-                    text,
-                    None if columns is None else tuple(map(str, columns)),
-                    None if cursor is None else RowKey(str(cursor[0]), *map(int, cursor[1:3])),
-                )
-    return START
-
-
-def save_place(files: Iterable[Path], place: Place) -> None:
-    """Keep where the view of these files was left.
-
-    Raises FileError if that cannot be written.
-    """
-    path, places, key = _places_path(), _read_places(), _view_key(files)
-    places.pop(key, None)
-    places[key] = asdict(place)
-    latest = dict(list(places.items())[-MOST_PLACES:])
-    try:
-        replace_text(path, json.dumps(latest, ensure_ascii=False, indent=1))
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {reason_of(error)}") from error
+        own = rows.port == rows.codebook.ports.index(key.port)
+        own &= (rows.offset <= key.offset) & (key.offset < rows.offset + rows.length)
+        if key.t_ns is not None:
+            own &= ~rows.timed | (np.abs(rows.t_ns - key.t_ns) < _NEAR_NS)
+        yield from ((at, key) for at in np.flatnonzero(own).tolist())

@@ -16,7 +16,6 @@ from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
-from fte_sniff.session.notes import RowOrigins
 
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
@@ -39,7 +38,6 @@ class ReplaySession:
         files: Sequence[str] = (),
         pages: RecordingPages | None = None,
         following: Following | None = None,
-        origins: RowOrigins | None = None,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
 
@@ -52,9 +50,8 @@ class ReplaySession:
             files: paths of the files.
             pages: receives the batches, which all can be read again.
             following: None for a file that does not grow.
-            origins: receives the inputs of the rows.
         """
-        self._following, self._origins = following, origins
+        self._following = following
         self._is_live = False
         self._expected_rows, self._files, self._pages = total, files, pages
         self._source = batches
@@ -91,8 +88,6 @@ class ReplaySession:
             self._losses += read.losses
             changes += shifted(read.changes, count)
             count += len(read.rows)
-            if self._origins is not None:
-                self._origins.append(len(read.rows), read.origin)
             if self._pages is not None and read.reload is not None:
                 self._pages.append(read.reload, len(read.rows))
         self._polled_rows |= bool(reads)

@@ -31,7 +31,8 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
-from fte_sniff.session.notes import Place, RowKey
+from fte_sniff.session.notes import RowKey
+from fte_sniff.session.user_state import Place
 from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.commands import (
     COMMANDS,
@@ -368,11 +369,10 @@ class SniffApp(App[None]):
     def place(self) -> Place:
         """Where the view is now."""
         row = self._table.cursor_row
-        capture = self.notes.capture_at(self._table.last_index)
         return Place(
             self.filters.own,
             self._table.view.choice,
-            None if row is None else RowKey(row.port, row.offset, capture),
+            None if row is None else RowKey(row.port, row.offset, row.t_ns),
         )
 
     @property

@@ -63,26 +63,19 @@ class NotesField(PromptField):
 
     def _keep_note(self, index: int, row: Row, text: str | None) -> None:
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
-        note = Note.on(row, text or "")
-        if text is None:
+        note = Note.on(row, text)
+        if note.text is None:
             self._table.marks.pop(index, None)
         else:
             self._table.marks[index] = note.text
         self._table.sync()
         if self._notes is not None:
-            if text is None:
-                self._notes.remove(note, self.capture_at(index))
-            else:
-                self._notes.set(note, self.capture_at(index))
-                if path := self._notes.news(self.capture_at(index)):
-                    text = _("marks and notes are saved in {path}", path=printable(str(path)))
-                    self._notice.inform(text)
+            self._notes.set(note)
+            if text is not None and (path := self._notes.news(note.key)):
+                text = _("marks and notes are saved in {path}", path=printable(str(path)))
+                self._notice.inform(text)
             work: WorkType[None] = self._save_notes
             self.run_worker(work, group="notes", exclusive=True)
-
-    def capture_at(self, index: int) -> int:
-        """The number of a row's capture among those of the view."""
-        return 0 if self._notes is None else self._notes.origins.at(index)
 
     async def _save_notes(self) -> None:
         """Write the notes in a thread, since a disk may be slow."""
@@ -115,10 +108,8 @@ class NotesField(PromptField):
         if not (wanted and len(rows)):
             return
         for number, key in located(rows, wanted):
-            if self.capture_at(first + number) != key.capture:
-                continue
             note = self._missing.pop(key, None)
-            if note is not None:
+            if note is not None and note.text is not None:
                 self._table.marks[first + number] = note.text
             if key == self.left_at:
                 self.left_at = None

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
-from fte_sniff.session.notes import START, Notes, Place
+from fte_sniff.session.notes import Notes
 from fte_sniff.session.save import UNKNOWN, ExportSource
+from fte_sniff.session.user_state import START, Place
 from fte_sniff.tui.cells import Delta, TableView
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.settings import Settings, read_settings, save_screen, settings_path
+from fte_sniff.cli.settings import Settings, read_settings, settings_path
 from fte_sniff.errors import FileError
 from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES
@@ -166,17 +165,13 @@ def test_what_is_not_toml_is_one_line(file: Path, text: str) -> None:
 )
 def test_bytes_that_are_not_utf_8_are_one_line(file: Path, content: bytes, line: int) -> None:
     written(file, "").write_bytes(content)
-    for use in (read_settings, partial(save_screen, settings={"theme": "nord"}, filters={})):
-        with pytest.raises(FileError, match=f":{line} is not UTF-8; save the file as UTF-8"):
-            use(file)
-    assert file.read_bytes() == content
+    with pytest.raises(FileError, match=f":{line} is not UTF-8; save the file as UTF-8"):
+        read_settings(file)
 
 
-def test_a_byte_order_mark_is_read_and_settings_are_kept(file: Path) -> None:
+def test_a_byte_order_mark_is_read(file: Path) -> None:
     written(file, "").write_bytes("\ufeff[screen]\r\ntheme = 'nord'\r\n".encode())
     assert read_settings(file).screen["theme"] == "nord"
-    save_screen(file, {"theme": "textual-light"}, {})
-    assert read_settings(file).screen["theme"] == "textual-light"
 
 
 def test_a_folder_in_its_place_is_one_line(file: Path) -> None:
@@ -202,43 +197,32 @@ def test_what_is_not_a_settings_file_is_not_read(file: Path, make: Callable[[Pat
     assert str(file) in str(caught.value)
 
 
-@given(first=screens, second=screens)
-def test_what_is_kept_is_read_again(
-    tmp_path_factory: pytest.TempPathFactory, first: dict[str, Any], second: dict[str, Any]
+@given(written=screens, chosen=screens)
+def test_what_is_chosen_holds_and_the_rest_follows_the_file(
+    tmp_path_factory: pytest.TempPathFactory, written: dict[str, Any], chosen: dict[str, Any]
 ) -> None:
-    file = tmp_path_factory.mktemp("settings") / "config.toml"
-    for screen in (first, second):
-        save_screen(file, screen, {})
-        assert read_settings(file).screen == screen
-    chosen, other = read_settings(file).choices, Settings(first).choices
-    Settings(path=file).keep(other)
-    assert read_settings(file).choices == other
-    Settings(path=file).keep(chosen)
-    assert read_settings(file).choices == chosen
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        settings = Settings(written, filters={"a": "motor = 1"})
+        choices = replace(
+            settings.choices, **chosen, filters=(("a", "motor = 1"), ("b", "rpm > 1"))
+        )
+        settings.keep(choices)
+        assert settings.choices == choices
+        other = Settings({"theme": "nord"}).choices
+        assert dict(other.filters) == {"b": "rpm > 1"}
+        is_own = "theme" in chosen and chosen["theme"] != settings.screen.get("theme")
+        assert other.theme == (choices.theme if is_own else "nord")
 
 
-def test_keeping_follows_a_link(file: Path, tmp_path: Path) -> None:
-    real = written(tmp_path / "dotfiles" / "fte.toml", WHOLE)
-    file.parent.mkdir()
-    file.symlink_to(real)
-    save_screen(file, {"theme": "nord"}, {})
-    assert file.is_symlink()
-    assert read_settings(real).screen["theme"] == "nord"
-
-
-def test_what_is_broken_is_never_overwritten(file: Path) -> None:
-    written(file, "[screen")
-    with pytest.raises(FileError, match="is not TOML"):
-        save_screen(file, {"theme": "nord"}, {})
-    assert file.read_text() == "[screen"
-
-
-@pytest.mark.parametrize("text", ["screen = 1\n", 'screen = "dark"\n'])
-def test_a_setting_in_place_of_a_table_is_left_alone(file: Path, text: str) -> None:
-    written(file, text)
-    with pytest.raises(FileError):
-        save_screen(file, {"theme": "nord"}, {})
-    assert file.read_text() == text
+@pytest.mark.parametrize("content", ["", "[]", '{"theme": 1, "columns": ["x"], "filters": 3}'])
+def test_invalid_choices_are_ignored(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "fte-sniff").mkdir()
+    (tmp_path / "fte-sniff/screen.json").write_text(content)
+    assert Settings({"theme": "nord"}).choices == Choices(theme="nord")
 
 
 def test_the_environment_names_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,11 +256,7 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
         screen.until("f lists the filter as first wheel")
         screen.type("FQ")
         assert screen.ended() == 0
-    kept = read_settings(settings_file).screen
-    assert kept["theme"] == "textual-light"
-    assert "time" not in kept["columns"]
-    assert kept["language"] == "en"
-    assert "# mine" in settings_file.read_text()
+    assert settings_file.read_text() == '# mine\n[screen]\nlanguage = "en"\n'
     with terminal(environment, tmp_path, "view", CLEAN) as screen:
         screen.until("reset")
         screen.type("ffirst")
@@ -314,7 +294,10 @@ def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> No
         screen.type("Q")
         assert screen.ended() == 0
     end = screen.drawn.decode().rpartition("\x1b[?1049l")[2]
-    for what in ("the screen settings are not saved: ", "where the view was left is not saved: "):
+    for what in (
+        "the choices of the screen are not saved: ",
+        "where the view was left is not saved: ",
+    ):
         (line,) = (line for line in end.splitlines() if what in line)
         assert str(in_the_way) in line
     assert b"Traceback" not in screen.drawn

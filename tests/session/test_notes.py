@@ -1,40 +1,23 @@
-"""Notes beside recordings, and the place where a view was left."""
+"""Notes beside a recording: whatever several programs append is read again, and nothing is lost."""
 
 from __future__ import annotations
 
-import json
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.errors import FileError
-from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.session.notes import (
-    MOST_PLACES,
-    START,
-    Note,
-    Notes,
-    Place,
-    RowKey,
-    capture_path,
-    capture_start,
-    located,
-    read_place,
-    save_place,
-)
+from fte_sniff.protocol import Frame, Rows
+from fte_sniff.session.notes import MOST_TEXT, Note, Notes, RowKey, located, notes_path
+from tests.beside import running
+from tests.waiting import BOUND_S
 
-T_NS = 1_769_860_800_000_000_123
-
-
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's state folder."""
-    folder = tmp_path / "state"
-    monkeypatch.setenv("XDG_STATE_HOME", str(folder))
-    return folder
+NOON_NS = 1_769_860_800_000_000_000
+KEY = RowKey("p", 40, NOON_NS)
+keys = st.builds(RowKey, st.text(), st.integers(0, 2**63 - 1), st.none() | st.integers(0, 2**62))
+texts = st.none() | st.text(max_size=MOST_TEXT)
 
 
 @pytest.fixture
@@ -42,178 +25,132 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "run.mcap"
 
 
-def beside(recording: Path) -> Path:
-    return recording.with_name(recording.name + ".notes.jsonl")
+def opened(*recordings: Path) -> Notes:
+    return Notes(dict.fromkeys(recordings))
 
 
-@given(
-    st.none() | st.integers(0, 2**62),
-    st.text(),
-    st.integers(0, 2**62),
-    st.text(max_size=500),
-    st.none() | st.text(max_size=40),
-)
-def test_a_line_holds_a_whole_note(
-    t_ns: int | None, port: str, offset: int, text: str, capture: str | None
+@given(key=keys, text=texts)
+def test_a_line_is_read_as_it_was_written(key: RowKey, text: str | None) -> None:
+    note = Note(key, text)
+    assert Note.parse(note.line()) == note
+    assert note.line().count("\n") == 1
+
+
+@given(changes=st.lists(st.tuples(st.sampled_from([KEY, KEY._replace(offset=50)]), texts)))
+def test_the_last_line_about_a_row_holds(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[RowKey, str | None]]
 ) -> None:
-    note = Note(t_ns, port, offset, text, capture)
-    line = note.line()
-    assert "\n" not in line
-    names = ["time", "port", "offset", "text"] + ["capture"] * (capture is not None)
-    assert list(json.loads(line)) == names
-    assert Note.parse(line) == note
-
-
-ODD_TEXTS = ["\u2028", "\x85", "\x0c\x1e", "\r\n", "\udcff", "收到"]
-
-
-@pytest.mark.parametrize("odd", ODD_TEXTS)
-def test_any_name_of_a_port_and_any_text_can_be_read_again(recording: Path, odd: str) -> None:
-    notes = Notes([recording])
-    for offset in range(3):
-        notes.set(Note(T_NS, f"a{odd}b", offset, f"c{odd}d"))
-    assert notes.save() is None
-    again = Notes([recording])
-    assert again.damage == []
-    assert [note.text for note in again.notes.values()] == [f"c{odd}d"] * 3
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        *("x", "[]", "{}", '{"time": null, "port": "p", "offset": "0", "text": ""}'),
-        '{"time": "noon", "port": "p", "offset": 0, "text": ""}',
-        '{"time": null, "port": "p", "offset": 0, "text": 7}',
-        '{"time": null, "port": "p", "offset": true, "text": ""}',
-        "[" * 100_000,
-    ],
-)
-def test_a_damaged_file_is_one_warning_and_is_not_overwritten(
-    recording: Path, state: Path, line: str
-) -> None:
-    good = Note(T_NS, "p", 0, "kept").line()
-    beside(recording).write_text(f"{good}\n{line}\n")
-    notes = Notes([recording])
-    (damage,) = notes.damage
-    assert str(beside(recording)) in damage
-    assert "line 2" in damage
-    assert notes.notes[RowKey("p", 0)].text == "kept"
-    notes.set(Note(None, "p", 10, "new"))
-    assert notes.save() is None
-    assert beside(recording).read_text() == f"{good}\n{line}\n"
-    assert state in notes.written[0].parents
-    assert set(Notes([recording]).notes) == {RowKey("p", 0), RowKey("p", 10)}
-
-
-def test_a_note_that_could_not_be_saved_is_saved_later(recording: Path, state: Path) -> None:
-    notes = Notes([recording])
-    beside(recording).mkdir()
-    state.write_text("no folder")
-    notes.set(Note(T_NS, "p", 0, "first"))
-    notes.set(Note(T_NS, "p", 10, "second"))
-    assert "not saved" in str(notes.save())
-    notes.set(Note(T_NS, "p", 10, "changed"))
-    assert "not saved" in str(notes.save())
-    state.unlink()
-    notes.set(Note(T_NS, "p", 20, "third"))
-    assert notes.save() is None
-    found = {key.offset: note.text for key, note in Notes([recording]).notes.items()}
-    assert found == {0: "first", 10: "changed", 20: "third"}
-
-
-def test_a_recording_that_replaces_another_has_no_notes_of_it(recording: Path) -> None:
-    starts = ["2026-01-31T12:00:00.000000000Z", "2026-02-01T12:00:00.000000000Z"]
-    for start in starts:
-        notes = Notes([recording], [start])
-        assert notes.notes == {}
-        notes.set(Note(T_NS, "p", 0, start))
+    recording = tmp_path_factory.mktemp("notes") / "run.mcap"
+    expected: dict[RowKey, Note] = {}
+    notes = opened(recording)
+    for key, text in changes:
+        notes.set(Note(key, text))
+        expected[key] = Note(key, text)
         assert notes.save() is None
-    for start in starts:
-        (found,) = Notes([recording], [start]).notes.values()
-        assert (found.text, found.capture) == (start, start)
-    both = Notes([recording.with_name("run_00001.mcap"), recording], starts)
-    assert {key.capture: note.text for key, note in both.notes.items()} == dict(enumerate(starts))
+    left = {key: note for key, note in expected.items() if note.text is not None}
+    assert opened(recording).notes == notes.notes == left
 
 
-def test_the_file_of_notes_is_named_once_and_again_where_it_changes(recording: Path) -> None:
-    notes = Notes([recording])
-    assert notes.news() == beside(recording)
-    notes.set(Note(T_NS, "p", 0))
-    assert notes.save() is None
-    assert notes.news() is None
-    beside(recording).unlink()
-    beside(recording).mkdir()
-    notes.set(Note(T_NS, "p", 10))
-    assert notes.save() is None
-    assert notes.news() == notes.written[0] != beside(recording)
-
-
-def test_the_start_of_a_capture_is_read_from_its_recording(tmp_path: Path) -> None:
-    sample = Path(__file__).parents[2] / "samples" / "clean.mcap"
-    assert capture_start(sample) == "2026-01-31T12:00:00.000000000Z"
-    (tmp_path / "x.log").write_text("AA")
-    assert capture_start(tmp_path / "x.log") is None
-    assert capture_start(tmp_path / "none.mcap") is None
-
-
-def test_notes_of_two_screens_are_merged_and_removed(recording: Path) -> None:
-    one, other = Notes([recording]), Notes([recording])
-    one.set(Note(T_NS, "p", 0, "one"))
-    other.set(Note(T_NS, "p", 10, "other"))
-    assert one.save() is other.save() is None
-    assert {key: note.text for key, note in Notes([recording]).notes.items()} == {
-        RowKey("p", 0): "one",
-        RowKey("p", 10): "other",
+def test_notes_of_older_versions_are_read(recording: Path) -> None:
+    notes_path(recording).write_text(
+        '{"time": "2026-01-31T12:00:00Z", "port": "p", "offset": 40, "text": "old",'
+        ' "capture": "x"}\n'
+        '{"time": null, "port": "p", "offset": 50, "text": ""}\n'
+    )
+    assert {key.offset: note.text for key, note in opened(recording).notes.items()} == {
+        40: "old",
+        50: "",
     }
-    one.remove(Note(T_NS, "p", 10))
-    one.save()
-    assert [json.loads(line)["text"] for line in beside(recording).read_text().splitlines()] == [
-        "one"
-    ]
-    assert not [path for path in recording.parent.iterdir() if path.name.startswith(".")]
 
 
-@pytest.mark.parametrize("name", ["run.mcap", "run_00001.mcap", "run_00017.mcap"])
-def test_the_files_of_a_capture_share_one_file_of_notes(recording: Path, name: str) -> None:
-    assert capture_path(recording.with_name(name)) == recording
-    notes = Notes([recording.with_name(name)])
-    notes.set(Note(T_NS, "p", 0))
+@pytest.mark.parametrize("content", [b"nothing\n", b"[[[[[", b"\xff\xfe\n", b"[" * 100_000, b"1\n"])
+def test_what_is_not_a_note_is_reported_and_the_rest_is_read(
+    recording: Path, content: bytes
+) -> None:
+    notes_path(recording).write_bytes(content.rstrip() + b"\n" + Note(KEY, "kept").line().encode())
+    notes = opened(recording)
+    assert [note.text for note in notes.notes.values()] == ["kept"]
+    assert notes.damage == [f"{notes_path(recording)}: 1 lines are not notes, and are ignored"]
+
+
+_ADD = """
+import sys
+from pathlib import Path
+from fte_sniff.session.notes import Note, Notes, RowKey
+notes = Notes({Path(sys.argv[1]): None})
+for number in range(200):
+    notes.set(Note(RowKey(sys.argv[2], number), "x" * 400))
     notes.save()
-    assert beside(recording).exists()
+"""
 
 
-def test_where_nothing_can_be_written_that_is_reported(recording: Path, state: Path) -> None:
-    beside(recording).mkdir()
-    state.write_text("no folder")
-    notes = Notes([recording])
-    notes.set(Note(T_NS, "p", 0, "here"))
-    assert "not saved" in str(notes.save())
+def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
+    import sys
+
+    words = [sys.executable, "-c", _ADD, str(recording)]
+    with running([*words, "a"]) as one, running([*words, "b"]) as other:
+        assert one.wait(BOUND_S) == other.wait(BOUND_S) == 0
+    notes = opened(recording)
+    assert (len(notes.notes), notes.damage) == (400, [])
 
 
-def test_the_row_that_contains_the_byte_is_found() -> None:
-    raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
-    rows = Rows.from_rows([Frame(port, 10 * n, raw, T_NS) for n in range(4) for port in "pq"])
-    keys = [RowKey("p", 0), RowKey("q", 25), RowKey("q", 40), RowKey("r", 0), RowKey("p", 30, 1)]
-    keys.append(RowKey("p", 30))
-    assert sorted(located(rows, keys)) == [(0, keys[0]), (5, keys[1]), (6, keys[5]), (6, keys[4])]
+def test_the_files_of_a_capture_share_their_notes(recording: Path) -> None:
+    second = recording.with_stem("run_00002")
+    notes = opened(recording, second)
+    notes.set(Note(KEY, "shared"))
+    assert notes.save() is None
+    assert notes.written == [recording.with_name("run.mcap.notes.jsonl")]
+    assert opened(second).notes == notes.notes
 
 
-def test_a_view_reopens_where_it_was_left(recording: Path, state: Path) -> None:
-    assert read_place([recording]) == START
-    place = Place("motor = 1", ("time", "raw"), RowKey("p", 30, 1))
-    save_place([recording], place)
-    assert read_place([recording]) == place
-    assert read_place([recording, recording]) == START
-    for number in range(MOST_PLACES):
-        save_place([Path(f"{number}.mcap")], START)
-    assert read_place([recording]) == START
-    for content in ("", "[]", "{", '{"x": {"filter": 7}}', "[" * 100_000):
-        (state / "fte-sniff" / "views.json").write_text(content)
-        assert read_place([recording]) == START
+def test_a_note_is_stored_beside_the_capture_that_began_before_its_row(tmp_path: Path) -> None:
+    first, later = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    notes = Notes({later: NOON_NS + 100, first: NOON_NS})
+    for t_ns in (NOON_NS + 50, NOON_NS + 150, None):
+        notes.set(Note(RowKey("p", 0, t_ns), str(t_ns)))
+    notes.save()
+    assert {note.text for note in opened(first).notes.values()} == {str(NOON_NS + 50), "None"}
+    assert {note.text for note in opened(later).notes.values()} == {str(NOON_NS + 150)}
 
 
-def test_a_place_that_cannot_be_saved_is_one_line(recording: Path, state: Path) -> None:
-    state.write_text("no folder")
-    assert read_place([recording]) == START
-    with pytest.raises(FileError, match=r"views\.json cannot be written: .*directory"):
-        save_place([recording], Place("motor = 1"))
+def test_the_file_of_notes_is_announced_once(recording: Path) -> None:
+    notes = opened(recording)
+    assert notes.news(KEY) == notes_path(recording)
+    assert notes.news(KEY) is None
+    assert Notes().news(KEY) is None
+
+
+def test_notes_that_cannot_be_saved_are_saved_later(recording: Path) -> None:
+    notes_path(recording).mkdir()
+    notes = opened(recording)
+    notes.set(Note(KEY, "late"))
+    trouble = notes.save()
+    assert trouble is not None
+    assert trouble.startswith(f"the notes are not saved: {notes_path(recording)}: ")
+    notes_path(recording).rmdir()
+    assert notes.save() is None
+    assert opened(recording).notes == {KEY: Note(KEY, "late")}
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_notes_are_not_written_through_a_link_or_to_a_pipe(recording: Path, kind: str) -> None:
+    target = recording.with_name("precious")
+    target.write_text("mine")
+    if kind == "link":
+        notes_path(recording).symlink_to(target)
+    else:
+        os.mkfifo(notes_path(recording))
+    notes = opened(recording)
+    notes.set(Note(KEY, "x"))
+    assert notes.save() is not None
+    assert target.read_text() == "mine"
+
+
+def test_the_row_that_contains_the_byte_at_that_time_is_found() -> None:
+    rows = Rows.from_rows(
+        Frame("p", 10 * number, bytes.fromhex("AA0000000000000000EE"), NOON_NS + number * 10**9)
+        for number in range(3)
+    )
+    wanted = [RowKey("p", 15, NOON_NS + 10**9), RowKey("p", 20), RowKey("q", 0)]
+    assert [*located(rows, wanted)] == [(1, wanted[0]), (2, wanted[1])]
+    assert [*located(rows, [RowKey("p", 10, NOON_NS + 60 * 10**9)])] == []

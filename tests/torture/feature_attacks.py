@@ -17,7 +17,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.notes import Note, Notes
+from fte_sniff.session.notes import Note, Notes, RowKey
 from tests.support.columns import in_columns
 from tests.torture.case import OUT_OF_MEMORY, Case, Started, promise
 from tests.torture.damage import START_NS, VARIANTS, damaged, numbered_frame, recording
@@ -243,8 +243,8 @@ def report_texts(case: Case) -> None:
                 in_columns([Frame(text, row.offset, row.raw, row.t_ns) for row in _frames(0, 300)])
             )
             writer.write(in_columns(events))
-        saved = Notes([path])
-        saved.set(Note(START_NS, text, 0, text))
+        saved = Notes({path: None})
+        saved.set(Note(RowKey(text, 0, START_NS), text))
         saved.save()
         run = case.run("report", path, "-o", case.path(f"{name}.html"))
         promise(run.code == 0, f"{name}: exit code {run.code}\n{run.errors}")

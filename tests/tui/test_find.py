@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from datetime import UTC
 from pathlib import Path
@@ -16,10 +15,9 @@ from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.inputs import ChunkInput, Input, InputReading, RecordingInput
+from fte_sniff.session.inputs import ChunkInput, Input, RecordingInput
 from fte_sniff.session.log_rows import raw_chunks
-from fte_sniff.session.notes import Notes, Place
-from fte_sniff.session.replay import ReplaySession
+from fte_sniff.session.notes import Notes
 from fte_sniff.tui import find
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.find import parse_goal, row_of
@@ -474,7 +472,7 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
         await until(app, pilot, lambda: "marks and notes are saved in" in page(app))
         await until(app, pilot, recording_notes.exists)
         await press(app, pilot, "escape", "m")
-        await until(app, pilot, lambda: not recording_notes.read_text())
+        await until(app, pilot, lambda: '"text": null' in recording_notes.read_text())
         assert "are saved in" not in page(app)
 
     async def read(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -492,9 +490,9 @@ def test_marks_and_notes_are_kept_beside_the_recording_and_shown_again(
     for scenario in (first, write, read):
         feed = ListFeed()
         feed.give(speed_rows(40))
-        play(feed, scenario, options=StartOptions(notes=Notes([recording])))
-    (line,) = recording_notes.read_text().splitlines()
-    assert json.loads(line)["offset"] == 390
+        play(feed, scenario, options=StartOptions(notes=Notes({recording: None})))
+    (key,) = Notes({recording: None}).notes
+    assert key.offset == 390
 
 
 def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
@@ -512,7 +510,7 @@ def test_notes_that_cannot_be_saved_are_reported_and_the_view_goes_on(
         await press(app, pilot, "G")
         assert rpms(app)[-1] == 44
 
-    play(feed, scenario, options=StartOptions(notes=Notes([recording])), rows=40)
+    play(feed, scenario, options=StartOptions(notes=Notes({recording: None})), rows=40)
 
 
 def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
@@ -529,48 +527,3 @@ def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
         ]
         write_recording(path, [PortFacts("p")], [columns.Rows.from_rows(frames)])
     return RecordingInput(RecordingReader(path))
-
-
-@pytest.mark.parametrize("timed", [True, False])
-def test_notes_of_captures_with_the_same_port_and_offsets_are_kept_apart(
-    tmp_path: Path, timed: bool
-) -> None:
-    files = [tmp_path / "a", tmp_path / "b"]
-    wanted = {3: "of a", 103: "of b", 105: "b alone"}
-    left = list[Place]()
-
-    async def at(app: SniffApp, pilot: Pilot[None], rpm: int) -> None:
-        await enter_line(app, pilot, "slash", f"rpm={rpm} ")
-        row = table(app).cursor_row
-        assert row is not None
-        assert row.values["rpm"] == rpm
-
-    async def write(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "20 rows" in page(app))
-        for rpm, text in wanted.items():
-            await at(app, pilot, rpm)
-            await enter_line(app, pilot, "number_sign", text)
-
-    async def read(app: SniffApp, pilot: Pilot[None]) -> None:
-        await until(app, pilot, lambda: "20 rows" in page(app))
-        row = table(app).cursor_row
-        assert row is not None
-        assert row.values["rpm"] == 105
-        marks, store = table(app).marks, app._model.store
-        assert {store.row(one).values["rpm"]: marks[one] for one in marks} == wanted
-        for key in ("S", "M"):
-            await press(app, pilot, key)
-            await until(app, pilot, lambda: "2 captures as one" in page(app))
-
-    for scenario in (write, read):
-        inputs = [_opened_capture(file, number, timed=timed) for number, file in enumerate(files)]
-        notes = Notes(files)
-        reading = InputReading(inputs)
-        session = ReplaySession(reading, "a b", origins=notes.origins)
-        place = left[0] if left else Place()
-        options = StartOptions(notes=notes, place=place, zone=UTC)
-        left.append(play(session, scenario, options=options).place)
-    counts = [
-        len(file.with_name(f"{file.name}.notes.jsonl").read_text().splitlines()) for file in files
-    ]
-    assert counts == [1, 2]

@@ -92,7 +92,6 @@ class PaneSwitcher(Container):
     ) -> None:
         super().__init__(id="body")
         self._store, self._header, self._table, self._notice = store, header, table, notice
-        self._captures = 1 if options.notes is None else options.notes.origins.captures
         self._line_setup = options.line_setup
         self.pane_layout = options.choices.panes
         self.models = LiveModels(store, options.line_setup)
@@ -506,5 +505,4 @@ class PaneSwitcher(Container):
             field=table.field,
             answers=tuple(table.relations.answers(index)),
             command=table.relations.command(index),
-            captures=self._captures,
         )
