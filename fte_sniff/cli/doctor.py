@@ -26,7 +26,8 @@ EXIT_WRONG = 1
     "-b", "--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s."
 )
 @click.option(
-    "--seconds",
+    "--duration",
+    "seconds",
     type=Seconds(min=0.1, max=3600),
     default=3.0,
     show_default=True,
@@ -38,7 +39,7 @@ EXIT_WRONG = 1
 def command(
     context: click.Context, port: str | None, baud: int, seconds: float, probe: bool, form: str
 ) -> None:
-    """Check this machine and its ports, and show how to fix what is wrong.
+    """Check the ports of this machine, and show how to fix what is wrong.
 
     With PORT, that port is opened as `live` opens it, and listened to: what comes shows frames,
     damage, dead wires and other devices. Nothing is ever written. With --probe the port is set to
@@ -63,11 +64,11 @@ def command(
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Diagnosis]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor import check_all_ports, check_machine, check_port
+    from fte_sniff.session.doctor import check_adapters, check_all_ports, check_port
 
     settings = PortSettings(baud)
     own = check_all_ports() if port is None else check_port(port, settings, seconds, probe=probe)
-    return chain(check_machine(), own)
+    return chain(check_adapters(), own)
 
 
 def _line(finding: Diagnosis) -> str:
@@ -80,6 +81,6 @@ def _json(finding: Diagnosis) -> str:
         "level": finding.level,
         "about": finding.about,
         "what": finding.what,
-        "way_out": finding.fix,
+        "fix": finding.fix,
     }
     return json_text(fields)

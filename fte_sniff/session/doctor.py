@@ -1,9 +1,8 @@
-"""Checks of `doctor`: the machine, its ports, the line of one port; each gives a `Diagnosis`.
+"""Checks of `doctor`: adapters, ports, their holders, the line of one port.
 
-To add a check, write a function here that returns or yields findings, and call it in the runner
-that fits:
+Each check returns or yields a `Diagnosis`:
 
-    check_machine    machine, folder, terminal, installation; always runs
+    check_adapters   adapters that are not ports, and programs that open adapters
     check_all_ports  every port, without opening it; runs when no PORT is given
     check_port       opens PORT, listens to it, judges its line
 
@@ -13,10 +12,6 @@ describe any machine.
 
 from __future__ import annotations
 
-import ctypes
-import os
-import shutil
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -48,10 +43,9 @@ from fte_sniff.capture.serial_port import (
     request_capabilities,
 )
 from fte_sniff.capture.uart_errors import UNAVAILABLE
-from fte_sniff.errors import PortError, printable, reason_of
-from fte_sniff.platform import POSIX, TerminalError
-from fte_sniff.protocol import Direction, LineErrorCounts, framer
-from fte_sniff.session.framer_hash import library_name
+from fte_sniff.errors import PortError, printable
+from fte_sniff.platform import TerminalError
+from fte_sniff.protocol import Direction, LineErrorCounts
 
 _ROOT = Path("/")
 
@@ -97,15 +91,6 @@ def bad(about: str, what: str, fix: str) -> Diagnosis:
 # The runners
 
 
-def check_machine() -> Iterator[Diagnosis]:
-    """Check folder, terminal, installation, clock, and programs that interfere."""
-    yield working_folder_finding()
-    yield from terminal_findings(os.environ, sys.stdout.encoding)
-    yield framer_finding(Path(framer.__file__).parent, compiled=framer.COMPILED)
-    yield clock_finding(clock_state())
-    yield from adapter_findings()
-
-
 def check_all_ports() -> Iterator[Diagnosis]:
     """Check all ports without opening them."""
     found = list_ports()
@@ -141,99 +126,6 @@ def check_port(
         yield verdict_finding(name, baud, verdict)
         if probe:
             yield _probe(name, baud, listener, verdict)
-
-
-# Folder, terminal, installation, clock
-
-LOW_BYTES = 2**30
-"""Less free space may not be enough for a long capture."""
-
-LEAST_BYTES = 50 * 2**20
-
-_OTHER_FOLDER = "cd ~, or name a recording with -o"
-
-
-def working_folder_finding() -> Diagnosis:
-    """As `folder_finding`, for the default folder of recordings."""
-    try:
-        return folder_finding(Path.cwd())
-    except OSError:
-        return bad("folder", "the working folder is gone", "cd ~")
-
-
-def folder_finding(folder: Path) -> Diagnosis:
-    """Check that a folder can be written to, and has free space."""
-    try:
-        free = shutil.disk_usage(folder).free
-    except OSError as error:
-        return bad("folder", f"{folder}: {reason_of(error)}", _OTHER_FOLDER)
-    own = os.access in os.supports_effective_ids
-    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=own):
-        return bad("folder", f"{folder} cannot be written to", _OTHER_FOLDER)
-    space = f"{free / 2**30:,.1f} GiB free in {folder}"
-    fix = "make room, or record elsewhere: fte-sniff live PORT -o /other/disk/x.mcap"
-    if free < LEAST_BYTES:
-        return bad("folder", space, fix)
-    return warn("folder", space, fix) if free < LOW_BYTES else ok("folder", space)
-
-
-def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Diagnosis]:
-    """Check that the terminal can show the screen of `live`; `encoding` is that of stdout."""
-    term = environment.get("TERM", "") if POSIX else "not used by Windows"
-    if term in ("", "dumb", "unknown"):
-        what = f"TERM is {term!r}: the screen cannot be drawn"
-        yield warn("terminal", what, "export TERM=xterm-256color, or use live --plain")
-    else:
-        yield ok("terminal", f"TERM is {term}")
-    if encoding.lower().replace("-", "") != "utf8":
-        what = f"its encoding is {encoding}: some characters cannot be shown"
-        yield warn("terminal", what, "export LC_ALL=C.UTF-8" if POSIX else "set PYTHONUTF8=1")
-
-
-def framer_finding(folder: Path, *, compiled: bool) -> Diagnosis:
-    """Check that the framer in `folder` runs compiled, and from the present source."""
-    if not compiled:
-        return warn(
-            "framer",
-            "interpreted, so large files take longer; no row is different",
-            "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
-            "python3-dev), then fte-sniff again: pip install .",
-        )
-    if any(folder.glob(f"{library_name(folder)}.*")):
-        return ok("framer", "compiled")
-    return warn(
-        "framer",
-        "compiled from another source: the running code differs from the files",
-        "install fte-sniff again: pip install -e . (or pip install .)",
-    )
-
-
-_TIME_ERROR = 5
-"""adjtimex returns this if the clock is not synchronized."""
-_TIMEX_SIZE = 512
-"""More bytes than a `struct timex` has."""
-
-
-def clock_state() -> int | None:
-    """Call adjtimex without changing anything; None if the system has no such call."""
-    if not POSIX:
-        return None
-    try:
-        adjtimex = ctypes.CDLL(None, use_errno=True).adjtimex
-    except (OSError, AttributeError):
-        return None
-    state = int(adjtimex(ctypes.create_string_buffer(_TIMEX_SIZE)))
-    return None if state < 0 else state
-
-
-def clock_finding(state: int | None) -> Diagnosis:
-    """Check that the clock is synchronized; `state` is that of `clock_state`."""
-    if state is None:
-        return ok("clock", "this system does not report whether it is synchronized")
-    if state == _TIME_ERROR:
-        what = "the system's clock is not synchronized: the times of recordings may be wrong"
-        return warn("clock", what, "sudo timedatectl set-ntp true (outside of containers)")
-    return ok("clock", "synchronized by the network")
 
 
 # Kind of machine, and programs that take adapters away
@@ -280,7 +172,7 @@ def running_programs(root: Path = _ROOT) -> frozenset[str]:
     return frozenset(text_of(file) for file in (root / "proc").glob("[0-9]*/comm"))
 
 
-def adapter_findings(root: Path = _ROOT) -> Iterator[Diagnosis]:
+def check_adapters(root: Path = _ROOT) -> Iterator[Diagnosis]:
     """Check for adapters without a port, and for programs that open adapters."""
     for stray in stray_adapters(root / "sys/bus/usb/devices"):
         yield stray_finding(stray, root)
@@ -316,19 +208,6 @@ def device_findings(port: PortListing) -> Iterator[Diagnosis]:
     timer = latency_timer_ms(port.device)
     if timer is not None and timer > SHORT_TIMER_MS:
         yield ok(port.device, f"latency timer {timer} ms, until live asks for low latency")
-    if port.vid is not None:
-        yield from virtual_usb_findings(port.device)
-
-
-def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Diagnosis]:
-    """Check for a hypervisor between a USB port and this system: it delays bytes."""
-    if is_virtual(root):
-        yield warn(
-            device,
-            "a virtual machine forwards USB data in bursts: times can be tens of milliseconds late",
-            "capture on the host, or serve the port from there: "
-            f"socat TCP-LISTEN:4001,reuseaddr {device},raw,b115200",
-        )
 
 
 def holder_findings(port: PortListing) -> Iterator[Diagnosis]:
@@ -471,7 +350,7 @@ def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Diagnosis:
             )
         case LineCondition.TOO_LITTLE:
             what = f"{size} came and no frame: too little to judge"
-            return warn(port, what, f"fte-sniff doctor {typed} --seconds 30")
+            return warn(port, what, f"fte-sniff doctor {typed} --duration 30")
         case LineCondition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
             return bad(port, what, "fte-sniff ports")

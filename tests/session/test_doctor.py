@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import termios
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -15,13 +14,11 @@ from fte_sniff.protocol import Direction, LineErrorCounts
 from fte_sniff.session.doctor import (
     LineListener,
     device_findings,
-    folder_finding,
     holder_findings,
     probe_finding,
     verdict_finding,
 )
 from tests.beside import Work
-from tests.recording.conftest import unprivileged
 
 
 @pytest.mark.parametrize("condition", LineCondition)
@@ -39,17 +36,6 @@ def test_a_probe_names_the_baud_with_most_bytes_in_frames() -> None:
     }
     assert probe_finding("/dev/p", found).fix == "fte-sniff live /dev/p --baud 38400"
     assert "no common baud gives frames" in probe_finding("/dev/p", {}).what
-
-
-def test_a_folder_that_is_gone_or_forbidden_is_bad(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert folder_finding(tmp_path / "gone").level == "bad"
-    tmp_path.chmod(0o500)
-    monkeypatch.chdir(tmp_path)
-    with unprivileged():
-        finding = folder_finding(Path())
-    assert (finding.level, finding.fix) == ("bad", "cd ~, or name a recording with -o")
 
 
 def write(root, files):
