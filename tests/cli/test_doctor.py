@@ -109,7 +109,7 @@ def doctor(run: Run, *arguments: str) -> tuple[int, dict[str, list[str]]]:
 
 def test_a_sound_line_is_well(run: Run) -> None:
     with wire() as (far, port), Line(far, 115_200).sending():
-        code, said = doctor(run, port, "--seconds", LONG)
+        code, said = doctor(run, port, "--duration", LONG)
     assert code == 0
     assert not said["bad"]
     assert "are in frames: feedback (the controller's TX wire)" in said["ok"][-1]
@@ -118,7 +118,7 @@ def test_a_sound_line_is_well(run: Run) -> None:
 
 def test_a_line_without_frames_is_reported_with_the_command_that_probes_it(run: Run) -> None:
     with wire() as (far, port), Line(far, 57_600).sending() as line:
-        code, said = doctor(run, port, "--seconds", LONG)
+        code, said = doctor(run, port, "--duration", LONG)
     assert code == 1
     (bad,) = said["bad"]
     assert "at 115200 baud: another baud rate, swapped polarity, or another device" in bad
@@ -129,7 +129,7 @@ def test_a_line_without_frames_is_reported_with_the_command_that_probes_it(run: 
 @pytest.mark.parametrize("baud", first(2, [230_400, 57_600, 19_200, 1_000_000]))
 def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
     with wire() as (far, port), Line(far, baud).sending() as line:
-        code, said = doctor(run, port, "--seconds", LONG, "--probe")
+        code, said = doctor(run, port, "--duration", LONG, "--probe")
     assert code == 1
     assert f"bytes are in frames at {baud} baud" in said["bad"][-1]
     assert said["bad"][-1].endswith(f"-> fte-sniff live {port} --baud {baud}")
@@ -138,7 +138,7 @@ def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
 
 def test_a_probe_without_frames_names_swapped_polarity_and_its_fix(run: Run) -> None:
     with wire() as (far, port), Line(far, 115_200, inverted=True).sending():
-        code, said = doctor(run, port, "--seconds", LONG, "--probe")
+        code, said = doctor(run, port, "--duration", LONG, "--probe")
     assert code == 1
     assert "probe: no common baud gives frames: swapped polarity" in said["bad"][1]
     assert "MAX3232" in said["bad"][1]
@@ -146,7 +146,7 @@ def test_a_probe_without_frames_names_swapped_polarity_and_its_fix(run: Run) -> 
 
 def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
     with wire() as (far, port), Line(far, 115_200).sending() as line:
-        code, said = doctor(run, port, "--seconds", LONG, "--probe")
+        code, said = doctor(run, port, "--duration", LONG, "--probe")
     assert code == 0
     assert "probe: not needed, the baud is right -> None" in said["ok"]
     assert [baud for baud in line.bauds_set if baud != 38_400] == [115_200]
@@ -154,7 +154,7 @@ def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
 
 def test_a_dead_wire_is_reported_and_nothing_is_written_to_it(run: Run) -> None:
     with wire() as (far, port):
-        code, said = doctor(run, port, "--seconds", "0.3", "--probe")
+        code, said = doctor(run, port, "--duration", "0.3", "--probe")
         poll = select.poll()
         poll.register(far, select.POLLIN)
         written = [events for _, events in poll.poll(0) if events & select.POLLIN]
@@ -169,7 +169,7 @@ def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None
         with held(near) as other:
             os.close(near)
             with Line(far, 115_200).sending():
-                code, said = doctor(run, port, "--seconds", LONG)
+                code, said = doctor(run, port, "--duration", LONG)
     assert code == 1
     assert said["bad"] == [
         f"sleep (pid {other.pid}) has it open, and takes bytes away -> "
@@ -231,7 +231,7 @@ def test_a_working_folder_that_is_gone_is_a_finding(
 
 
 def test_each_finding_is_a_line_with_its_level(run: Run) -> None:
-    done = run("doctor", "sim://?rate=1000", "--seconds", LONG)
+    done = run("doctor", "sim://?rate=1000", "--duration", LONG)
     assert done.returncode == 0
     lines = done.stdout.splitlines()
     assert {line[:4].rstrip() for line in lines} <= {"ok", "warn", "bad"}
@@ -262,6 +262,6 @@ def test_ports_as_json_lines_hold_all_that_is_known(run: Run) -> None:
 
 
 def test_seconds_that_are_not_a_number_are_refused(run: Run) -> None:
-    done = run("doctor", "sim://", "--seconds", "nan")
+    done = run("doctor", "sim://", "--duration", "nan")
     assert (done.returncode, done.stdout) == (2, "")
     assert "not a number of seconds" in done.stderr

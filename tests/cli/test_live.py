@@ -97,7 +97,7 @@ def test_no_controller_is_simulated_that_nobody_could_hear(run) -> None:
 
 
 def test_doctor_finds_a_line_silent_where_nobody_is_ever_heard(run) -> None:
-    assert "nothing came" in run("doctor", SILENT, "--seconds", "0.4").stdout
+    assert "nothing came" in run("doctor", SILENT, "--duration", "0.4").stdout
 
 
 def test_the_default_recording_is_named_after_the_time_and_reported(run, tmp_path: Path) -> None:

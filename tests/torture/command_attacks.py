@@ -66,7 +66,7 @@ _FORMS = ("{}", "{}GB", "-{}", "0.{}", "{}h", "{}e{}", "\u202e{}\x9b", "rpm > {}
 _ENDINGS: Mapping[str, tuple[str, ...]] = {
     "live": ("--duration=0.3",),
     "bridge": ("--duration=0.3",),
-    "doctor": ("--seconds=0.2",),
+    "doctor": ("--duration=0.2",),
 }
 """What a drawn command line ends with, so that it ends."""
 
