@@ -12,6 +12,8 @@ from tests.cli.forked import Ended, loaded_program, plain_environment
 from tests.cli.processes import ended
 from tests.slow import first
 
+pytestmark = pytest.mark.program
+
 SAMPLE = Path(__file__).parents[1] / "samples" / "clean.mcap"
 
 

@@ -31,6 +31,8 @@ from tests.pseudo_terminals import Pty
 from tests.slow import first
 from tests.waiting import BOUND_S
 
+pytestmark = pytest.mark.program
+
 ROOT = Path(__file__).parents[1]
 
 # Libraries that saw Linux when they were imported still need what they found. Not removed: what

@@ -26,6 +26,8 @@ from tests.cli.processes import (
 )
 from tests.slow import first
 
+pytestmark = pytest.mark.program
+
 SPEED = bytes.fromhex("AA010103E800000000EE")
 ANSWER = bytes.fromhex("5501010000000000 0FEE")
 
@@ -59,6 +61,7 @@ def talk(host: serial.Serial, far: int) -> None:
     assert host.read(len(ANSWER)) == ANSWER
 
 
+@pytest.mark.smoke
 def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_path: Path):
     with bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, name):
         with opened(tmp_path) as host:

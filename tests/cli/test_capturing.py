@@ -53,6 +53,8 @@ from tests.slow import first
 from tests.support.recorded_rows import events_in
 from tests.waiting import while_waiting
 
+pytestmark = pytest.mark.program
+
 SIM = "sim://?seed=1&rate=1000"
 
 

@@ -11,6 +11,8 @@ from fte_sniff.protocol import COLUMNS
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import controlling_terminal, terminal
 
+pytestmark = pytest.mark.tool
+
 SHELLS = {
     "bash": (["bash", "--norc", "--noprofile", "-i"], 'eval "$(fte-sniff completion bash)"'),
     "zsh": (

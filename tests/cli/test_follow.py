@@ -34,6 +34,8 @@ from tests.cli.processes import (
 from tests.cli.terminals import terminal
 from tests.support.columns import in_columns
 
+pytestmark = pytest.mark.program
+
 WRITER = """
 import sys
 from pathlib import Path

@@ -18,8 +18,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import ClientConnection, connect
 
 from fte_sniff.cli.foxglove_server import (
     FOXGLOVE_ORIGIN,
@@ -36,6 +34,10 @@ from tests.cli.conftest import ROOT
 from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
 from tests.waiting import BOUND_S, while_waiting
 
+pytestmark = pytest.mark.program
+sync_client = pytest.importorskip("websockets.sync.client")
+refusals = pytest.importorskip("websockets.exceptions")
+
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
 WORDS = ("live", SIM, "--headless", "-o", "x.mcap", "--serve", "127.0.0.1:0")
 _MESSAGE = struct.Struct("<BIQ")
@@ -44,7 +46,7 @@ _MESSAGE = struct.Struct("<BIQ")
 class Viewer:
     """A client that subscribes to all channels."""
 
-    def __init__(self, connection: ClientConnection) -> None:
+    def __init__(self, connection: Any) -> None:
         assert connection.subprotocol in SUBPROTOCOLS
         self._connection = connection
         assert json.loads(connection.recv(BOUND_S))["op"] == "serverInfo"
@@ -75,8 +77,10 @@ def server() -> Iterator[FoxgloveServer]:
         found.close()
 
 
-def viewer_at(address: str, **options: Any) -> ClientConnection:
-    return connect(address, subprotocols=SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options)
+def viewer_at(address: str, **options: Any) -> Any:
+    return sync_client.connect(
+        address, subprotocols=SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options
+    )
 
 
 def address_in(text: str) -> str:
@@ -122,7 +126,9 @@ def test_viewer_gets_the_rows_that_are_recorded(environment, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("protocol", SUBPROTOCOLS)
 def test_viewer_gets_what_it_subscribed_to(server: FoxgloveServer, protocol: str) -> None:
-    with connect(server.url, subprotocols=[protocol], open_timeout=BOUND_S) as connection:
+    with sync_client.connect(
+        server.url, subprotocols=[protocol], open_timeout=BOUND_S
+    ) as connection:
         server.send(noise(5), [])  # nobody subscribed to it
         viewer = Viewer(connection)
         wait_until(lambda: server.wanted)
@@ -238,7 +244,7 @@ def test_page_of_foxglove_or_of_this_machine_may_read(server: FoxgloveServer, or
     ],
 )  # fmt: skip
 def test_other_page_is_refused(server: FoxgloveServer, origin: str) -> None:
-    with pytest.raises(InvalidStatus) as refused:
+    with pytest.raises(refusals.InvalidStatus) as refused:
         viewer_at(server.url, origin=origin)
     assert refused.value.response.status_code == 403
     assert b"--allow-origin" in refused.value.response.body
@@ -246,7 +252,7 @@ def test_other_page_is_refused(server: FoxgloveServer, origin: str) -> None:
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "localhost.evil.example"])
 def test_name_that_leads_to_this_machine_is_refused(server: FoxgloveServer, host: str) -> None:
-    with pytest.raises(InvalidStatus) as refused:
+    with pytest.raises(refusals.InvalidStatus) as refused:
         viewer_at(server.url, additional_headers={"Host": host})
     assert refused.value.response.status_code == 403
 
@@ -283,7 +289,7 @@ def test_origin_is_allowed_by_an_option(environment, tmp_path: Path) -> None:
         address = address_in(stderr_until(capture, "viewers can connect"))
         with viewer_at(address, origin=origin) as connection:
             assert Viewer(connection).message()
-        with pytest.raises(InvalidStatus):
+        with pytest.raises(refusals.InvalidStatus):
             viewer_at(address, origin="https://other.example.org")
         capture.send_signal(signal.SIGINT)
         assert ended(capture)[0] == 0
@@ -320,8 +326,8 @@ def test_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path
     with started(environment, tmp_path, *WORDS) as capture:
         address = address_in(stderr_until(capture, "viewers can connect"))
         for _ in range(3):
-            with pytest.raises(InvalidStatus):
-                connect(address, subprotocols=["another.v1"], open_timeout=BOUND_S)  # type: ignore[list-item]
+            with pytest.raises(refusals.InvalidStatus):
+                sync_client.connect(address, subprotocols=["another.v1"], open_timeout=BOUND_S)
         capture.send_signal(signal.SIGINT)
         code, _, errors = ended(capture)
     assert code == 0

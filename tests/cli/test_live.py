@@ -45,6 +45,8 @@ from tests.slow import first
 from tests.support.recorded_rows import events_in
 from tests.support.tools import needs
 
+pytestmark = pytest.mark.program
+
 SPEED = bytes.fromhex("AA010103E800000000EE")
 SILENT = "sim://?host=off&wire=control"
 KEPT = ("--keep-recording", "--duration", "15 min")
@@ -122,6 +124,7 @@ def test_the_filter_is_for_the_eyes_and_all_is_recorded(run, tmp_path: Path) -> 
     assert len(run("decode", "x.mcap").stdout.splitlines()) == 41
 
 
+@pytest.mark.smoke
 def test_a_real_terminal(run, environment, tmp_path: Path) -> None:
     with (
         wire() as (far, name),

@@ -25,6 +25,8 @@ from tests.recording.conftest import some_rows
 from tests.support.columns import without_facts
 from tests.waiting import BOUND_S
 
+pytestmark = pytest.mark.program
+
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
 
 

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from distributed import Client
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
 import fte_sniff
-from fte_sniff.analysis.statistics import StatisticsSummary
-from fte_sniff.cli.measuring import LEAST_NAME, TextTable, processes_for
-from fte_sniff.session.file_jobs import FileJob
-from fte_sniff.session.inputs import RecordingInput
-from tests.cli.processes import BOUND_S, PROGRAM, children_of, ended, started, wait_until
+from fte_sniff.cli.measuring import LEAST_NAME, TextTable
+from tests.cli.processes import BOUND_S, PROGRAM
+from tests.needs import needs
 from tests.slow import first
 from tests.support.dask_cluster import cluster
 from tests.support.recorded_rows import make_recordings
@@ -37,6 +33,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+@needs("cluster")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with cluster(2, tmp_path_factory.mktemp("cluster")) as found:
         yield found
@@ -67,18 +64,6 @@ def test_stats_in_python_are_those_of_the_command_with_any_executor(run, recordi
     assert found == [printed, printed]
 
 
-@pytest.mark.parametrize(
-    ("jobs", "files", "processes"),
-    [(None, 1, 1), (None, 2, 2), (None, 4, 4), (None, 9, 4), (3, 2, 2), (3, 9, 3), (9, 9, 9)],
-)
-def test_each_core_has_a_process_but_never_more_than_files(
-    monkeypatch: pytest.MonkeyPatch, jobs: int | None, files: int, processes: int
-) -> None:
-    monkeypatch.setattr("fte_sniff.recording.mcap.reader.cores", lambda: 4)
-    job = FileJob(Path("x"), RecordingInput, StatisticsSummary)
-    assert processes_for(jobs, [job] * files) == processes
-
-
 @pytest.mark.parametrize("name", first(1, COMMANDS))
 def test_a_cluster_gives_the_numbers_of_one_process(
     run, recordings: Path, address: str, name: str
@@ -86,46 +71,6 @@ def test_a_cluster_gives_the_numbers_of_one_process(
     arguments = [*COMMANDS[name], recordings, "--format", "json"]
     one, many = run(*arguments, "--jobs", "1"), run(*arguments, "--cluster", address)
     assert (many.returncode, many.stdout, many.stderr) == (one.returncode, one.stdout, one.stderr)
-
-
-@pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_midway_still_gives_them(
-    run, environment: dict[str, str], tmp_path: Path, recordings: Path
-) -> None:
-    arguments = ["stats", str(recordings), "--format", "json"]
-    expected = run(*arguments, "--jobs", "1").stdout
-    with (
-        cluster(2, tmp_path) as address,
-        Client(address, set_as_default=False) as client,
-        started(environment, tmp_path, *arguments, "--cluster", address) as process,
-    ):
-        assert process.stdout is not None
-        wait_until(lambda: any(client.processing().values()))
-        busy = next(worker for worker, tasks in client.processing().items() if tasks)
-        worker_pid = client.run(os.getpid, workers=[busy])[busy]
-        os.kill(worker_pid, signal.SIGKILL)
-        reported = process.stdout.read().decode()
-        assert process.wait(BOUND_S) == 0
-    assert reported == expected
-
-
-def test_a_cluster_that_loses_its_scheduler_ends_with_one_line(
-    environment: dict[str, str], tmp_path: Path, recordings: Path
-) -> None:
-    with cluster(2, tmp_path) as address, Client(address, set_as_default=False) as client:
-        scheduler = client.run_on_scheduler(os.getpid)
-        for worker in client.run(os.getpid).values():
-            os.kill(worker, signal.SIGSTOP)  # no file is done before the scheduler is gone
-        with started(
-            environment, tmp_path, "stats", str(recordings), "--cluster", address
-        ) as process:
-            wait_until(lambda: any(client.processing().values()))
-            os.kill(scheduler, signal.SIGKILL)
-            code, _, line = ended(process)
-    assert code == 4
-    assert line.count("\n") == 1
-    assert "scheduler" in line
-    assert f"0 of {FILES} files were read" in line
 
 
 def test_a_file_that_the_workers_cannot_see_is_named(
@@ -151,44 +96,6 @@ def test_a_file_that_the_workers_cannot_see_is_named(
     (line,) = done.stderr.splitlines()
     assert unseen in line
     assert "worker" in line
-
-
-def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
-    environment: dict[str, str], tmp_path: Path, recordings: Path
-) -> None:
-    os.mkfifo(tmp_path / "waits.hex")
-    writer = os.open(tmp_path / "waits.hex", os.O_RDWR)  # nothing is written
-    arguments = ["stats", str(recordings), "waits.hex", "--jobs", "3"]
-    with started(environment, tmp_path, *arguments) as process:
-        wait_until(lambda: len(children_of(process.pid)) == 2)
-        workers = children_of(process.pid)
-        process.send_signal(signal.SIGINT)
-        code, _, line = ended(process)
-    os.close(writer)
-    assert code == 130
-    assert line.startswith("fte-sniff: interrupted; ")
-    assert line.count("\n") == 1
-    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_a_cluster_reads_reports_what_was_read(
-    environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
-) -> None:
-    os.mkfifo(tmp_path / "waits.hex")
-    writer = os.open(tmp_path / "waits.hex", os.O_RDWR)  # nothing is written
-    arguments = ["stats", str(recordings), "waits.hex", "--cluster", address]
-    with (
-        Client(address, set_as_default=False) as client,
-        started(environment, tmp_path, *arguments) as process,
-    ):
-        wait_until(lambda: any(client.processing().values()))
-        process.send_signal(signal.SIGINT)
-        code, _, line = ended(process)
-    os.close(writer)
-    assert code == 130
-    assert line.startswith("fte-sniff: interrupted; ")
-    assert line.count("\n") == 1
 
 
 WORDS = st.text(st.sampled_from("ab/ 测é"), max_size=40)

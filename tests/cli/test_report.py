@@ -45,6 +45,8 @@ from tests.slow import first
 from tests.support.recorded_rows import START_NS, write_recording
 from tests.waiting import BOUND_S
 
+pytestmark = pytest.mark.browser
+
 MS = 1_000_000
 NOON_MS = 1_769_860_800_000
 """12:00 on 2026-01-31, UTC."""

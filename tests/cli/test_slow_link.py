@@ -7,9 +7,13 @@ from pathlib import Path
 from statistics import median
 from time import sleep
 
+import pytest
+
 from fte_sniff.tui.terminal import ANSWER, QUERY
 from tests.cli.terminals import Terminal, terminal
 from tests.waiting import while_waiting
+
+pytestmark = pytest.mark.terminal
 
 LINK_BYTES_S = 20_000
 PIECE = 256

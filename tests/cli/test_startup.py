@@ -17,6 +17,8 @@ from tests.cli.processes import BOUND_S, PROGRAM
 from tests.cli.terminals import terminal
 from tests.slow import first
 
+pytestmark = pytest.mark.program
+
 CLEAN = str(SAMPLES / "clean.mcap")
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 

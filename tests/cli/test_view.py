@@ -24,6 +24,8 @@ from tests.support.recorded_rows import write_recording
 from tests.support.tools import needs
 from tests.waiting import BOUND_S
 
+pytestmark = pytest.mark.program
+
 
 @pytest.mark.parametrize("size", first(1, [((40, 10),), ((80, 24),), ((200, 60),)]))
 def test_live_shows_rows_and_names_the_recording_at_the_end(
@@ -78,7 +80,8 @@ def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
         assert screen.ended() == 3
 
 
-@pytest.mark.parametrize("name", first(1, ["midstream.hex", "damaged.raw", "clean.mcap"]))
+@pytest.mark.smoke
+@pytest.mark.parametrize("name", ["damaged.raw", "clean.mcap"])
 def test_view_shows_files_and_writes_nothing(
     environment, settings_file: Path, tmp_path: Path, name: str
 ) -> None:

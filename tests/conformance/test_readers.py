@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.live_data import ServedChannels
+from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.messages import TOPICS
@@ -43,13 +43,12 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     """`@foxglove/ws-protocol`, with which Lichtblick connects."""
     rows = some_rows(1_000)
     events = [PortEvent(START - 5, rows[0].port, PortEventKind.OPENED, "115200 8N1 串口")]
-    channels = ServedChannels(("127.0.0.1", 0), [rows[0].port])
-    channels.advertise()
-    watch = ("node", "watch.mjs", f"ws://127.0.0.1:{channels.server.port}")
+    server = FoxgloveServer(("127.0.0.1", 0), [rows[0].port])
+    watch = ("node", "watch.mjs", server.url)
     with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
-        wait_until(lambda: len(channels.server.wanted) == len(TOPICS) or viewer.poll() is not None)
-        channels.send(Rows.from_rows(rows), events)
-        channels.close()
+        wait_until(lambda: len(server.wanted) == len(TOPICS) or viewer.poll() is not None)
+        server.send(Rows.from_rows(rows), events)
+        server.close()
         read = viewer.communicate(timeout=BOUND_S)[0].decode().splitlines()
     assert read == expected_lines(rows, events)
 

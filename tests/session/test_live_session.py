@@ -42,6 +42,8 @@ from tests.support.in_workers import falls_silent
 from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S, wait_until, while_waiting
 
+pytestmark = pytest.mark.program
+
 SIM = "sim://?seed=1&rate=1000"
 
 

@@ -13,6 +13,8 @@ from fte_sniff.session.worker_process import start_worker
 from tests.slow import first
 from tests.waiting import BOUND_S
 
+pytestmark = pytest.mark.program
+
 
 def send_import_path(connection: Connection) -> None:
     connection.send((sys.path, os.environ.get("PYTHONPATH")))
