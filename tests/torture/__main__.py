@@ -39,11 +39,9 @@ _STEP_S = 10.0
 
 ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "mutate": (file_attacks.mutate, 6),
-    "mutate-many": (file_attacks.mutate_many, 8),
     "bomb": (file_attacks.bomb, 3),
     "fuzz-logs": (file_attacks.fuzz_logs, 4),
     "fuzz-bytes": (file_attacks.fuzz_bytes, 4),
-    "settings": (file_attacks.settings, 2),
     "options": (command_attacks.options, 6),
     "names": (command_attacks.names, 2),
     "interrupt": (command_attacks.interrupt, 2),
@@ -56,18 +54,10 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "faults-conversion": (process_attacks.faults_of_conversion, 2),
     "taken-away": (process_attacks.taken_away, 1),
     "noisy-line": (process_attacks.noisy_line, 1),
-    "pipe": (process_attacks.pipe, 1),
-    "foreign-code": (process_attacks.foreign_code, 1),
-    "in-use": (process_attacks.in_use, 1),
-    "two-recorders": (process_attacks.two_recorders, 1),
     "hostile-server": (process_attacks.hostile_server, 1),
-    "few-files": (process_attacks.few_files, 2),
     "power-cut": (process_attacks.power_cut, 1),
     "rotate-oldest": (feature_attacks.rotate_oldest, 2),
-    "rules": (feature_attacks.rules, 3),
     "follow": (feature_attacks.follow, 1),
-    "jobs": (feature_attacks.jobs, 2),
-    "report-texts": (feature_attacks.report_texts, 1),
 }
 """The attacks, and how many cases of each are in a round."""
 

@@ -76,13 +76,6 @@ def damaged(random: Random, data: bytes) -> bytes:
     return bytes(altered)
 
 
-def flipped(random: Random, data: bytes) -> bytes:
-    """The data with one bit flipped."""
-    altered = bytearray(data)
-    altered[random.randrange(len(data))] ^= 1 << random.randrange(8)
-    return bytes(altered)
-
-
 def _damage(random: Random, data: bytearray) -> None:
     at = random.randrange(len(data) + 1)
     length = min(len(data) - at, int(10 ** random.uniform(0, 3.5)))
@@ -195,40 +188,9 @@ def _claimed_size(random: Random) -> bytes:
     return _packed_chunk(random, _message(1), 1 << 20, random.choice(CLAIMS))
 
 
-def _long_definitions(random: Random) -> bytes:
-    count = random.choice((1_000, 10_000))
-    return b"".join(map(_channel, range(2000, 2000 + count)))
-
-
 def _metadata(random: Random) -> bytes:
     entries = b"".join(_text(f"k{n}") + _text("v") for n in range(random.choice((10, 40_000))))
     return framed(METADATA, _text("fte-sniff") + struct.pack("<I", len(entries)) + entries)
-
-
-def _many_metadata(random: Random) -> bytes:
-    entries = (_text(f"k{n}") + _text("v") for n in range(random.choice((1_000, 17_000))))
-    return b"".join(
-        framed(METADATA, _text("fte-sniff") + struct.pack("<I", len(one)) + one) for one in entries
-    )
-
-
-def _nested_chunks(random: Random) -> bytes:
-    return _packed_chunk(random, _packed_chunk(random, _message(1), 16 << 20), 400 << 20)
-
-
-def _small_chunks(random: Random) -> bytes:
-    one = random.choice((b"", _message(1)))
-    head = struct.pack("<QQQI", START_NS, START_NS, len(one), 0)
-    chunk = framed(CHUNK, head + _text("") + struct.pack("<Q", len(one)) + one)
-    return chunk * random.choice((100, 8_000))
-
-
-def _many_schemas(random: Random) -> bytes:
-    """Schemas, each with its own number, name and text; in a chunk or outside."""
-    text = _text("protobuf") + _text("x" * random.choice((1, 300)))
-    numbers = range(1_000, 1_000 + random.choice((500, 20_000)))
-    units = b"".join(framed(SCHEMA, struct.pack("<H", n) + _text(f"s{n}") + text) for n in numbers)
-    return units if len(units) < 800_000 else _packed_chunk(random, units, 1)
 
 
 def _attachments(random: Random) -> bytes:
@@ -268,13 +230,8 @@ BOMBS: Mapping[str, Callable[[Random], bytes]] = {
     "many channels": _many_channels,
     "many chunks": _many_chunks,
     "claimed size": _claimed_size,
-    "long definitions": _long_definitions,
     "metadata": _metadata,
-    "many metadata": _many_metadata,
-    "nested chunks": _nested_chunks,
-    "small chunks": _small_chunks,
     "claimed record": _claimed_record,
-    "schemas": _many_schemas,
     "attachments": _attachments,
     "overlap": _overlapping_chunks,
     "many ports": _many_ports,
@@ -322,35 +279,3 @@ def noisy_frame(random: Random, number: int) -> bytes:
         case 3:
             frame = bytearray(random.choice((b"\xaa", b"\x55", b"\xee", b"\0")) * 20)
     return bytes(frame)
-
-
-SETTINGS = """\
-[screen]
-theme = "textual-light"
-columns = ["time", "kind", "values", "faults"]
-language = "zh"
-[live]
-ports = ["loop://"]
-[port."loop://"]
-baud = 115200
-resolution = 500
-gear-ratio = 30
-"""
-
-
-def hostile_settings(random: Random) -> bytes:
-    """A settings file that is damaged, large, deep or wrong."""
-    match random.randrange(7):
-        case 0:
-            return (".".join("a" * random.randrange(1, 20_000)) + " = 1\n").encode()
-        case 1:
-            return b"a = " + b"[" * random.randrange(1, 50_000)
-        case 2:
-            return b"[port]\n" + b"".join(b'"p%d" = {baud = %d}\n' % (n, n) for n in range(9_000))
-        case 3:
-            return random.randbytes(random.randrange(1, 5_000))
-        case 4:
-            number = str(random.choice(CLAIMS)) * random.choice((1, 30))
-            return SETTINGS.replace("115200", number).replace("15 }", number + " }").encode()
-        case _:
-            return damaged(random, SETTINGS.encode())

@@ -6,21 +6,16 @@ of several, from the same page with harmless texts.
 
 from __future__ import annotations
 
-import json
-from collections import Counter
-from html.parser import HTMLParser
 from pathlib import Path
 from time import sleep
 
-from fte_sniff.protocol import DEFAULT_BAUD, Frame, PortEvent, PortEventKind
+from fte_sniff.protocol import DEFAULT_BAUD, Frame
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions
-from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.notes import Note, Notes, RowKey
 from tests.support.columns import in_columns
-from tests.torture.case import OUT_OF_MEMORY, Case, Started, promise
-from tests.torture.damage import START_NS, VARIANTS, damaged, numbered_frame, recording
+from tests.torture.case import Case, Started, promise
+from tests.torture.damage import START_NS, numbered_frame
 from tests.torture.file_attacks import (
     ReadRow,
     check_read_by_both,
@@ -105,56 +100,6 @@ def _next_name(path: Path) -> Path:
     return path.with_stem(f"x_{_number_of(path) + 1:05}")
 
 
-_RULES = """\
-[rules]
-few = "count(malformed) <= 3"
-speed = "max(rpm) < 30000"
-gap = "max_gap(motor = 1) < 1000"
-"""
-
-
-def rules(case: Case) -> None:
-    """Check by rules that are whole, damaged or nested: 1 is a verdict and nothing else."""
-    random = case.random
-    case.path("source.mcap").write_bytes(recording(random.randrange(VARIANTS)))
-    deep = random.randrange(1, 60_000)
-    text = random.choice(
-        (
-            _RULES.encode(),
-            damaged(random, _RULES.encode()),
-            _RULES.encode() + b"a = " + b"[" * deep + b"]" * deep,
-            b"a = " + b"{a=" * deep,
-            b'[rules]\na = "' + b"(" * deep + b'"\n',
-            b'[rules]\na = "' + b"not " * deep + b'count(all) > 1"\n',
-            b"a." * deep + b"a = 1\n",
-            random.randbytes(random.randrange(2_000)),
-        )
-    )
-    case.path("rules.toml").write_bytes(text)
-    words = ("check", "source.mcap", "--rules", "rules.toml", "--format", "json")
-    memory = random.choice((None, None, 300, 600, 1_000))
-    run = (
-        case.start_python("-c", _LITTLE_MEMORY, str(memory << 20), *words)
-        if memory
-        else case.start(*words)
-    ).wait()
-    promise(run.code in (0, 1, 2, 4, OUT_OF_MEMORY), f"exit code {run.code}\n{run.errors}")
-    if run.code > 1:
-        return
-    promise(run.output, f"exit code {run.code} without a verdict\n{run.errors}")
-    verdicts = {rule["verdict"] for rule in json.loads(run.output)["rules"]}
-    promise(verdicts, "a verdict without a rule")
-    promise((run.code == 0) == (verdicts == {"pass"}), f"exit code {run.code} for {verdicts}")
-
-
-_LITTLE_MEMORY = """
-import resource, runpy, sys
-resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
-del sys.argv[1]
-runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
-"""
-
-
 def follow(case: Case) -> None:
     """Follow a recording that grows, and rotates: each row once, with its time."""
     random = case.random
@@ -186,71 +131,3 @@ def _whole_rows(table: Path) -> list[bytes]:
         if path.exists():
             return path.read_bytes().split(b"\n")[1:-1]
     return []
-
-
-def jobs(case: Case) -> None:
-    """Read damaged files with several processes: what one process prints, and its exit code."""
-    random = case.random
-    for number in range(random.randrange(2, 6)):
-        data = recording(random.randrange(VARIANTS))
-        case.path(f"{number}.mcap").write_bytes(random.choice((data, damaged(random, data))))
-    words: tuple[str, ...] = random.choice(
-        (
-            ("stats", "--format", "json"),
-            ("stats",),
-            ("check", "--format", "json", "--expect", "count(malformed) <= 3"),
-            ("check", "--expect", "max_gap(motor = 1) < 0.1", "--expect", "count(all) > 1"),
-        )
-    )
-    files = sorted(path.name for path in case.folder.glob("*.mcap"))
-    one, several = (case.run(*words, *files, "--jobs", count) for count in ("1", "3"))
-    promise(one.code == several.code, f"{words}: exit codes {one.code} and {several.code}")
-    promise(one.output == several.output, f"{words}: other output with three jobs")
-    lines = (Counter(run.errors.splitlines()) for run in (one, several))
-    promise(next(lines) == next(lines), f"{words}: other messages\n{one.errors}\n{several.errors}")
-
-
-_TEXTS = (
-    *("<script>alert(1)</script>", "</script><img src=x onerror=alert(1)>", "<!--", "]]>", "&lt;"),
-    *("'\"><b>", "\u202e", "\x1b[31m", "{{7*7}}", "${1}", "</title>", "\u2028", "javascript:1"),
-)
-
-
-class _Tags(HTMLParser):
-    """The elements and attributes of a page."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: Counter[tuple[str, tuple[str, ...]]] = Counter()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found[tag, tuple(name for name, _ in attrs)] += 1
-
-
-def report_texts(case: Case) -> None:
-    """Report on ports, hosts and events with hostile texts: the page has no other element."""
-    random = case.random
-    hostile = "".join(random.sample(_TEXTS, 4))
-    pages = []
-    for name, text in (("hostile", hostile), ("harmless", "x" * len(hostile))):
-        path = case.path(f"{name}.mcap")
-        events = [
-            PortEvent(START_NS + 10**8, text, PortEventKind.LOST, text),
-            PortEvent(START_NS + 2 * 10**8, text, PortEventKind.FOUND_AGAIN, text),
-        ]
-        with RecordingWriter(path, [PortFacts(text, DEFAULT_BAUD)], {"host": text}) as writer:
-            writer.write(
-                in_columns([Frame(text, row.offset, row.raw, row.t_ns) for row in _frames(0, 300)])
-            )
-            writer.write(in_columns(events))
-        saved = Notes({path: None})
-        saved.set(Note(RowKey(text, 0, START_NS), text))
-        saved.save()
-        run = case.run("report", path, "-o", case.path(f"{name}.html"))
-        promise(run.code == 0, f"{name}: exit code {run.code}\n{run.errors}")
-        pages.append(case.path(f"{name}.html").read_text())
-    first, second = (_Tags(), _Tags())
-    for tags, page in zip((first, second), pages, strict=True):
-        tags.feed(page)
-    other = (first.found - second.found) + (second.found - first.found)
-    promise(not other, f"elements that texts made: {dict(other)}")

@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 import csv
-import os
-import warnings
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from polars.exceptions import ComputeError
 
-import fte_sniff
-from fte_sniff.errors import FileError
-from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import EVERYTHING, RecordingReader, TimeRange
-from fte_sniff.recording.repair import Repair
 from tests.torture.case import ROOT, Case, PromiseError, Run, promise
 from tests.torture.damage import (
     BOMBS,
-    START_NS,
     VARIANTS,
     damaged,
-    flipped,
-    hostile_settings,
     recording,
     repeated_index,
     with_bomb,
@@ -157,72 +145,6 @@ def mutate(case: Case) -> None:
     check_damaged(case, altered, _true_rows(case, data))
 
 
-def mutate_many(case: Case) -> None:
-    """Damage many files, and read them in one process without limits, by the package's functions.
-
-    Half of the cases flip single bits, one per file.
-    """
-    random, data = case.random, _original(case)
-    true_rows = set(_true_rows(case, data))
-    single = random.random() < 0.5
-    path = case.path("damaged.mcap")
-    for _ in range(10):
-        path.write_bytes(flipped(random, data) if single else damaged(random, data))
-        rows = _rows_of(path)
-        promise(len(rows.found) == len(true_rows) or rows.reported, "a silent loss")
-        invented = set(rows.found) - true_rows
-        promise(not invented, f"rows that were never recorded: {sorted(invented)[:3]}")
-        start, end = sorted(random.sample(range(10), 2))
-        span = TimeRange(*(START_NS + second * 10**9 for second in (start, end)))
-        part = _rows_of(path, span)
-        whole = [row for row in rows.found if span.first_ns <= (row.t_ns or 0) < span.end_ns]
-        promise(not Counter(whole) - Counter(part.found), f"{span}: rows are missing")
-        _check_scan(path, rows)
-        _check_repair(path, case.path("repaired.mcap"), rows)
-
-
-@dataclass(frozen=True)
-class _Read:
-    found: list[ReadRow]
-    reported: bool
-    """Whether damage was reported."""
-
-
-def _rows_of(path: Path, span: TimeRange = EVERYTHING) -> _Read:
-    """The rows of a recording by the package's reader."""
-    try:
-        reader = RecordingReader(path)
-        rows = [row for batch in reader.batches(span=span) for row in batch]
-    except FileError:
-        return _Read([], True)
-    found = [ReadRow(row.port, row.offset, row.raw.hex().upper(), row.t_ns) for row in rows]
-    return _Read(found, bool(reader.losses or reader.ending))
-
-
-def _check_scan(path: Path, rows: _Read) -> None:
-    with warnings.catch_warnings(record=True) as reported:
-        warnings.simplefilter("always")
-        try:
-            count = fte_sniff.scan(path).collect().height
-        except (FileError, ComputeError) as error:
-            promise(not rows.found, f"scan refuses what is read: {error}")
-            return
-    promise(count == len(rows.found), f"scan has {count} rows, there are {len(rows.found)}")
-    promise(bool(reported) == rows.reported, "scan warns of other damage")
-
-
-def _check_repair(path: Path, repaired: Path, rows: _Read) -> None:
-    try:
-        repair = Repair(path)
-        if not repair.is_whole:
-            repair.write(repaired, Existing.REPLACE)
-    except FileError as error:
-        promise(not rows.found, f"repair refuses what is read: {error}")
-        return
-    lost = Counter() if repair.is_whole else Counter(rows.found) - Counter(official_rows(repaired))
-    promise(not lost, f"repair loses {lost.total()} of {len(rows.found)} rows")
-
-
 def bomb(case: Case) -> None:
     """A small recording that claims or unpacks to a lot; its intact rows are still read."""
     data = recording(case.random.randrange(VARIANTS))
@@ -261,21 +183,3 @@ def fuzz_bytes(case: Case) -> None:
     promise(b"".join(bytes.fromhex(row.raw) for row in rows) == data, "the rows are other bytes")
     ends = [row.offset + len(row.raw) // 2 for row in rows]
     promise([0, *ends[:-1]] == [row.offset for row in rows] or not rows, "offsets have gaps")
-
-
-def settings(case: Case) -> None:
-    """Start with a settings file that is damaged, hostile or no regular file."""
-    path = case.path("hostile.toml")
-    special = case.random.choice((None, None, None, None, "/dev/zero", "fifo", "folder", "large"))
-    if special == "fifo":
-        os.mkfifo(path)
-    elif special == "folder":
-        path.mkdir()
-    elif special == "large":
-        path.write_bytes(b"# \n" * case.random.randrange(1 << 20))
-    elif special:
-        path = Path(special)
-    else:
-        path.write_bytes(hostile_settings(case.random))
-    arguments = ("live", "loop://", "--no-record", "--plain", "--duration", "0.1")
-    case.check_limits(case.start(*arguments, FTE_SNIFF_CONFIG=str(path)).wait(), "live")

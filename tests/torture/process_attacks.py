@@ -13,7 +13,6 @@ import shutil
 import socket
 import struct
 import subprocess
-import sys
 import termios
 import tty
 from collections import Counter
@@ -30,7 +29,6 @@ from tests.support.recorded_rows import recorded_row
 from tests.support.recording_kill import kill_one
 from tests.torture.case import (
     BOUND_S,
-    ROOT,
     Case,
     PromiseError,
     Run,
@@ -440,78 +438,6 @@ def noisy_line(case: Case) -> None:
     line.close()
 
 
-MARKER = "from pathlib import Path\nPath('foreign-code-ran').touch()\n"
-LIMITED = """
-import resource, runpy, sys
-resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[1]),) * 2)
-del sys.argv[1]
-runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
-"""
-
-
-def foreign_code(case: Case) -> None:
-    """Put modules with the names of Python's own into the working folder: none of them runs."""
-    for name in case.random.sample(sorted(sys.stdlib_module_names), 100):
-        case.path(f"{name.strip('_')}.py").write_text(MARKER)
-    port = case.random.choice(("sim://?frames=20", "loop://"))
-    capture = ("--no-reconnect", "--duration", "0.5", "-o", "x.mcap")
-    sample = ROOT / "samples" / "clean.mcap"
-    words = case.random.choice(
-        (
-            ("live", port, "--plain", *capture),
-            ("live", port, "--headless", *capture),
-            ("bridge", port, "--plain", *capture),
-            ("stats", sample, "--jobs", "2"),
-            ("check", sample, "--expect", "count(malformed) >= 0", "--jobs", "2"),
-            ("report", sample, "-o", "x.html"),
-        )
-    )
-    command = words[0]
-    case.run(*words)
-    promise(not case.path("foreign-code-ran").exists(), f"{command} runs code of its folder")
-
-
-def in_use(case: Case) -> None:
-    """Write to the file of a running capture: it is refused, and the recording stays whole."""
-    line = Line(case.random)
-    source = case.path("source.mcap")
-    source.write_bytes(recording(case.random.randrange(VARIANTS))[:-200])
-    program = _live(case, line)
-    line.send_until_shown(program)
-    start = len(line.sent)
-    command = case.random.choice(("decode", "repair", "report", "live"))
-    words = ("sim://?frames=20", "--plain", "--no-reconnect") if command == "live" else (source,)
-    run = case.run(command, *words, "-o", case.path("x.mcap"), "--force")
-    refused = 2 if command == "report" else 4  # no page is named so
-    promise(run.code == refused, f"{command} --force: exit code {run.code}\n{run.errors}")
-    line.send(0.5)
-    line.drain()
-    program.interrupt()
-    run = program.wait()
-    promise(run.code == 0, f"the capture: exit code {run.code}\n{run.errors}")
-    check_stream(_rows_of_all(case), bytes(line.sent), max(start, len(line.sent)))
-    line.close()
-
-
-def two_recorders(case: Case) -> None:
-    """Two captures begin to record into one file: one of them records, the other is refused."""
-    force = case.random.choice(((), ("--force",)))
-    words = ("sim://?rate=500", "--plain", "--no-reconnect", "-o", "x.mcap", *force)
-    programs = [case.start("live", *words)]
-    sleep(case.random.uniform(0, 0.3))
-    programs.append(case.start("live", *words))
-    wait_until(lambda: any(program.has_ended for program in programs), "none is refused")
-    second = next(program for program in programs if program.has_ended)
-    first = next(program for program in programs if program is not second)
-    promise(second.wait().code == 4, second.errors)
-    wait_until(lambda: bool(first.output), "the first does not record")
-    first.interrupt()
-    run = first.wait()
-    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
-    rows = check_read_by_both(case, case.path("x.mcap"))
-    promise(len(rows) == max(map(_number, _ROWS.findall(run.errors))), run.errors)
-
-
 def hostile_server(case: Case) -> None:
     """Connect to an RFC 2217 server that sends anything: a clear end."""
     random = case.random
@@ -552,48 +478,3 @@ def _telnet(random: Random) -> bytes:
             return bytes((iac, se)) * random.randrange(4)
         case _:
             return numbered_frame(random.randrange(1_000))
-
-
-def few_files(case: Case) -> None:
-    """Allow only a few open files: the program works, or says so in a line."""
-    random = case.random
-    data = recording(random.randrange(VARIANTS))
-    for number in range(random.choice((1, 5, 40))):
-        case.path(f"source{number:02}.mcap").write_bytes(data)
-    words: tuple[str | Path, ...] = random.choice(
-        (
-            ("decode", "source*.mcap", "--format", "csv", "-o", "x.csv"),
-            ("decode", "source*.mcap", "-o", "x.mcap"),
-            ("decode", "source*.mcap", "-o", "x.parquet"),
-            ("stats", "source*.mcap", "--jobs", "2"),
-            ("check", "source*.mcap", "--expect", "count(malformed) >= 0"),
-            ("report", "source*.mcap", "-o", "x.html"),
-            ("repair", "source00.mcap", "-o", "x.mcap"),
-            ("live", "sim://?frames=50", "--no-reconnect", "--plain", "-o", "x.mcap"),
-        )
-    )
-    run = case.start_python("-c", LIMITED, str(random.randrange(5, 60)), *words).wait()
-    done = 3 if words[0] == "live" else 0
-    promise(run.code in (done, 4), f"exit code {run.code}\n{run.errors}")
-    reported = run.errors.count("too many open files")
-    promise(reported == (run.code == 4), f"exit code {run.code}, not one line\n{run.errors}")
-    for path in _files(case):
-        check_read_by_both(case, path)
-
-
-def pipe(case: Case) -> None:
-    """Record into a named pipe that is read whole, in part or not at all."""
-    fifo, read = case.path("x.pipe"), case.path("x.mcap")
-    os.mkfifo(fifo)
-    reader = case.random.choice(((), ("cat",), ("head", "-c", str(case.random.randrange(6_000)))))
-    program = case.start("live", "sim://", "--plain", "--duration", "1.5", "-o", fifo)
-    if reader:
-        with read.open("wb") as stream:
-            subprocess.run([*reader, fifo], stdout=stream, check=True, timeout=BOUND_S)
-    run = program.wait()
-    total = max(map(_number, _ROWS.findall(run.errors)), default=0)
-    rows = check_read_by_both(case, read) if reader == ("cat",) else []
-    lost = sum(map(_number, _NOT_RECORDED.findall(run.errors)))
-    promise(run.code == (0 if rows else 4), f"{reader}: exit code {run.code}\n{run.errors}")
-    promise(not rows or len(rows) == total, f"{total} rows, {len(rows)} read\n{run.errors}")
-    promise(reader or lost >= total, f"{total} rows, {lost} are reported as lost\n{run.errors}")

@@ -17,8 +17,8 @@ import pytest
 
 from tests.waiting import BOUND_S
 
-ROOT = Path(__file__).parents[2]
-FOLDER = Path(__file__).with_name("sabotages")
+ROOT = Path(__file__).parents[1]
+FOLDER = Path(__file__).parent / "torture" / "sabotages"
 SEEDS = range(1, 13)
 """Not every case of an attack can notice every sabotage: one of these has to."""
 
