@@ -68,9 +68,9 @@ def test_every_name_of_the_row_contract_is_explained(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", [*READMES, "docs/reference/rows.md"])
-@pytest.mark.parametrize("words", ["130", "| 4 |"])
-def test_exit_codes_are_explained(page: str, words: str) -> None:
-    assert words in (TOP / page).read_text(encoding="utf-8")
+def test_exit_codes_are_explained(page: str) -> None:
+    numbers = re.findall(r"\d+", (TOP / page).read_text(encoding="utf-8"))
+    assert {"0", "1", "2", "3", "4", "70", "130"} <= set(numbers)
 
 
 @pytest.mark.parametrize("page", ["docs/capture.md", "docs/zh/capture.md"])
@@ -92,7 +92,7 @@ def test_the_protocol_page_has_every_example_of_the_document(page: str) -> None:
 
 @pytest.mark.parametrize("page", READMES)
 def test_readme_is_short(page: str) -> None:
-    assert len((TOP / page).read_text(encoding="utf-8").splitlines()) <= 180
+    assert len((TOP / page).read_text(encoding="utf-8").splitlines()) <= 150
 
 
 def test_every_link_leads_to_a_file_and_a_heading() -> None:
