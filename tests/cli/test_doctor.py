@@ -103,7 +103,7 @@ def doctor(run: Run, *arguments: str) -> tuple[int, dict[str, list[str]]]:
     for line in done.stdout.splitlines():
         finding = json.loads(line)
         if finding["about"] == arguments[0]:
-            said[finding["level"]].append(f"{finding['what']} -> {finding['way_out']}")
+            said[finding["level"]].append(f"{finding['what']} -> {finding['fix']}")
     return done.returncode, said
 
 
