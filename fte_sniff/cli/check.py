@@ -1,6 +1,6 @@
 """`fte-sniff check`: a verdict about files, for acceptance tests and CI.
 
-Rules come from files and options; verdicts are a table, JSON (docs/check.md), or JUnit XML.
+Rules come from files and options; verdicts are a table, JSON, or JUnit XML.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import click
 
 from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure, print_json
-from fte_sniff.cli.options import format_option
+from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.protocol import Status, iso_time, spaced_hex
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
 
 VERSION: Final = 1
 
-FORMS: Final = ("text", "json", "junit")
+FORMS: Final = ("table", "json", "junit")
 
 _STATUS: Final = {"pass": Status.OK, "fail": Status.MALFORMED, "not covered": Status.SUSPECT}
 _NUMBER: Final = ".6g"
 
 
-@click.command(name="check", short_help="A verdict about files: pass, fail, or not covered.")
+@grouped_command(name="check", short_help="A verdict about files: pass, fail, or not covered.")
 @input_options
-@click.option("--rules", type=FileName(), help="Rules of a TOML file (docs/check.md).")
+@click.option("--rules", type=FileName(), help="Rules of a TOML file.")
 @click.option(
     "--expect",
     "expectations",
@@ -51,9 +51,7 @@ _NUMBER: Final = ".6g"
     metavar="RULE",
     help='A rule, such as "count(malformed) == 0"; may be repeated.',
 )
-@format_option(
-    "A table for people, one JSON object (docs/check.md), or JUnit XML.", FORMS, FORMS[0]
-)
+@format_option("A table for people, one JSON object, or JUnit XML.", FORMS, FORMS[0])
 @jobs_options
 def command(
     query: InputQuery,
@@ -96,7 +94,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
     found: list[Rule] = []
     if path is not None:
         try:
-            text = read_toml(path, "name a rules file (docs/check.md)")
+            text = read_toml(path, "name a rules file")
         except OSError as error:
             raise unreadable(path, error) from error
         found += rules_of_toml(text, str(path))

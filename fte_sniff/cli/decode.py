@@ -21,7 +21,7 @@ from fte_sniff.cli.input_files import (
     print_notes,
     summary,
 )
-from fte_sniff.cli.options import rows_format_option
+from fte_sniff.cli.options import grouped_command, rows_format_option
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
@@ -31,7 +31,7 @@ from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
-@click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
+@grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_options
 @follow_option
 @rows_format_option(OutputFormat)

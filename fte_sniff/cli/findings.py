@@ -10,6 +10,7 @@ import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure, print_json, text_or_json_option
+from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
 from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import finding_json
@@ -18,9 +19,9 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding, Findings
 
 
-@click.command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
+@grouped_command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
 @input_options(filters=False)
-@text_or_json_option("docs/findings.md")
+@text_or_json_option
 @jobs_options
 def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
     """Find the spans of time in which something is wrong, all files together, best first.

@@ -39,7 +39,7 @@ from fte_sniff.analysis.time_text import (
     zone_of,
 )
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.cli.options import Decorator, all_of
+from fte_sniff.cli.options import Decorator, all_of, in_group
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import (
     FileError,
@@ -312,7 +312,8 @@ def _files_argument(*, required: bool) -> Callable[..., Any]:
     return argument
 
 
-_READING = all_of(
+_READING = in_group(
+    "Logs of other programs",
     click.option(
         "--input",
         "kind",
@@ -331,13 +332,6 @@ _READING = all_of(
         metavar="DATE",
         help="For logs with only a time of day, or dates such as 2/8/2026: the date of the first,"
         " such as 2026-01-31.  [default: that of the file]",
-    ),
-    click.option(
-        "--zone",
-        metavar="ZONE",
-        help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of times in"
-        " tables, CSV and reports, and of those in logs, --from, --to and filters that name none."
-        "  [default: UTC]",
     ),
     click.option(
         "--start",
@@ -362,21 +356,27 @@ _READING = all_of(
         "-b",
         "--baud",
         type=click.IntRange(min=1),
+        metavar="N",
         help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
     ),
 )
 
+_ZONE = click.option(
+    "--zone",
+    metavar="ZONE",
+    help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of times in"
+    " tables, CSV and reports, and of those in logs, --from, --to and filters that name none."
+    "  [default: UTC]",
+)
+
 _READING_OPTIONS: Final = {
-    str(option.name): option.opts[-1] for option in click.command()(_READING(lambda: None)).params
+    str(option.name): option.opts[-1]
+    for option in click.command()(all_of(_READING, _ZONE)(lambda: None)).params
 }
 """The options that decide how inputs are read, by their names in `InputQuery`."""
 
-_OPTIONS = all_of(
-    _READING,
-    click.option(
-        "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
-    ),
-    span_options,
+_EXPLAIN = click.option(
+    "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
 )
 
 
@@ -407,8 +407,13 @@ def input_options(
         query = InputQuery(**given)
         return query.explain() if explain else command(query=query, **options)
 
-    options = all_of(_OPTIONS, filter_option) if filters else _OPTIONS
-    with_options: Callable[..., Any] = _files_argument(required=required)(options(with_query))
+    rows = (filter_option, span_options) if filters else (span_options,)
+    options = all_of(
+        _files_argument(required=required),
+        in_group("Rows", *rows, _ZONE),
+        in_group("Logs of other programs", _READING, _EXPLAIN),
+    )
+    with_options: Callable[..., Any] = options(with_query)
     return with_options
 
 

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
-from fte_sniff.cli.options import Decorator, all_of, format_option, install_command
+from fte_sniff.cli.options import all_of, format_option, install_command
 from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err, progress_line
 from fte_sniff.errors import FileError, UsageError, quoted
 from fte_sniff.formats.writers import printable_json
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     from fte_sniff.session.inputs import InputReading
 
 
-def text_or_json_option(page: str) -> Decorator:
-    """The `--format` option of a command that prints text, or the JSON object of a page."""
-    return format_option(f"Text for people, or one JSON object ({page}).", ["text", "json"], "text")
+text_or_json_option = format_option(
+    "A table for people, or one JSON object.", ["table", "json"], "table"
+)
+"""The `--format` option of a command that prints text, or a JSON object."""
 
 
 def print_json(value: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from datetime import tzinfo
@@ -30,6 +31,44 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 def all_of(*options: Decorator) -> Decorator:
     """A decorator that gives a command these options, in this order."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+def in_group(name: str, *options: Decorator) -> Decorator:
+    """As `all_of`; the help of a `GroupedCommand` lists these options under a name."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        before = len(getattr(command, "__click_params__", ()))
+        made = all_of(*options)(command)
+        for option in made.__click_params__[before:]:  # type: ignore[attr-defined]
+            option.group = name
+        return made
+
+    return decorate
+
+
+_RANGE: Final = re.compile(r"; [^;\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")
+"""The range of a number, which click adds to the help; an error names it."""
+
+
+class GroupedCommand(click.Command):
+    """A command whose help lists its own options first, then those of each group."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, a section for each group."""
+        groups: dict[str, list[tuple[str, str]]] = {"Options": []}
+        for option in self.get_params(ctx):
+            record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
+            if record is not None:
+                names, text = record
+                own = groups.setdefault(getattr(option, "group", "Options"), [])
+                own.append((names, _RANGE.sub("", text)))
+        for name, records in groups.items():
+            with formatter.section(name):
+                formatter.write_dl(records)
+
+
+grouped_command = partial(click.command, cls=GroupedCommand)
+"""As `click.command`, for a command with groups of options."""
 
 
 alert_option = click.option(

@@ -6,8 +6,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
@@ -18,7 +16,7 @@ from fte_sniff.cli.input_files import (
     output_options,
     print_notes,
 )
-from fte_sniff.cli.options import install_command
+from fte_sniff.cli.options import grouped_command, install_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable
@@ -34,7 +32,7 @@ _DELAY_BINS = 60
 _SUFFIXES = (".html", ".htm")
 
 
-@click.command(name="report", short_help="One HTML page with plots, to send to a colleague.")
+@grouped_command(name="report", short_help="One HTML page with plots, to send to a colleague.")
 @input_options
 @output_options("The HTML file, such as report.html.", required=True)
 @lang_option

@@ -22,6 +22,7 @@ from fte_sniff.cli.measuring import (
     print_lines,
     text_or_json_option,
 )
+from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
@@ -41,9 +42,11 @@ if TYPE_CHECKING:
     from fte_sniff.session.inputs import InputReading
 
 
-@click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
+@grouped_command(
+    name="stats", short_help="Statistics over files: rates, faults, silences, answers."
+)
 @input_options
-@text_or_json_option("docs/stats.md")
+@text_or_json_option
 @jobs_options
 def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
@@ -61,7 +64,7 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
 
     check_inputs(query.files)
     # A filter hides rows whose absence would be a finding.
-    with_findings = form == "text" and query.filter_text is None
+    with_findings = form == "table" and query.filter_text is None
     setup = LineSetup(query.baud or DEFAULT_BAUD)
     make = partial(StatisticsSummary, setup, with_findings=with_findings)
     summary, measured = measure(query, make, jobs, cluster)

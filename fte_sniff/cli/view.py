@@ -29,6 +29,7 @@ from fte_sniff.cli.options import (
     REREAD_ROWS,
     alert_of,
     alert_option,
+    grouped_command,
     keep_rows_option,
     line_setup,
     units_options,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from fte_sniff.session.user_state import Place
 
 
-@click.command(name="view", short_help="Show files on the screen of live.")
+@grouped_command(name="view", short_help="Show files on the screen of live.")
 @input_options(required=False)
 @follow_option
 @alert_option
