@@ -43,7 +43,6 @@ from fte_sniff.cli.options import (
     keep_rows_option,
     line_setup,
     parse_seconds,
-    silence_of,
     units_options,
 )
 from fte_sniff.cli.settings import Settings, config_option, lang_option
@@ -61,7 +60,7 @@ from fte_sniff.recording.retention import (
 )
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.recorder import Outcome
@@ -71,7 +70,7 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_LINE_WORDS = click.Choice(["on", "off"])
+_LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
 _DURATION = Seconds(min=0, min_open=True)
@@ -201,12 +200,6 @@ capture_options = all_of(
     config_option,
     lang_option,
     click.option(
-        "--silence",
-        type=Seconds(min=0.1, max=86_400),
-        metavar="S",
-        help="Report a wire that was alive and sends nothing for S seconds.  [default: 2]",
-    ),
-    click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
     click.option(
@@ -324,10 +317,8 @@ def run_capture(
     headless: bool,
     zone: str | None,
     lang: str | None,
-    share: bool = False,
     filter_text: str | None,
     alert_text: str | None,
-    silence: float | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -344,11 +335,8 @@ def run_capture(
     shown_zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share))
+    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
-    reported = plan.silences_s if silence is None else (silence,)
-    signaled = silence_of(alert_text)
-    plan = replace(plan, silences_s=reported if signaled is None else (*reported, signaled))
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     drive = None
     if headless:
@@ -466,8 +454,6 @@ def _pattern(first: Path) -> str:
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
-_SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN})
-"""Events whose detail names what happened."""
 
 
 class Report(Observer):
@@ -515,8 +501,7 @@ class Report(Observer):
         if event.kind not in _EXPECTED_EVENTS:
             self._events[event.kind] += 1
             detail = f": {event.detail}" if event.detail else ""
-            kind = "" if event.kind in _SELF_EXPLAINED else f" {event.kind.replace('_', ' ')}"
-            print_err(f"{event.port}{kind}{detail}")
+            print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
 class PlainLines(Observer):
@@ -525,7 +510,7 @@ class PlainLines(Observer):
     def __init__(
         self,
         wanted: RowFilter | None,
-        alert: Alert | SilenceAlert | None = None,
+        alert: Alert | None = None,
         form: OutputFormat = OutputFormat.TABLE,
         *,
         ports: bool = False,
@@ -545,9 +530,7 @@ class PlainLines(Observer):
         if self._wanted is not None:
             rows = self._wanted.select(rows, update.changes)
         self._writer.write(rows)
-        rings = self._alert is not None and self._alert.observe(
-            update.rows, time.monotonic(), update.events
-        )
+        rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
         if rings and sys.stderr.isatty():
             sys.stderr.write("\a")
             sys.stderr.flush()

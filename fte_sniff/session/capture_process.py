@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from fte_sniff.capture.clock import Clock, ClockWatch
-from fte_sniff.capture.silence import DEFAULT_SILENCE_S, SilenceWatch
 from fte_sniff.capture.source import Source, SourceEnd, Wiring
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
@@ -47,8 +46,6 @@ class CapturePlan:
     """End after this many seconds; None or infinity for no limit."""
     count: int | None = None
     """End after this many rows; None for no limit."""
-    silences_s: tuple[float, ...] = (DEFAULT_SILENCE_S,)
-    """Report a wire that was alive when it was silent for these times, seconds."""
 
 
 # Messages from and to the view
@@ -310,7 +307,7 @@ REPORTED_LEFTOVER = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
 
 
-DRAIN_EVERY_NS = 40_000_000
+DRAIN_EVERY_NS = 50_000_000
 """Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
 flushed only after a batch."""
 
@@ -335,8 +332,8 @@ def watermark_ns(read_ns: int, now_ns: int, pending_ns: int | None) -> int:
 class Wire:
     """One port, from its chunks to the lane of its rows."""
 
-    def __init__(self, framer: Framer, lane: MergeLane, silence: SilenceWatch) -> None:
-        self.framer, self._lane, self.silence = framer, lane, silence
+    def __init__(self, framer: Framer, lane: MergeLane) -> None:
+        self.framer, self._lane = framer, lane
         self._marker = LineErrorMarker()
         self._read_ns = self._now_ns = 0
 
@@ -353,8 +350,6 @@ class Wire:
         rows = self._marker.mark(self.framer.drain())
         if len(rows):
             self._lane.put(rows)
-            if rows.framed.any():
-                self.silence.frame_came()
         next_ns = watermark_ns(self._read_ns, self._now_ns, self.framer.pending_since_ns)
         self._lane.reached = (next_ns - self._lane.uncertainty_ns,)
         return rows
@@ -388,8 +383,7 @@ class CaptureLoop:
         for name in names:
             lane = MergeLane(source.uncertainty_ns[name])
             self._merge.lanes.append(lane)
-            silence = SilenceWatch(name, plan.silences_s)
-            self._wires[name] = Wire(Framer(name, baud, codebook=codebook), lane, silence)
+            self._wires[name] = Wire(Framer(name, baud, codebook=codebook), lane)
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
@@ -440,16 +434,14 @@ class CaptureLoop:
         return Ended(None, failure, outcome, self._progress())
 
     def _process_chunk(self, chunk: Chunk) -> None:
-        wire, now_ns = self._wires[chunk.port], chunk.t_ns or 0
-        wire.put(*wire.silence.observe(chunk))
-        wire.push(chunk)
+        self._wires[chunk.port].push(chunk)
+        now_ns = chunk.t_ns or 0
         self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
         if now_ns >= self._drain_ns:
             self._drain_ns = now_ns + DRAIN_EVERY_NS
             self._drain()
-            wire.put(*wire.silence.check(now_ns))
             self._watch_clock(chunk.port, now_ns)
             self._record(lambda recorder: recorder.flush_if_due(now_ns))
 
@@ -491,8 +483,6 @@ class CaptureLoop:
             wire.framer.restart()
         if event.kind is PortEventKind.LOST:
             self._lost = event
-        if event.kind in (PortEventKind.LOST, PortEventKind.CLOSED):
-            wire.silence.lost()
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
             wire.framer.set_baud(event.count)
         wire.put(event)

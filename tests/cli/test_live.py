@@ -657,7 +657,7 @@ _OPTIONS = (
     "--baud 250000 --no-record",
     *(
         f"--dtr {dtr} --rts {rts} --no-record"
-        for dtr, rts in itertools.product(("off", "on"), repeat=2)
+        for dtr, rts in itertools.product(("off", "leave", "on"), repeat=2)
         if (dtr, rts) != ("on", "off")
     ),
 )

@@ -347,10 +347,10 @@ def test_words_that_nobody_knows_stay_as_they_are() -> None:
 
 def test_texts_of_a_file_are_chinese_where_their_parts_are_known() -> None:
     set_language("zh")
-    settings = PortSettings(rts=ControlLine.ON)
+    settings = PortSettings(rts=ControlLine.LEAVE)
     detail = f"{settings}; no low latency setting; line errors unavailable; odd"
     opened = event_text(PortEvent(0, "p", PortEventKind.OPENED, detail))
-    shown = "115200 波特 8N1，DTR 关闭，RTS 打开"
+    shown = "115200 波特 8N1，DTR 关闭，RTS 保持不变"
     assert opened.endswith(f"p 已打开：{shown}；没有低延迟设置；无法得知线路错误；odd")
     assert _(str(settings)) == shown
     for kind, reason in (DAMAGED, ANOTHER):

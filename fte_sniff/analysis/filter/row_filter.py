@@ -40,8 +40,6 @@ from fte_sniff.protocol import (
     Damage,
     Fault,
     Frame,
-    PortEvent,
-    PortEventKind,
     Row,
     Status,
     encode,
@@ -165,7 +163,7 @@ class Alert:
         self.count = 0
         self.last: Row | None = None
 
-    def observe(self, rows: Rows, now_s: float, _events: Sequence[PortEvent] = ()) -> bool:
+    def observe(self, rows: Rows, now_s: float) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
         if not len(rows):  # most polls of a quiet line
             return False
@@ -178,23 +176,6 @@ class Alert:
         if is_due:
             self._due_s = now_s + ALERT_INTERVAL_S
         return is_due
-
-
-class SilenceAlert:
-    """Counts the silences of wires that last some seconds, and signals each."""
-
-    last: Row | None = None
-
-    def __init__(self, seconds: float) -> None:
-        self._least_ms = round(seconds * 1000)
-        self.count = 0
-
-    def observe(self, _rows: Rows, _now_s: float, events: Sequence[PortEvent] = ()) -> bool:
-        """Count the next events; returns whether to signal now."""
-        kind = PortEventKind.SILENT
-        found = [one for one in events if one.kind is kind and one.count == self._least_ms]
-        self.count += len(found)
-        return bool(found)
 
 
 def _refused(error: BaseException) -> FilterError:
