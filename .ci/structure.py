@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = "fte_sniff"
 
-NEW = {"table.py", "islands", "plain", "whole"}
+NEW = {"whole"}
 """Modules and packages that will replace others, and have the same names until then."""
 
 _NO_CODE = {

@@ -23,8 +23,9 @@ from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Any
 
-import fte_sniff
 from tests.framer_form import interpret
+
+import fte_sniff
 
 PACKAGE = Path(fte_sniff.__file__).parent
 SAMPLES = PACKAGE.parent / "samples"

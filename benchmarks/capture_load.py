@@ -22,7 +22,7 @@ from pathlib import Path
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 
 BAUDS = (115_200, 921_600, 3_000_000)
 KINDS = ("position", "position_feedback")
@@ -117,7 +117,7 @@ def _watch(program: LiveProgram, seconds: float) -> tuple[float, float]:
 def _recorded(path: Path) -> tuple[int, Counter[str]]:
     """Number of bytes in the recording, and of events by kind."""
     count, events = 0, Counter[str]()
-    for rows in RecordingReader(path).batches():
+    for rows in Recording(path).batches():
         events.update(event.kind.value for event in rows.events)
         count += int(rows.length.sum())
     return count, events

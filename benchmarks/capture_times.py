@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.live_program import LiveProgram
 from benchmarks.paced_line import CLOCK, PacedLine, Sent
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 
@@ -31,7 +31,7 @@ WANTED_MS = 2.0
 
 def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
     """The time of each row minus the true time, nanoseconds."""
-    reader = RecordingReader(recording)
+    reader = Recording(recording)
     rows = list(reader)
     (facts,) = reader.metadata.values()
     tie = int(facts["clock_utc_at_tie_ns"]) - int(facts["clock_steady_at_tie_ns"])

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.recording_speed import PORTS, frame_pool
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows
 from tests.support.faults import damaged_stream
 from tests.support.recorded_rows import write_recording
 
@@ -70,11 +70,10 @@ def written(folder: Path, frames: int) -> Path:
             for at, text in enumerate(texts)
         )
     )
-    codebook = Codebook()
-    columns = Rows.allocate(codebook, frames)
+    columns = Rows.blank(frames, (PORTS[0].name,))
     at = np.arange(frames)
     columns.t_ns[:], columns.offset[:] = START_NS + at * 868_056, at * FRAME_LENGTH
-    columns.port[:], columns.raw[:] = codebook.port_code(PORTS[0].name), rows
+    columns.raw[:, :FRAME_LENGTH] = rows
     write_recording(folder / NAME["recording"], PORTS[:1], [columns])
     return folder
 

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from fte_sniff.analysis.findings import Cause, Finding, Findings
 from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import DEFAULT_BAUD, Fault, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows, fault_bits
 
 START_NS = 1_700_000_000 * 10**9
 SECOND = 10**9
@@ -281,12 +281,10 @@ def _damaged(
     if what is not None and what.kind == "motor_damage":
         own = (t >= what.start_s) & (t < what.end_s) & (raw[:, 2] == what.motor)
         hit |= own & (rng.random(count) < what.share / 4)
-    codebook = Codebook()
-    rows = Rows.allocate(codebook, count)
-    rows.raw[:] = raw
+    rows = Rows.blank(count, ("bus",))
+    rows.raw[:, :10] = raw
     rows.t_ns[:] = START_NS + np.rint(t * SECOND).astype(np.int64)
     rows.offset[:] = np.arange(count) * 10
-    rows.port[:] = codebook.port_code("bus")
     bad = np.flatnonzero(hit)
     unseen = rng.random(len(bad)) < 0.3
     flips = bad[unseen]
@@ -296,9 +294,9 @@ def _damaged(
     cut, noise = bad[~unseen][::2], bad[~unseen][1::2]
     rows.framed[cut] = rows.framed[noise] = False
     rows.length[cut] = rng.integers(3, 10, len(cut))
-    rows.raw[noise] = rng.integers(0, 256, (len(noise), 10), dtype=np.uint8)
-    rows.faults[cut] = codebook.fault_code((Fault.TRUNCATED,))
-    rows.faults[noise] = codebook.fault_code((Fault.NOISE,))
+    rows.raw[noise, :10] = rng.integers(0, 256, (len(noise), 10), dtype=np.uint8)
+    rows.faults[cut] = fault_bits([Fault.TRUNCATED])
+    rows.faults[noise] = fault_bits([Fault.NOISE])
     return rows
 
 
@@ -363,7 +361,7 @@ def print_speed(rng: np.random.Generator, count: int) -> None:
     """Compare with the model of `stats`."""
     rows = recording(rng, 3600.0, None)
     while len(rows) < count:
-        rows = Rows.concat([rows, rows.with_columns(t_ns=rows.t_ns + 3600 * SECOND)])
+        rows = Rows.concat([rows, rows.replace(t_ns=rows.t_ns + 3600 * SECOND)])
     rows = rows[:count]
     seconds = []
     for make in (lambda: StatisticsSummary(LineSetup(DEFAULT_BAUD)), Findings):

@@ -26,9 +26,8 @@ from time import perf_counter
 
 from benchmarks.many_files import PROGRAM, peak_kb
 from fte_sniff.recording.metadata import PortFacts, host_facts
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import RecordingOptions
-from tests.support.columns import in_columns
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
+from tests.support.columns import entries
 from tests.support.recorded_rows import PORTS, make_recordings, rows_of
 
 FRAMES = 100
@@ -83,7 +82,7 @@ class Writer:
 
     def flush(self) -> None:
         """Record the next rows."""
-        self._recorder.write(in_columns(rows_of(self.frames, FRAMES)))
+        self._recorder.write(*entries(rows_of(self.frames, FRAMES)))
         self.frames += FRAMES
         self._recorder.flush()
 

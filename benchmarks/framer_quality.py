@@ -14,7 +14,8 @@ from collections import Counter
 from random import Random
 from time import perf_counter
 
-from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, Chunk, Framer, Row
+from tests.support.columns import fed
 from tests.support.faults import PAYLOADS, RESERVES, Harm, damaged_stream, draw_frame
 from tests.support.score import labels, score
 
@@ -23,7 +24,7 @@ LINES = [(0.01, "ordinary"), (0.2, "ordinary"), (0.2, "hostile"), (0.5, "hostile
 
 def rows_of(stream: bytes) -> list[Row]:
     framer = Framer("bench")
-    return framer.feed(Chunk("bench", None, stream)) + framer.flush()
+    return fed(framer, Chunk("bench", None, stream)) + list(framer.finish())
 
 
 def quality(seed: int, frames: int) -> Counter[tuple[Harm, str, str]]:
@@ -83,7 +84,7 @@ def joins(seed: int, count: int) -> None:
         stream = b"".join(frames)
         cut = random.randrange(1, FRAME_LENGTH * 2)
         first = -cut % FRAME_LENGTH
-        rows = [row for row in rows_of(stream[cut:]) if isinstance(row, Frame)]
+        rows = [row for row in rows_of(stream[cut:]) if row.framed]
         invented += any((row.offset - first) % FRAME_LENGTH for row in rows)
         found += any(row.offset == first for row in rows)
     print(

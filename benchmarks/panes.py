@@ -24,6 +24,7 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.painter import DARK
 from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
 from fte_sniff.tui.panes.statistics import StatisticsPage
+from tests.support.columns import fed
 
 START_NS = 1_769_860_800_000_000_000
 DISTINCT = 50_000
@@ -37,7 +38,7 @@ SIZES = ((80, 15), (199, 37))
 def rows(count: int) -> list[Row]:
     framer, found = Framer("p"), list[Row]()
     for timed in Simulation(parse_parameters(f"seed=1&rate=1000&drop=0.005&frames={DISTINCT}")):
-        found += framer.feed(Chunk("p", START_NS + timed.t_ns, timed.data))
+        found += fed(framer, Chunk("p", START_NS + timed.t_ns, timed.data))
     first, last = found[0].t_ns or 0, found[-1].t_ns or 0
     step = last - first + 1_000_000
     again = range(1, -(-count // len(found)))
@@ -60,7 +61,7 @@ def live(every: list[Row], steps_per_s: int) -> float:
     store = RowStore(len(every))
     following, took, step = LiveModels(store, LineSetup()), 0.0, LINK_ROWS_S // steps_per_s
     for at in range(0, len(every) - step, step):
-        store.append(Rows.from_rows(every[at : at + step]))
+        store.append(Rows.of(every[at : at + step]))
         took += seconds(lambda: following.step(step))
     return took / (len(every) / LINK_ROWS_S)
 
@@ -71,7 +72,7 @@ def main() -> None:
     count = parser.parse_args().rows
     every = rows(count)
     store = RowStore(count)
-    packing = seconds(lambda: store.append(Rows.from_rows(every)))
+    packing = seconds(lambda: store.append(Rows.of(every)))
     following = LiveModels(store, LineSetup())
     models = seconds(lambda: following.step(count))
     print(

@@ -21,10 +21,10 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from fte_sniff.recording.messages import TOPICS, encode_row, schema_data, schema_name, topic_of
 from fte_sniff.recording.metadata import PortFacts, host_facts
+from fte_sniff.recording.schema import TOPICS, encode_row, schema_data, schema_name, topic_of
 from fte_sniff.recording.writer import RecordingWriter
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 from tests.support.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
 
 _CALLS = ("pwrite", "fdatasync", "ftruncate")
@@ -66,7 +66,7 @@ def ours(folder: Path, seconds: int) -> dict[str, list[float]]:
             rows = rows_of(second * a_second, a_second)
             spent.clear()
             start = time.perf_counter()
-            writer.write(in_columns(rows))
+            writer.write(*entries(rows))
             written = time.perf_counter()
             writer.flush()
             end = time.perf_counter()

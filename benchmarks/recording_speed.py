@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 import numpy as np
+from fte_sniff.recording.mcap.reader import RecordStream, unpack
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -30,10 +31,9 @@ from mcap.writer import Writer
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.reader import RecordStream, unpack
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from tests.support.recorded_rows import write_recording
 
 RUST = Path(__file__).parent / "rust_reader"
@@ -61,17 +61,17 @@ def frame_pool() -> np.ndarray:
 
 def batches(frames: int) -> Iterator[Rows]:
     """So many rows of two ports, at line rate, read every few milliseconds."""
-    pool, random, codebook = frame_pool(), np.random.default_rng(2), Codebook()
-    ports = [codebook.port_code(port.name) for port in PORTS]
+    pool, random = frame_pool(), np.random.default_rng(2)
+    ports = tuple(port.name for port in PORTS)
     for start in range(0, frames, BATCH):
         count = min(BATCH, frames - start)
         at = np.arange(start, start + count)
-        rows = Rows.allocate(codebook, count)
+        rows = Rows.blank(count, ports)
         rows.t_ns[:] = START_NS + at // 2 * FRAME_NS + at % 2 * 400_000
         rows.offset[:] = at // 2 * FRAME_LENGTH
         rows.delay_ns[:] = random.integers(0, 16_000_000, count)
-        rows.port[:] = np.array(ports)[at % 2]
-        rows.raw[:] = pool[random.integers(0, POOL, count)]
+        rows.port[:] = at % 2
+        rows.raw[:, :FRAME_LENGTH] = pool[random.integers(0, POOL, count)]
         yield rows
 
 
@@ -88,13 +88,13 @@ def cost(work: Callable[[], object], rows: int) -> Cost:
 
 def read_columns(path: Path) -> None:
     """All rows as batches, all checksums checked."""
-    for _ in RecordingReader(path).batches():
+    for _ in Recording(path).batches():
         pass
 
 
 def read_frames(path: Path) -> None:
     """All columns of the row contract as polars frames, the bytes as hex text."""
-    for columns in RecordingReader(path).batches():
+    for columns in Recording(path).batches():
         table_frame(columns)
 
 
@@ -102,7 +102,7 @@ def survey(path: Path) -> None:
     """All numbers of `stats`."""
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path))
-    for columns in RecordingReader(path).batches():
+    for columns in Recording(path).batches():
         numbers.observe(columns)
 
 

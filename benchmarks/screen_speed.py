@@ -249,7 +249,7 @@ def _print_playback(rows: int, seconds: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "played.mcap")
         frames = range(0, rows // len(PORTS), BATCH)
-        batches = (Rows.from_rows(rows_of(first, BATCH)) for first in frames)
+        batches = (Rows.of(rows_of(first, BATCH)) for first in frames)
         write_recording(file, [PortFacts(port) for port in PORTS], batches)
         span_s = rows / len(PORTS) / rows_a_second()
         print(f"{rows:,} rows, 80x24, {seconds:g} s each")
@@ -338,7 +338,7 @@ def _screen(rows: int, text: str) -> None:
     """Run the screen over a feed of old and new rows."""
     from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+    from fte_sniff.protocol import KIND_BY_NAME, Row, encode
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
@@ -350,20 +350,20 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.protocol.rows import Rows
 
     def made(first: int, count: int, t_ns: int) -> list[Row]:
-        return [Frame("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
+        return [Row("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
 
     def updates() -> Iterator[FeedUpdate]:
         came, old = 0, made(0, BATCH, time.time_ns())
         while came < rows:
             count = min(BATCH, rows - came)
             came += count
-            yield FeedUpdate(FeedState("loading", rows=came), Rows.from_rows(old[:count]))
+            yield FeedUpdate(FeedState("loading", rows=came), Rows.of(old[:count]))
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)
             new = made(came, due - came, time.time_ns())
             came = due
-            yield FeedUpdate(FeedState("READY", rows=came), Rows.from_rows(new))
+            yield FeedUpdate(FeedState("READY", rows=came), Rows.of(new))
 
     class GrowingFeed:
         def __init__(self) -> None:

@@ -14,9 +14,10 @@ import argparse
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from benchmarks.framer_quality import rows_of
-from fte_sniff.protocol import Frame
 from fte_sniff.protocol.framer.model import CERTAIN
+
+from benchmarks.framer_quality import rows_of
+from fte_sniff.protocol import Row
 from tests.protocol import oracle
 from tests.support.faults import PAYLOADS, Sent, damaged_stream
 from tests.support.score import score
@@ -25,7 +26,7 @@ NEIGHBOURS = 6
 """Frames on either side that the oracle uses."""
 
 
-def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
+def probability(stream: bytes, sent: Sequence[Sent], row: Row) -> float:
     """The oracle's probability of the frame in this row."""
     number = bisect_right([frame.start for frame in sent], row.offset) - 1
     first, behind = max(0, number - NEIGHBOURS), number + NEIGHBOURS
@@ -35,7 +36,7 @@ def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
     return probabilities.get(row.offset - begin, 0.0)
 
 
-def divided(sent: Sequence[Sent], row: Frame) -> str:
+def divided(sent: Sequence[Sent], row: Row) -> str:
     """The row's bytes, with `|` at the boundaries of the sent frames."""
     begins = {frame.start for frame in sent} | {frame.start - frame.before for frame in sent}
     parts = [

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from benchmarks.recording_speed import PORTS, batches
 from benchmarks.screen_speed import Terminal
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from tests.support.recorded_rows import write_recording
 
 FEW = 1_000
@@ -53,7 +53,7 @@ def main() -> None:
 def _line(path: Path, rows: int, keep: int | None, base_mb: float) -> str:
     first_s, bare_s = _first_rows(path, keep)
     began = time.perf_counter()
-    for _ in RecordingReader(path).batches():
+    for _ in Recording(path).batches():
         pass
     reading_s = time.perf_counter() - began
     loading_s, models_s, held_mb, jumps_ms = _viewed(path, keep)

@@ -22,7 +22,7 @@ from jinja2.ext import babel_extract
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.analysis.motors import Health
-from fte_sniff.capture.serial_port import ControlLine, LowLatency
+from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.protocol.spec import Role
@@ -57,7 +57,7 @@ def table_texts() -> Iterator[str]:
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode
-    yield from (*LowLatency, *ControlLine, *Status)
+    yield from (*ControlLine, *Status)
     yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()

@@ -117,7 +117,7 @@ class SimulatedFeed:
         rows = self._rows[self._given : due]
         self._given += len(rows)
         state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
-        return FeedUpdate(state, Rows.from_rows(rows))
+        return FeedUpdate(state, Rows.of(rows))
 
     def stop(self) -> None:
         """Do nothing."""

@@ -16,7 +16,7 @@ below it; capture, recording, formats and analysis do not import each other:
     recording  MCAP recordings: write, read, repair, rotate
     formats    logs of other tools in; tables and exports out
     analysis   filter, statistics, models, row store
-    protocol   what the bytes mean: frame definitions, framer (compiled); no I/O
+    protocol   what the bytes mean: frame definitions, framer; no I/O
     errors     the exceptions and their exit codes; messages that can be translated
     platform   what this system has, and Windows lacks
 
@@ -45,9 +45,7 @@ if TYPE_CHECKING:
     from fte_sniff.protocol import (
         KINDS,
         Chunk,
-        Damage,
         Fault,
-        Frame,
         Framer,
         PortEvent,
         Row,
@@ -61,11 +59,9 @@ if TYPE_CHECKING:
 __all__ = [
     "KINDS",
     "Chunk",
-    "Damage",
     "Fault",
     "FileError",
     "FilterError",
-    "Frame",
     "Framer",
     "FteSniffError",
     "InputTextError",

@@ -17,7 +17,7 @@ from xml.etree import ElementTree as ET
 
 from fte_sniff.protocol import MOTORS, Direction
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
-from fte_sniff.recording.messages import EVENTS, MALFORMED, TOPICS, Topic, value_fields
+from fte_sniff.recording.schema import EVENTS, MALFORMED, TOPICS, Topic, value_fields
 
 _COLOURS = ("#d9822b", "#3a7bd5", "#3c9d5b", "#d03b3b")
 _FLAGS = (Role.ERRORS, Role.ONLINE)

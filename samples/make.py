@@ -40,7 +40,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import Existing, RecordingWriter
 
 FOLDER = Path(__file__).parent
@@ -154,7 +154,7 @@ def _write_recording(path: Path, sample: Sample, chunks: list[Chunk], flush_s: i
     ports = (PortFacts(sample.port, DEFAULT_BAUD),)
     opened = PortEvent(START_NS, sample.port, PortEventKind.OPENED, f"{DEFAULT_BAUD} baud 8N1")
     with RecordingWriter(path, ports, facts, existing=Existing.REPLACE) as recording:
-        recording.write(NO_ROWS.with_columns(events=[opened]))
+        recording.write(NO_ROWS.replace([opened]))
         flush_ns = START_NS
         for chunk in chunks:
             framer.push(chunk)
@@ -208,7 +208,7 @@ def stale() -> list[str]:
 def _content(path: Path) -> object:
     if path.suffix != ".mcap":
         return path.read_bytes()
-    reader = RecordingReader(path)
+    reader = Recording(path)
     facts = {key: value for key, value in reader.metadata["fte-sniff"].items() if key != "library"}
     batches = list(reader.batches())
     rows = [record(row) for batch in batches for row in batch]

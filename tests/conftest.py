@@ -2,8 +2,7 @@
 
 Hypothesis has no deadline, because a busy machine would exceed it. Examples stay random, so that
 each run can find more; a failure prints how to repeat it. `--hypothesis-profile full` runs those
-of `.ci/full`, `thorough` twenty times as many. The installed form of the framer is tested;
-`--interpreted` tests its source.
+of `.ci/full`, `thorough` twenty times as many.
 """
 
 from __future__ import annotations
@@ -17,19 +16,12 @@ import pytest
 from hypothesis import settings
 
 from tests.examples import FULL, QUICK
-from tests.framer_form import INTERPRETED, form_error, interpret
 from tests.needs import needs_of
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
 # Tests of full disks limit the size of files. A module first imported under such a limit would
 # leave a truncated .pyc file, and break later imports.
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
-
-# The conftest.py files of folders import the framer before pytest reads its options.
-if "--interpreted" in sys.argv:
-    os.environ[INTERPRETED] = "1"
-if INTERPRETED in os.environ:
-    interpret()
 
 # Tests close terminals and press Ctrl-C. A handler is not inherited; that a signal is ignored is:
 # SIGHUP under nohup, SIGINT in the background of a script.
@@ -47,17 +39,7 @@ settings.load_profile("quick")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--interpreted", action="store_true", help="run the framer's source")
     parser.addoption("--bless", action="store_true", help="write the present output of sessions")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    if config.getoption("--interpreted"):
-        interpret()
-    elif not hasattr(config, "workerinput"):
-        wrong = form_error(os.environ)
-        if wrong is not None:
-            raise pytest.UsageError(wrong)
 
 
 # What is collected stays to the end; to look for garbage in it takes a third of the time.
@@ -78,9 +60,3 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     """Mark a test with what its fixtures need."""
     for name in needs_of(item):
         item.add_marker(name)
-
-
-def pytest_report_header() -> str:
-    from fte_sniff.protocol.framer import COMPILED
-
-    return f"framer: {'compiled' if COMPILED else 'interpreted'}"

@@ -15,8 +15,8 @@ import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from fte_sniff.capture.bridge import set_speed
 from tests.beside import Work, server_socket
+from tests.support.speeds import set_speed
 
 IAC, SB, SE = b"\xff", b"\xfa", b"\xf0"
 _WILL, _WONT, _DO, _DONT = b"\xfb", b"\xfc", b"\xfd", b"\xfe"

@@ -14,17 +14,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
 from fte_sniff.cli.live_data import datagram
-from fte_sniff.protocol import (
-    KINDS,
-    MOTORS,
-    Damage,
-    Fault,
-    Frame,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KINDS, MOTORS, Fault, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 LAYOUTS = Path(__file__).parents[1] / "samples" / "layouts"
@@ -50,13 +40,13 @@ def sent() -> dict[str, set[str]]:
     """By topic, the fields of the datagrams that a capture sends."""
     found: dict[str, set[str]] = defaultdict(set)
     entries: list[Row | PortEvent] = [PortEvent(1, "p", PortEventKind.LOST, "why")]
-    entries += [Damage("p", 0, b"1", 1, (Fault.NOISE,))]
+    entries += [Row("p", 0, b"1", 1, (Fault.NOISE,), framed=False)]
     for kind in KINDS:
         for motor in MOTORS if kind.names_motor else (0,):
             values = {field.name: field.low for field in kind.fields}
             named = NAME_OF_ROLE[Role.MOTOR]
             values |= {named: motor} if named in values else {}
-            entries.append(Frame("p", 0, encode(kind, values), 1))
+            entries.append(Row("p", 0, encode(kind, values), 1))
     for entry in entries:
         inner, topic = json.loads(datagram(entry)), ""
         while "time" not in inner or not topic:

@@ -16,11 +16,9 @@ def test_public_names_are_pinned() -> None:
     assert fte_sniff.__all__ == [
         "KINDS",
         "Chunk",
-        "Damage",
         "Fault",
         "FileError",
         "FilterError",
-        "Frame",
         "Framer",
         "FteSniffError",
         "InputTextError",

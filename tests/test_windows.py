@@ -20,8 +20,8 @@ from serial import SerialException
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff import platform
+from fte_sniff.capture.lasting_name import lasting_name
 from fte_sniff.capture.port_errors import check_name, port_error
-from fte_sniff.capture.reconnect import SameName, identity_of
 from fte_sniff.cli.input_files import FileName
 from fte_sniff.recording import output_file
 from fte_sniff.recording.output_file import Existing, OutputPath
@@ -333,7 +333,7 @@ def test_path_of_windows_is_a_file_name(name: str) -> None:
 @pytest.mark.parametrize("name", ["COM3", "\\\\.\\COM10"])
 def test_port_of_windows_is_a_port_name(name: str) -> None:
     check_name(name)
-    assert identity_of(name, name, [ListPortInfo(name)]) == SameName(name)
+    assert lasting_name(name, name, [ListPortInfo(name)]) == name
 
 
 @pytest.mark.parametrize(

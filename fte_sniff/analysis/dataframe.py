@@ -93,7 +93,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
 
 
 def _raw(rows: Rows) -> pl.Series:
-    digits = _HEX_PAIRS[rows.raw].view(np.uint8)
+    digits = _HEX_PAIRS[rows.raw[:, :FRAME_LENGTH]].view(np.uint8)
     texts = (
         pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
         .cast(pl.List(pl.UInt8()))
@@ -103,13 +103,8 @@ def _raw(rows: Rows) -> pl.Series:
     odd = np.flatnonzero(rows.length != FRAME_LENGTH)
     if not odd.size:
         return texts
-    return texts.scatter(pl.Series(odd), pl.Series([_hex(rows, at) for at in odd.tolist()]))
-
-
-def _hex(rows: Rows, at: int) -> str:
-    long = rows.long.get(at)
-    raw = rows.raw[at, : rows.length[at]].tobytes() if long is None else long
-    return raw.hex().upper()
+    raws = [row.raw.hex().upper() for row in rows.select(odd)]
+    return texts.scatter(pl.Series(odd), pl.Series(raws))
 
 
 def _with_nulls(numbers: Array, known: Bools | None) -> pl.Series:

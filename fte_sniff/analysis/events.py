@@ -29,10 +29,8 @@ from fte_sniff.protocol import (
     Gap,
     PortEvent,
     PortEventKind,
-    Status,
-    status_of,
 )
-from fte_sniff.protocol.rows import NO_FACT, Bools, Codes, Ints, Rows
+from fte_sniff.protocol.rows import NO_FACT, Bools, Codes, Ints, Rows, faults_in
 from fte_sniff.protocol.spec import FrameKind, Role, motor_bit
 
 SHIFT: Final = 30
@@ -100,7 +98,7 @@ class Windows(Model):
         low, high = self._column(Keep.LOW, name), self._column(Keep.HIGH, name)
         return low, high, high != Keep.HIGH.value
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: EventBatch) -> None:
         """Add what a batch counted."""
         self._added.append((batch.keys, batch.columns))
         if len(self._added) >= _MOST_ADDED:
@@ -164,7 +162,7 @@ class Windows(Model):
         return found
 
 
-class Batch:
+class EventBatch:
     """Counts of one batch by its windows."""
 
     def __init__(self, t_ns: Ints, shift: int) -> None:
@@ -360,7 +358,7 @@ def _occurring(codes: Ints | Codes) -> list[int]:
     return found
 
 
-def _count_hits(batch: Batch, name: str, rows: Ints, values: Ints, grades: Ints) -> None:
+def _count_hits(batch: EventBatch, name: str, rows: Ints, values: Ints, grades: Ints) -> None:
     """Count the events of a stream, which are these rows of the batch."""
     kind = name.split(" ", 1)[0]
     if kind in _GRADED:
@@ -441,7 +439,7 @@ class Events(Model):
                 self._port_events.append(event)
             elif event.kind in (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN):
                 windows = self._ports.setdefault(event.port, Windows())
-                batch = Batch(np.array([event.t_ns]), windows.shift)
+                batch = EventBatch(np.array([event.t_ns]), windows.shift)
                 batch.events(event.kind, np.array([0]))
                 windows.add(batch)
 
@@ -467,7 +465,7 @@ class Events(Model):
             if len(t_ns):
                 kind, port = name.split(" ", 1)
                 windows = self._ports[port] if kind == "burst" else self._windows
-                batch = Batch(t_ns, windows.shift)
+                batch = EventBatch(t_ns, windows.shift)
                 _count_hits(batch, name, np.arange(len(t_ns)), values, grades)
                 windows.add(batch)
 
@@ -489,10 +487,10 @@ class Events(Model):
         if not len(rows):
             return
         streams = dict[str, _StreamEnds]()
-        for code in rows.counts("port"):
-            port = rows.codebook.ports[code]
+        for code in np.unique(rows.port).tolist():
+            port = rows.ports[code]
             streams |= self._count_damage(port, rows, np.flatnonzero(rows.port == code))
-        batch = Batch(rows.t_ns, self._windows.shift)
+        batch = EventBatch(rows.t_ns, self._windows.shift)
         for name, own, values in _counted_motors(batch, rows):
             streams[name] = _followed(batch, name, own, values)
         self._windows.add(batch)
@@ -500,10 +498,8 @@ class Events(Model):
 
     def _count_damage(self, port: str, rows: Rows, own: Ints) -> dict[str, _StreamEnds]:
         windows = self._ports.setdefault(port, Windows())
-        batch = Batch(rows.t_ns[own], windows.shift)
-        faults = rows.codebook.faults
-        malformed = np.array([status_of(one) is Status.MALFORMED for one in faults])
-        is_damaged = malformed[rows.faults[own]]
+        batch = EventBatch(rows.t_ns[own], windows.shift)
+        is_damaged = rows.is_malformed[own]
         damaged, directions = np.flatnonzero(is_damaged), rows.directions[own]
         batch.count("rows", np.arange(len(own)))
         batch.count("frames", np.flatnonzero(rows.framed[own]))
@@ -521,14 +517,14 @@ class Events(Model):
             for motor in MOTORS:
                 batch.events(f"damaged {motor}", damaged[motors[damaged] == motor])
             for code in np.unique(rows.faults[at]).tolist():
-                batch.count(f"fault {faults[code][0]}", damaged[rows.faults[at] == code])
+                batch.count(f"fault {faults_in(code)[0]}", damaged[rows.faults[at] == code])
         name = f"burst {port}"
         stream = _followed(batch, name, np.arange(len(own)), is_damaged.astype(np.int64))
         windows.add(batch)
         return {name: stream}
 
 
-def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _StreamEnds:
+def _followed(batch: EventBatch, name: str, own: Ints, values: Ints) -> _StreamEnds:
     """Count the events of the rows of a stream; returns their part of the stream."""
     t_ns = batch.t_ns[own]
     grades = _GRADES[name.split(" ", 1)[0]](t_ns, values)
@@ -541,7 +537,7 @@ def _followed(batch: Batch, name: str, own: Ints, values: Ints) -> _StreamEnds:
 _ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
 
 
-def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]]:
+def _counted_motors(batch: EventBatch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]]:
     """Count what is about motors; yields the streams, with their rows and values."""
     found = motor_rows(rows)
     asked = rows.unanswered != NO_FACT
@@ -580,7 +576,7 @@ def _counted_motors(batch: Batch, rows: Rows) -> Iterator[tuple[str, Ints, Ints]
                     yield f"jump {role} {motor}", own, values
 
 
-def _count_delays(batch: Batch, rows: Rows, commands: Ints, motor: int) -> None:
+def _count_delays(batch: EventBatch, rows: Rows, commands: Ints, motor: int) -> None:
     known = commands[rows.answer_ns[commands] != NO_FACT]
     known = known[NAMES_MOTOR[rows.kinds[known]]]
     for code in _occurring(rows.kinds[known]):

@@ -33,10 +33,9 @@ from fte_sniff.protocol import (
     Fault,
     Gap,
     GapKind,
-    Status,
-    status_of,
 )
 from fte_sniff.protocol.rows import (
+    COLUMNS,
     FACTS,
     NO_FACT,
     NO_KIND,
@@ -45,7 +44,6 @@ from fte_sniff.protocol.rows import (
     Bools,
     Ints,
     Rows,
-    no_facts,
 )
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
@@ -426,7 +424,7 @@ def streams_of(rows: Rows) -> Iterator[tuple[str, int, Ints]]:
     for start, end in pairwise((*starts, len(order))):
         port, number = divmod(int(keys[order[start]]), KEYS_PER_PORT)
         if number != NO_STREAM:
-            yield rows.codebook.ports[port], number, order[start:end]
+            yield rows.ports[port], number, order[start:end]
 
 
 # Facts of rows
@@ -448,7 +446,7 @@ class PreviousFrames(Model):
                 self.interrupt()
                 start = change.index
         found.append(self._added(rows[start:]))
-        return rows.with_facts(no_facts(len(rows)) | {"previous": np.concatenate(found)})
+        return rows.replace(previous=np.concatenate(found))
 
     def interrupt(self) -> None:
         """Rows are missing here."""
@@ -544,7 +542,7 @@ class Facts(Model):
             "motor_hint": hints,
             "previous": rows.previous,
         }
-        whole = rows.with_facts({name: facts[name].astype(FACTS[name]) for name in FACTS})
+        whole = rows.replace(**{name: facts[name].astype(COLUMNS[name][0]) for name in FACTS})
         return whole, decided & hinted
 
 
@@ -648,8 +646,7 @@ def _hints(rows: Rows, past: _Past) -> tuple[Ints, Bools]:
     """
     hints = np.full(len(rows), NO_FACT)
     decided = np.ones(len(rows), np.bool_)
-    malformed = np.array([status_of(one) is Status.MALFORMED for one in rows.codebook.faults])
-    damaged = np.flatnonzero(malformed[rows.faults])
+    damaged = np.flatnonzero(rows.is_malformed)
     if not len(damaged):
         return hints, decided
     own = _own_motors(rows, damaged)
@@ -686,8 +683,13 @@ def _own_motors(rows: Rows, at: Ints) -> Ints:
     raw, length = rows.raw[at], rows.length[at]
     cmds, nums = raw[:, CMD_OFFSET], raw[:, NUM_OFFSET].astype(np.int64)
     heads = raw[:, 0].astype(np.int64) << 8 | cmds
-    in_step = np.array([Fault.BAD_HEADER in one for one in rows.codebook.faults])[rows.faults[at]]
-    whole = in_step & (length == FRAME_LENGTH) & (raw[:, -1] == TAIL) & np.isin(cmds, _NAMING_CMDS)
+    in_step = rows.has(Fault.BAD_HEADER)[at]
+    whole = (
+        in_step
+        & (length == FRAME_LENGTH)
+        & (raw[:, FRAME_LENGTH - 1] == TAIL)
+        & np.isin(cmds, _NAMING_CMDS)
+    )
     names = (NAMES_MOTOR[_KIND_OF_HEAD[heads]] | whole) & (length > NUM_OFFSET)
     return np.where(names & (nums >= MOTORS[0]) & (nums <= MOTORS[-1]), nums, NO_FACT)
 

@@ -483,7 +483,7 @@ class Findings(RowModel):
 
     def _observe(self, rows: Rows) -> None:
         self.total.observe(rows)
-        self.frames += rows.counts("framed").get(True, 0)
+        self.frames += int(rows.framed.sum())
         self._count(rows)
 
     def _count(self, rows: Rows) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from fte_sniff.protocol import Chunk, Direction, Fault, Frame, Framer, Status
+from fte_sniff.protocol import Chunk, Direction, Fault, Framer, Row, Status
 
 SOUND_SHARE: Final = 0.9
 """Share of bytes in readable frames from which a line is sound."""
@@ -64,20 +64,18 @@ def diagnose(data: bytes) -> LineDiagnosis:
         condition = LineCondition.DAMAGED
     else:
         condition = _without_frames(data)
-    directions = frozenset(frame.direction for frame in frames)
+    directions = frozenset(frame.direction for frame in frames if frame.direction)
     return LineDiagnosis(condition, len(data), share, directions)
 
 
-def readable_frames(data: bytes) -> list[Frame]:
+def readable_frames(data: bytes) -> list[Row]:
     """The frames in `data` that are neither malformed nor ambiguous."""
     framer = Framer("line")
-    rows = framer.feed(Chunk("line", None, data)) + framer.flush()
+    framer.push(Chunk("line", None, data))
     return [
         row
-        for row in rows
-        if isinstance(row, Frame)
-        and row.status is not Status.MALFORMED
-        and Fault.AMBIGUOUS not in row.faults
+        for row in framer.finish()
+        if row.framed and row.status is not Status.MALFORMED and Fault.AMBIGUOUS not in row.faults
     ]
 
 

@@ -244,7 +244,7 @@ class ShownStreams:
             first, last = offsets.searchsorted((self._observed - block.start, stop))
             if last > first:
                 rows = self._store.in_memory(block).rows.select(offsets[first:last])
-                self._ports = rows.codebook.ports
+                self._ports = list(rows.ports)
                 self._streams.observe(rows)
             self._observed = block.start + stop
         return not self.pending

@@ -33,7 +33,6 @@ from fte_sniff.protocol import (
     KINDS,
     MOTORS,
     Direction,
-    Frame,
     Gap,
     PortEvent,
 )
@@ -259,7 +258,7 @@ class _FirstRows(Model):
     def position(self, rows: Rows, at: int) -> RowPosition:
         """The position of a row of a batch."""
         row = rows[int(at)]
-        motor = row.values.get(_MOTOR) if isinstance(row, Frame) else None
+        motor = row.values.get(_MOTOR)
         t_ns = NO_TIME if row.t_ns is None else row.t_ns
         return RowPosition(t_ns, row.port, row.offset, self.file, motor, row.raw)
 

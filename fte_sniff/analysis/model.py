@@ -23,7 +23,7 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
-from fte_sniff.protocol.rows import NO_TIME
+from fte_sniff.protocol.rows import faults_in
 
 if TYPE_CHECKING:
     from fte_sniff.protocol.rows import Ints
@@ -281,8 +281,7 @@ class RowCount(Model):
 
     def observe(self, rows: Rows) -> None:
         """Add rows."""
-        extent = rows.extent
-        self.count(len(rows), rows.size, None if extent is None else extent[:2])
+        self.count(len(rows), rows.size, rows.replace(()).span_ns)
 
     def merge(self, other: RowCount) -> None:
         """Add the rows of another count."""
@@ -312,39 +311,16 @@ class Tally(RowCount):
 
     def observe(self, rows: Rows) -> None:
         """Add rows."""
-        ports, faults = rows.counts("port"), rows.counts("faults")
-        self.frames += rows.counts("framed").get(True, 0)
-        RowCount.observe(self, rows)
-        if len(ports) == len(faults) == 1:
-            self._count_of(rows, *ports, *faults).observe(rows)
-        elif rows.prefers_numpy():
-            self._observe_columns(rows)
-        else:
-            names = ("port", "faults", "length", "t_ns")
-            columns = (rows.buffers[name].tolist() for name in names)
-            for port, fault, length, t_ns in zip(*columns, strict=True):
-                times = None if t_ns == NO_TIME else (t_ns, t_ns)
-                self._count_of(rows, port, fault).count(1, length, times)
-
-    def _observe_columns(self, rows: Rows) -> None:
         import numpy as np
 
-        sets = len(rows.codebook.faults)
-        keys = rows.port.astype(np.int64) * sets + rows.faults
-        counts = np.bincount(keys)
-        most = int(counts.argmax())
-        others = np.flatnonzero(keys != most)
-        for key in np.flatnonzero(counts).tolist():
-            own = keys == most if key == most else others[keys[others] == key]
-            t_ns = rows.t_ns[own]
-            t_ns = t_ns[t_ns != NO_TIME]
-            times = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
-            size = int(rows.length[own].sum())
-            self._count_of(rows, *divmod(key, sets)).count(int(counts[key]), size, times)
-
-    def _count_of(self, rows: Rows, port: int, faults: int) -> RowCount:
-        name = rows.codebook.ports[port], rows.codebook.faults[faults]
-        return self._counts.setdefault(name, RowCount())
+        RowCount.observe(self, rows)
+        self.frames += int(np.count_nonzero(rows.framed))
+        keys = rows.port.astype(np.int64) << 16 | rows.faults
+        found, first = np.unique(keys, return_index=True)
+        for key in found[first.argsort()].tolist():
+            own = rows.select(keys == key)
+            name = rows.ports[key >> 16], faults_in(key & 0xFFFF)
+            self._counts.setdefault(name, RowCount()).observe(own)
 
     def merge(self, other: RowCount) -> None:
         """Add the rows of another tally."""

@@ -149,7 +149,7 @@ class Traces(Model):
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows."""
-        if (times := rows.extent) is None:
+        if (times := rows.replace(()).span_ns) is None:
             return
         self._window = None
         self.last_ns = times[1] if self.last_ns is None else max(self.last_ns, times[1])
@@ -398,8 +398,7 @@ class Timeline:
     @staticmethod
     def _faulty(rows: Rows) -> Iterator[tuple[Ints, Fault]]:
         for fault in Fault:
-            having = np.array([fault in faults for faults in rows.codebook.faults])
-            if having.any() and len(at := np.flatnonzero(having[rows.faults])):
+            if len(at := np.flatnonzero(rows.has(fault))):
                 yield at, fault
 
     def _thin(self) -> None:

@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.model import StreamChange
-from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row, Status, status_of
-from fte_sniff.protocol.rows import NO_TIME, Codebook, Codes, Ints, Rows, no_facts
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
+from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Codes, Ints, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -41,17 +41,13 @@ class RowNote(IntEnum):
     MALFORMED = 4
 
 
-_NOTES: Final = {
-    Status.OK: RowNote.NONE,
-    Status.SUSPECT: RowNote.SUSPECT,
-    Status.MALFORMED: RowNote.MALFORMED,
-}
+_NOTES: Final = np.array([RowNote.NONE, RowNote.SUSPECT, RowNote.MALFORMED], np.uint8)
+"""By number of the status."""
 
 
 def row_notes(rows: Rows) -> Codes:
     """The `RowNote` of each row, without those that a fact gives."""
-    by_faults = np.array([_NOTES[status_of(one)] for one in rows.codebook.faults], np.uint8)
-    notes: Codes = by_faults[rows.faults]
+    notes: Codes = _NOTES[rows.statuses]
     notes[(notes == RowNote.NONE) & rows.raised()] = RowNote.RAISED
     return notes
 
@@ -59,11 +55,11 @@ def row_notes(rows: Rows) -> Codes:
 class Block:
     """A run of consecutive rows; `start` is the index of the first."""
 
-    def __init__(self, start: int, capacity: int, codebook: Codebook) -> None:
+    def __init__(self, start: int, capacity: int) -> None:
         self.start = start
         self.capacity = capacity
-        self._facts = {name: np.asarray(own) for name, own in no_facts(capacity).items()}
-        self.rows = Rows.allocate(codebook, capacity).with_facts(self._facts)
+        self.rows = Rows.blank(capacity)
+        self._facts = {name: self.rows.columns[name] for name in FACTS}
         self.dropped = False
         """Whether the rows are not in memory; everything else stays."""
         self.count = 0
@@ -98,9 +94,11 @@ class Block:
 
     def append(self, rows: Rows) -> None:
         """Append rows, not more than `free`."""
-        self.rows.assign(self.count, rows)
+        for name in COLUMNS.keys() - self._facts.keys():
+            self.rows.columns[name][self.count : self.count + len(rows)] = rows.columns[name]
+        self.rows = Rows(self.rows.columns, rows.ports)
         self.count += len(rows)
-        self.faulty |= bool((rows.faults != rows.codebook.fault_code(())).any())
+        self.faulty |= bool(rows.faults.any())
         self.raised = self.raised or bool(rows.raised().any())
         if not self.free:
             notes = row_notes(self.rows)
@@ -128,13 +126,13 @@ class Block:
 
     def drop(self) -> None:
         """Free the memory of the rows."""
-        self.rows, self.dropped = Rows.allocate(self.rows.codebook, 0), True
+        self.rows, self.dropped = Rows.blank(0, self.rows.ports), True
 
     def restore(self, rows: Rows) -> None:
         """Store the rows again after `drop`; ValueError if their number differs."""
         if len(rows) != self.count:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
-        self.rows, self.dropped = rows.with_facts(self._facts), False
+        self.rows, self.dropped = rows.replace(**self._facts), False
 
     def reset_filter(self) -> None:
         """Forget the results of the filter."""
@@ -165,8 +163,8 @@ MOST_BLOCKS: Final = 128
 class BlockSource(Protocol):
     """Source that can load rows again that were appended to a store."""
 
-    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
-        """Exactly `count` rows from index `start` on, with the store's codebook.
+    def load(self, start: int, count: int) -> Rows:
+        """Exactly `count` rows from index `start` on.
 
         Raises FileError if they can no longer be read.
         """
@@ -198,7 +196,8 @@ class RowStore:
         if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")
         self.bound = bound
-        self.codebook = Codebook()
+        self.ports: tuple[str, ...] = ()
+        """The ports of all rows so far."""
         self._block_rows = block_rows
         self._source, self._most_blocks = source, most_blocks
         self._full: dict[int, Block] = {}
@@ -244,7 +243,7 @@ class RowStore:
         if self._source is None:
             return block
         if block.dropped:
-            block.restore(self._source.load(block.start, block.count, self.codebook))
+            block.restore(self._source.load(block.start, block.count).with_ports(self.ports))
         if not block.free:
             self._full.pop(block.start, None)
             self._full[block.start] = block
@@ -254,14 +253,19 @@ class RowStore:
 
     # Rows
 
+    def code_of(self, port: str) -> int:
+        """The code of a port in the rows; -1 if none has it."""
+        return self.ports.index(port) if port in self.ports else -1
+
     def append(self, rows: Rows) -> None:
         """Append rows, and apply the filter to them."""
-        batch, done = rows.recoded(self.codebook), 0
+        self.ports = tuple(dict.fromkeys((*self.ports, *rows.ports)))
+        batch, done = rows.with_ports(self.ports), 0
         changed = []
         while done < len(batch):
             if not self.blocks or not self.blocks[-1].free:
                 capacity = min(self._block_rows, self.bound)
-                self.blocks.append(Block(self.loaded, capacity, self.codebook))
+                self.blocks.append(Block(self.loaded, capacity))
             block = self.blocks[-1]
             piece = batch[done : done + block.free]
             block.append(piece)

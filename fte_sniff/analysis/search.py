@@ -14,8 +14,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.analysis.row_store import Block, Offsets, RowStore
 from fte_sniff.errors import InputTextError, printable
-from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, ColumnType
-from fte_sniff.protocol.rows import NO_ROWS, Bools, Codes, Rows
+from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
+from fte_sniff.protocol.rows import MOST_BYTES, NO_ROWS, Bools, Codes, Rows, faults_in
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -63,8 +63,7 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
 
     None if there is none; rows that the filter was not applied to do not count.
     """
-    clean = store.codebook.fault_code(())
-    return _find(store, lambda rows: rows.faults != clean, attrgetter("faulty"), index + by, by)
+    return _find(store, attrgetter("faults"), attrgetter("faulty"), index + by, by)
 
 
 def find_raised(store: RowStore, index: int, by: int) -> int | None:
@@ -80,7 +79,7 @@ def find_unanswered(store: RowStore, index: int, by: int) -> int | None:
 
 def find_byte(store: RowStore, port: str, offset: int) -> int | None:
     """Index of the first shown row that contains a byte of a port's stream, or None."""
-    code = store.codebook.port_code(port)
+    code = store.code_of(port)
 
     def contains(rows: Rows) -> Bools:
         at = offset - rows.offset
@@ -175,9 +174,9 @@ class Search:
             found |= self._has_bytes(rows)
         if self.text:
             if "port" in columns:
-                found |= self._in_texts(rows.codebook.ports)[rows.port]
-            faults = [",".join(faults) for faults in rows.codebook.faults]
-            found |= self._in_texts(faults)[rows.faults]
+                found |= self._in_texts(rows.ports)[rows.port]
+            bits, sets = np.unique(rows.faults, return_inverse=True)
+            found |= self._in_texts([",".join(faults_in(one)) for one in bits.tolist()])[sets]
             # The import loads polars, which is slow; the screen starts without a search.
             from fte_sniff.analysis.dataframe import contains_text
 
@@ -189,12 +188,9 @@ class Search:
 
     def _has_bytes(self, rows: Rows) -> Bools:
         pattern, mask = _byte_pattern(self.nibbles)
-        ends = np.arange(len(pattern), FRAME_LENGTH + 1)
+        ends = np.arange(len(pattern), MOST_BYTES + 1)
         inside = ends <= rows.length[:, None]
-        found = np.asarray((_matches(rows.raw, pattern, mask) & inside).any(axis=1))
-        for at, data in rows.long.items():
-            found[at] = _matches(np.frombuffer(data, np.uint8), pattern, mask).any()
-        return found
+        return np.asarray((_matches(rows.raw, pattern, mask) & inside).any(axis=1))
 
 
 def _byte_pattern(nibbles: str) -> tuple[Codes, Codes]:

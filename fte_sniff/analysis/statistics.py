@@ -32,7 +32,7 @@ from fte_sniff.protocol import (
     PortEventKind,
     byte_time_ns,
 )
-from fte_sniff.protocol.rows import NO_TIME, Codes, FieldLayout, Ints, Rows, read_field
+from fte_sniff.protocol.rows import NO_TIME, Codes, Ints, Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,13 +197,8 @@ class PortStats(Model):
         self._events.setdefault(event.kind, EventStats(event.kind, event.t_ns)).merge(one)
 
 
-_QUANTITIES: Final[list[dict[str, FieldLayout]]] = [
-    {field.name: (field.start, field.size, field.signed) for field in kind.fields if field.unit}
-    for kind in KINDS
-]
-"""By kind code, the fields that have a unit, by name."""
-
-_QUANTITY_LAYOUTS: Final = sorted({layout for fields in _QUANTITIES for layout in fields.values()})
+_QUANTITIES: Final = [[field.name for field in kind.fields if field.unit] for kind in KINDS]
+"""By kind code, the fields that have a unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,12 +315,13 @@ class Streams(Model):
 
     def observe(self, rows: Rows) -> None:
         """Add the next rows."""
-        columns = {one: read_field(rows.raw, *one) for one in _QUANTITY_LAYOUTS}
+        names = {name for own in _QUANTITIES for name in own}
+        columns = {name: rows.field(name)[0] for name in names}
         for port, code, at in streams_of(rows):
             stream = self._stream(port, code)
             stream.observe(rows.raw[at[-2:]], rows.t_ns[at])
-            for name, layout in _QUANTITIES[STREAMS[code][0]].items():
-                own = columns[layout][at]
+            for name in _QUANTITIES[STREAMS[code][0]]:
+                own = columns[name][at]
                 stream.update_range(name, int(own.min()), int(own.max()))
 
     def interrupt(self, port: str | None) -> None:
@@ -448,7 +444,7 @@ class Statistics(RowModel):
         codes, lengths = rows.port, rows.length.astype(np.int64)
         framed = rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
-            own, port = codes == code, self._port(rows.codebook.ports[code])
+            own, port = codes == code, self._port(rows.ports[code])
             port.observe(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.timed
             busy = lengths[known] * byte_time_ns(port.baud)
@@ -456,12 +452,9 @@ class Statistics(RowModel):
 
     def _observe_faults(self, rows: Rows) -> None:
         self.tally.observe(rows)
-        codes = rows.faults
         for number, fault in enumerate(_FAULTS):
-            having = np.array([fault in faults for faults in rows.codebook.faults])
-            if having.any():
-                t_ns = rows.t_ns[having[codes] & rows.timed]
-                self._faults_over_time.observe(t_ns, group=number)
+            if (having := rows.has(fault) & rows.timed).any():
+                self._faults_over_time.observe(rows.t_ns[having], group=number)
 
     def streams(self, now_ns: int | None) -> list[StreamStats]:
         """By port, kind and motor; `now_ns` is not before the last row."""

@@ -6,13 +6,14 @@ Modules:
     bridge        Forward bytes between a pseudo-terminal and a port, and capture both.
     clock         Monotonic clock tied to UTC; detects clock steps.
     discovery     List serial ports; who holds a port; adapters without driver.
+    lasting_name  The name by which a lost port is found again.
+    line_errors   Line errors of a UART, as its driver counts them.
     port_errors   Why a port cannot be opened: one sentence with the fix.
-    port_source   The source that reads one port, or several merged by time.
-    reconnect     Recognize a lost port that comes back; reopen it with backoff.
+    port_source   Connect ports that are only read; other programs at the same port.
     serial_port   Open, configure, read and write one port; driver latency.
+    silence       Detect a wire on which nothing comes, or no frame.
     simulation    Simulated motors, controller, host and line with faults; parameters.
-    source        Source interface; reader thread, and its bounded queue of chunks.
-    uart_errors   Line errors of a UART: counters and marks (PARMRK).
+    source        Connections; their reader threads, and one queue of chunks and events.
     url_handlers  URL schemes for pyserial, and what differs between them.
 """
 

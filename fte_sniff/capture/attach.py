@@ -2,12 +2,13 @@
 
     target --read, write--> device          the port itself is never opened here
       |
-      strace --lines--> reader thread -> chunks: what it read (the port's wire), wrote (`host`)
+      strace --lines--> reader -> chunks: what it read (the port's wire), wrote (`host`)
 
 strace only observes. If it ends, or this program ends in any way, the kernel lets the target go on.
-Bytes of before the start are not seen, nor those that a program moves by mmap or io_uring. The time
-of a byte is that of its system call: the start of a write, the return of a read. So rows have the
-order of the calls at every baud, and a read returns later than its bytes were on the wire.
+Bytes of before the start are not seen, nor those that a program moves by mmap or io_uring; those of
+sendfile and splice are only counted. The time of a byte is that of its system call: the start of a
+write, the return of a read. So rows have the order of the calls at every baud, and a read returns
+later than its bytes were on the wire.
 """
 
 from __future__ import annotations
@@ -18,37 +19,42 @@ import select
 import shutil
 import signal
 import subprocess
+import time
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from fte_sniff.capture.bridge import HOST
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.discovery import Holder, holders_of, holders_text
-from fte_sniff.capture.port_errors import one_line
-from fte_sniff.capture.reconnect import OpenedPort
-from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, ControlLine, PortSettings
-from fte_sniff.capture.source import AS_ASKED, ChunkQueue, SourceEnd, ThreadedSource
+from fte_sniff.capture.discovery import Holder, holders_of, holders_text, is_terminal, open_files
+from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
+from fte_sniff.capture.source import Connection, Item, Source
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
-_READS: Final = ("read", "readv")
-_WRITES: Final = ("write", "writev")
+_READS: Final = ("read", "readv", "pread64", "preadv", "preadv2")
+_WRITES: Final = ("write", "writev", "pwrite64", "pwritev", "pwritev2")
+_UNSHOWN: Final = ("sendfile", "splice")
+"""Calls whose bytes strace does not print."""
 
-LONGEST_CALL: Final = 65_536
-"""Bytes of one system call that strace prints; those beyond are counted as lost."""
+LONGEST_PART: Final = 2**20
+"""Bytes of each buffer of a system call that strace prints; those beyond are counted as lost."""
 
 _STEP_S: Final = 0.01
 _SETTLED_NS: Final = 50_000_000
 """How long ago a system call must be for its line to have come, on a machine with some load."""
+_LOOK_EVERY_S: Final = 0.05
+"""Time between two looks at which port the target has open."""
 _END_S: Final = 2.0
 """How long strace may take to let go of the target before it is killed."""
 _MOST_SAID: Final = 1 << 16
 """Characters of strace's own messages that are kept."""
 _PTRACE_SCOPE = Path("/proc/sys/kernel/yama/ptrace_scope")
 
-LIMITS = TranslatableText(
+LIMITS: Final = TranslatableText(
     "times are those of system calls, not of the wire; mmap and io_uring are not seen"
 )
 
@@ -57,14 +63,14 @@ LIMITS = TranslatableText(
 class Call:
     """One system call of the target that moved bytes."""
 
-    data: bytes
+    parts: tuple[tuple[bytes, int], ...]
+    """The bytes of each buffer, and how many follow them that strace did not print."""
     written: bool
     """Whether the target wrote the bytes; otherwise it read them."""
     start_ns: int
     """When it began, nanoseconds since 1970 of the system's clock."""
     end_ns: int
-    missing: int = 0
-    """Bytes of it that strace did not print."""
+    name: str = ""
 
 
 _CALL = re.compile(
@@ -73,14 +79,16 @@ _CALL = re.compile(
 )
 _DONE = re.compile(r"(?P<arguments>.*)\) += (?P<result>-?\d+|\?)(?: .*?)??(?: <(?P<took>[\d.]+)>)?")
 _UNFINISHED = re.compile(r"(?P<arguments>.*?) *<(?:unfinished \.\.\.|detached \.\.\.)>")
-_BYTES = re.compile(r'"((?:\\x[0-9a-f]{2})*)"')
+_PART = re.compile(r'"((?:\\x[0-9a-f]{2})*)"(?:\.\.\.)?(?:, iov_len=(\d+))?')
 _NO_CALL = re.compile(r"\d+ +\d+\.\d+ (?:\+\+\+|---|<\?\?\?|\?\?\?\?|strace:).*")
 
 
 class StraceLines:
     """Lines of strace to system calls; a call that others interrupt takes two lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: str) -> None:
+        """Expect calls that move bytes of this device."""
+        self._device = "".join(f"\\x{byte:02x}" for byte in os.fsencode(device))
         self._begun: dict[str, str] = {}
         """By process: the arguments of the call that it has not finished."""
 
@@ -105,16 +113,29 @@ class StraceLines:
             arguments = self._begun.pop(found["pid"], "") + arguments
         if done["result"] == "?" or int(done["result"]) <= 0:
             return None
-        return _call(found, done, arguments)
+        name = found["resumed"] or found["name"]
+        stamp, took = _ns(found["time"]), _ns(done["took"] or "0")
+        start, end = (stamp - took, stamp) if found["resumed"] else (stamp, stamp + took)
+        parts = tuple(_parts(arguments, int(done["result"])))
+        return Call(parts, self._is_written(name, arguments), start, end, name)
+
+    def _is_written(self, name: str, arguments: str) -> bool:
+        if name not in _UNSHOWN:
+            return name in _WRITES
+        # sendfile(to, from, ...), but splice(from, ..., to, ...)
+        is_first = arguments.partition("<")[2].startswith(f"{self._device}>")
+        return is_first is (name == "sendfile")
 
 
-def _call(found: re.Match[str], done: re.Match[str], arguments: str) -> Call:
-    name, count = found["resumed"] or found["name"], int(done["result"])
-    data = b"".join(bytes.fromhex(one.replace("\\x", "")) for one in _BYTES.findall(arguments))
-    data = data[:count]
-    stamp, took = _ns(found["time"]), _ns(done["took"] or "0")
-    start, end = (stamp - took, stamp) if found["resumed"] else (stamp, stamp + took)
-    return Call(data, name in _WRITES, start, end, count - len(data))
+def _parts(arguments: str, count: int) -> Iterator[tuple[bytes, int]]:
+    """The buffers that `count` bytes were moved from or to, as in `Call.parts`."""
+    found = [
+        (bytes.fromhex(text.replace("\\x", "")), size) for text, size in _PART.findall(arguments)
+    ]
+    for data, size in found or [(b"", "")]:
+        held = min(count, int(size)) if size else count
+        yield data[:held], held - len(data[:held])
+        count -= held
 
 
 def _ns(seconds: str) -> int:
@@ -139,141 +160,174 @@ class Attachment:
         """The wire from the controller, and the wire from the host program."""
         return (self.port, HOST)
 
-    def open(self, clock: Clock) -> AttachSource:
+    def open(self, clock: Clock) -> Source:
         """Attach to the programs that have the port open.
 
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
-        return AttachSource(self, Strace.on(self), clock)
+        reconnect = self.reconnect and self.pid is None
+        return Source([partial(connect_strace, self, clock)], clock, reconnect=reconnect)
 
 
-class AttachSource(ThreadedSource):
-    """The chunks and events of both directions, ordered by time; iterate once."""
-
-    _port: Strace
-    _awaited = TranslatableText("waiting for a program that opens it")
-
-    def __init__(self, wanted: Attachment, strace: Strace, clock: Clock) -> None:
-        """Read a strace that watches the programs; it is ended at the end."""
-        follows = wanted.reconnect and wanted.pid is None
-        reopen = (lambda: OpenedPort(Strace.on(wanted), wanted.port)) if follows else None
-        super().__init__(strace, wanted.port, ChunkQueue(*wanted.names), clock, reopen)
-        self._names = wanted.names
+def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
+    """Watch the programs that have the port open; raises as `Attachment.open`."""
+    calls = CallReader(wanted.names, Strace.on(wanted), clock)
+    attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
+    return Connection(
+        names=wanted.names,
+        detail=attached,
+        readers=(calls.items,),
+        close=calls.close,
+        finish=calls.finish,
+        awaited=TranslatableText("waiting for a program that opens it"),
         # What is known is the order of the system calls.
-        self.uncertainty_ns = dict.fromkeys(wanted.names, 0)
-        how = f"attached: {holders_text(strace.holders)}; {LIMITS}"
-        self.capabilities = dict.fromkeys(wanted.names, how)
-        self._lines, self._rest = StraceLines(), b""
-        self._last_ns = dict.fromkeys(wanted.names, 0)
+        uncertainty_ns=dict.fromkeys(wanted.names, 0),
+        capabilities=TranslatableText("{attached}; {limits}", attached=attached, limits=LIMITS),
+    )
+
+
+class CallReader:
+    """The system calls of a strace as chunks of both wires, ordered by time."""
+
+    def __init__(self, names: tuple[str, ...], strace: Strace, clock: Clock) -> None:
+        """Read a strace that watches the programs."""
+        self._names, self.strace, self._clock = names, strace, clock
+        self._lines, self._rest = StraceLines(strace.device), b""
+        self._last_ns = dict.fromkeys(names, 0)
         """By wire: no later item may have an earlier time."""
-        self._put(HOST, PortEventKind.OPENED, self._attached())
-        self._start(f"watches {wanted.port}", self._attached())
-        self._put_event(PortEventKind.WIRING, LIMITS)
+        self._look_s = 0.0
+        self._is_new = True
+        self._is_finishing = False
 
-    def _attached(self) -> TranslatableText:
-        return TranslatableText("attached: {holders}", holders=holders_text(self._port.holders))
+    def items(self) -> Iterator[Item]:
+        """What the lines of strace report that have come.
 
-    def _read_until_lost(self) -> OSError | None:
-        detached = False
-        while (data := self._port.read()) is not None:
-            self._put_lines(data)
-            if not data:
-                self._put_silence()
-            if not detached and self._end_due():
-                detached = True
-                self._port.detach()
+        Raises EOFError when the target has ended, OSError when strace was ended.
+        """
+        if self._is_new:
+            self._is_new = False
+            holders = holders_text(self.strace.holders)
+            yield self._event(HOST, PortEventKind.OPENED, holders)
+            yield self._event(self._names[0], PortEventKind.WIRING, LIMITS)
+        data = self.strace.read()
+        if data is None and not self._is_finishing:
+            raise self._loss()
+        while data and self._is_finishing:
+            yield from self._items(data)
+            data = self.strace.read(_END_S)
+        yield from self._items(data or b"")
+        if not data and not self._is_finishing:
+            yield from self._silence()
+            yield from self._followed()
+
+    def finish(self) -> None:
+        """Let the target go; the next `items` are all that was seen until then."""
+        self._is_finishing = True
+        self.strace.detach()
+
+    def close(self) -> Iterator[Item]:
+        """End strace, and report what may be missing."""
+        self.strace.close()
         if b'"' in self._rest:  # else a call that waits, and has moved no bytes
-            self._put_unreadable(self._rest, TranslatableText("strace ended within a line"))
-        code = self._port.close()
-        error = None if detached else self._loss(code)
-        self._put(HOST, PortEventKind.CLOSED, AS_ASKED if error is None else one_line(error))
-        return error
+            reason = TranslatableText("bytes may be lost: strace ended within a line")
+            yield from self._unreadable(self._rest, reason)
+        yield self._event(HOST, PortEventKind.CLOSED, TranslatableText("no longer attached"))
 
-    def _loss(self, code: int) -> OSError:
-        """Why strace ended with an exit code, or by a signal."""
+    def _loss(self) -> EOFError | OSError:
+        code = self.strace.close()
         if code < 0:
             name = signal.Signals(-code).name
             return OSError(TranslatableText("strace was ended by {signal}", signal=name))
-        programs = listed(self._port.holders, Joint.AND)
-        return ProcessLookupError(TranslatableText("{programs} ended", programs=programs))
+        programs = listed(self.strace.holders, Joint.AND)
+        return EOFError(TranslatableText("{programs} ended", programs=programs))
 
-    def _end_after(self, error: OSError) -> SourceEnd:
-        # The port is not at fault where the program ended.
-        return SourceEnd.STOPPED if isinstance(error, ProcessLookupError) else SourceEnd.LOST
-
-    def _put_lines(self, data: bytes) -> None:
+    def _items(self, data: bytes) -> Iterator[Item]:
         *lines, self._rest = (self._rest + data).split(b"\n")
         ahead_ns = self._clock.system_ahead_ns()
         for line in lines:
             try:
                 call = self._lines.call(line.decode("ascii"))
             except ValueError:
-                self._put_unreadable(line, TranslatableText("a line of strace cannot be read"))
+                reason = TranslatableText("bytes may be lost: a line of strace cannot be read")
+                yield from self._unreadable(line, reason)
             else:
-                if call is not None:
-                    self._put_call(call, ahead_ns)
+                yield from self._of_call(call, ahead_ns) if call is not None else ()
 
-    def _put_call(self, call: Call, ahead_ns: int) -> None:
-        wire = HOST if call.written else self.name
+    def _of_call(self, call: Call, ahead_ns: int) -> Iterator[Item]:
+        name = self._names[call.written]
         t_ns = (call.start_ns if call.written else call.end_ns) - ahead_ns
-        self._put_chunk(wire, t_ns, call.data)
-        if call.missing:
-            reason = TranslatableText("one system call moved more than strace prints")
-            self._put_lost(wire, call.missing, reason)
+        held = b""
+        for data, missing in call.parts:
+            held += data
+            if missing:
+                yield self._chunk(name, t_ns, held)
+                held = b""
+                detail = TranslatableText(
+                    "{count} bytes were lost: strace does not show all that {call} moves",
+                    count=missing,
+                    call=call.name,
+                )
+                yield self._event(name, PortEventKind.OVERRUN, detail, missing)
+        yield self._chunk(name, t_ns, held)
 
-    def _put_chunk(self, wire: str, t_ns: int, data: bytes) -> None:
-        self._last_ns[wire] = t_ns = max(t_ns, self._last_ns[wire])
-        self._items.put(Chunk(wire, t_ns, data, at_once=True))
-
-    def _put_unreadable(self, line: bytes, reason: TranslatableText) -> None:
+    def _unreadable(self, line: bytes, reason: TranslatableText) -> Iterator[Item]:
         """Report a line that is cut, on the wires whose bytes it may have had."""
-        names = [self.name] * (b"read" in line) + [HOST] * (b"write" in line)
-        for wire in names or self._names:
-            self._put_lost(wire, 0, reason)
+        names = [self._names[0]] * (b"read" in line) + [HOST] * (b"write" in line)
+        for name in names or self._names:
+            yield self._event(name, PortEventKind.OVERRUN, reason)
 
-    def _put_lost(self, wire: str, count: int, reason: TranslatableText) -> None:
-        detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
-        if not count:
-            detail = TranslatableText("bytes may be lost: {why}", why=reason)
-        self._put(wire, PortEventKind.OVERRUN, detail, count)
-
-    def _put_event(self, kind: PortEventKind, detail: str) -> None:
-        self._put(self.name, kind, detail)
-
-    def _put(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
-        self._last_ns[wire] = t_ns = self._clock.now_ns()
-        self._items.put_event(PortEvent(t_ns, wire, kind, detail, count))
-
-    def _put_silence(self) -> None:
+    def _silence(self) -> Iterator[Item]:
         t_ns = self._clock.now_ns() - _SETTLED_NS
         if t_ns > max(self._last_ns.values()):
-            for wire in self._names:
-                self._put_chunk(wire, t_ns, b"")
+            for name in self._names:
+                yield self._chunk(name, t_ns, b"")
 
-    def _resume(self, opened: OpenedPort, away_s: float) -> None:
-        self._port = opened.port
-        self._lines, self._rest = StraceLines(), b""
-        self._put(HOST, PortEventKind.OPENED, self._attached())
-        self._put_event(PortEventKind.FOUND_AGAIN, self._attached())
+    def _followed(self) -> Iterator[Item]:
+        """Watch the port that the target has opened in place of this one, if it has."""
+        if time.monotonic() < self._look_s:
+            return
+        self._look_s = time.monotonic() + _LOOK_EVERY_S
+        device = self.strace.moved_to()
+        if device is None:
+            return
+        # A program has one watcher at a time.
+        self.strace.close()
+        try:
+            self.strace = Strace.of(self.strace.holders, device, self._names[0])
+        except PortError as error:
+            raise OSError(error.message) from error
+        self._lines, self._rest = StraceLines(device), b""
+        detail = TranslatableText(
+            "{programs} opened {device} instead, which is watched now",
+            programs=listed(self.strace.holders, Joint.AND),
+            device=device,
+        )
+        yield self._event(self._names[0], PortEventKind.FOUND_AGAIN, detail)
 
+    def _chunk(self, name: str, t_ns: int, data: bytes) -> Chunk:
+        self._last_ns[name] = t_ns = max(t_ns, self._last_ns[name])
+        return Chunk(name, t_ns, data, at_once=True)
 
-def untouched(settings: PortSettings) -> PortSettings:
-    """The settings of a port whose modem lines another program sets."""
-    return replace(settings, dtr=ControlLine.LEAVE, rts=ControlLine.LEAVE)
+    def _event(self, name: str, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
+        self._last_ns[name] = t_ns = self._clock.now_ns()
+        return PortEvent(t_ns, name, kind, detail, count)
 
 
 class Strace:
     """A running strace; its lines come from `stream`."""
 
     def __init__(self, program: str, device: str, holders: list[Holder]) -> None:
-        self.holders = holders
+        self.holders, self.device = holders, device
+        self._terminals = _terminals_of(holders)
+        """Ports that the programs had open at the start."""
         read, write = os.pipe()
         pids = [word for holder in holders for word in ("-p", str(holder.pid))]
+        traced = ",".join((*_READS, *_WRITES, *_UNSHOWN))
         try:
             self.process = subprocess.Popen(
                 [
-                    *(program, "-f", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_CALL)),
-                    *("-e", f"trace={','.join((*_READS, *_WRITES))}", "-e", "signal=none"),
+                    *(program, "-f", "-y", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_PART)),
+                    *("-e", f"trace={traced}", "-e", "signal=none"),
                     *("-P", device, "-o", f"/dev/fd/{write}", *pids),
                 ],
                 pass_fds=[write],
@@ -297,15 +351,26 @@ class Strace:
     def on(cls, wanted: Attachment) -> Strace:
         """Watch the programs that have the port open; raises PortError with the fix."""
         port = printable(wanted.port)
+        return cls.of(_holders(wanted, port), os.path.realpath(wanted.port), port)
+
+    @classmethod
+    def of(cls, holders: list[Holder], device: str, port: str) -> Strace:
+        """Watch programs at a device; `port` is its name in errors. Raises PortError."""
         program = shutil.which("strace")
         if program is None:
             raise PortError(
                 "{port}: to attach, strace is needed: sudo apt install strace", port=port
             )
-        holders = _holders(wanted, port)
-        strace = cls(program, os.path.realpath(wanted.port), holders)
+        strace = cls(program, device, holders)
         strace.wait_until_attached(port)
         return strace
+
+    def moved_to(self) -> str | None:
+        """The port that the programs have opened since the start, if they have left this one."""
+        now = _terminals_of(self.holders)
+        if self.device in now and Path(self.device).exists():
+            return None
+        return next(iter(sorted(now - self._terminals)), None)
 
     def wait_until_attached(self, port: str) -> None:
         """Return once it watches all programs; raises PortError if it cannot."""
@@ -329,9 +394,9 @@ class Strace:
             self._said = (self._said + more.decode(errors="replace"))[-_MOST_SAID:]
         return self._said
 
-    def read(self) -> bytes | None:
+    def read(self, wait_s: float = _STEP_S) -> bytes | None:
         """Lines that have come, in any pieces; empty after a while without any, None at the end."""
-        if not select.select([self.stream], [], [], _STEP_S)[0]:
+        if not select.select([self.stream], [], [], wait_s)[0]:
             self.said()
             return b""
         return os.read(self.stream, 1 << 16) or None
@@ -354,6 +419,11 @@ class Strace:
             self.errors.close()
             self.stream = -1
         return self.process.returncode
+
+
+def _terminals_of(holders: list[Holder]) -> set[str]:
+    """The names of the serial ports and pseudo-terminals that programs have open."""
+    return {name for one in holders for name in open_files(one.pid) if is_terminal(name)}
 
 
 def _holders(wanted: Attachment, port: str) -> list[Holder]:

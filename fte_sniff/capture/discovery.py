@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,7 +78,7 @@ def listing_of(name: str) -> PortListing | None:
     """One port by any of its names; None if it is not a terminal device."""
     if not POSIX:
         return next((one for one in list_ports() if one.device.lower() == name.lower()), None)
-    if not _is_terminal(name):
+    if not is_terminal(name):
         return None
     device = os.path.realpath(name)
     found = [port for port in comports() if os.path.realpath(port.device) == device]
@@ -105,7 +106,8 @@ def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortLi
     ]
 
 
-def _is_terminal(name: str) -> bool:
+def is_terminal(name: str) -> bool:
+    """Whether a name leads to a serial port or a pseudo-terminal."""
     if POSIX:
         try:
             facts = Path(name).stat()
@@ -133,22 +135,41 @@ def _driver_of(device: str) -> str | None:
 
 
 _PROC = Path("/proc")
+_PTY_FOLDER = "/dev/pts/"
+
+
+def is_pseudo_terminal(name: str) -> bool:
+    """Whether a name leads to a pseudo-terminal, be it there or not."""
+    return "\0" not in name and os.path.realpath(name).startswith(_PTY_FOLDER)
 
 
 def holders_of(device: str) -> list[Holder]:
-    """The other programs that have `device` open; only programs that this user may inspect."""
+    """The other programs that have `device` open; only programs that this user may inspect.
+
+    The maker of a pseudo-terminal, which has its other end, does not count.
+    """
     try:
-        wanted = Path(device).stat()
+        facts = Path(device).stat()
     except (OSError, ValueError):
         return []
+    number = os.minor(facts.st_rdev) if is_pseudo_terminal(device) else None
     return [
         Holder(pid, printable(text_of(_PROC / str(pid) / "comm")) or "a program")
         for pid in _other_processes()
-        if any(os.path.samestat(wanted, opened) for opened in _open_files(pid))
+        if any(os.path.samestat(facts, opened) for opened in open_files(pid).values())
+        and (number is None or not _has_other_end(pid, number))
     ]
 
 
-def holders_text(holders: list[Holder]) -> str:
+def _has_other_end(pid: int, number: int) -> bool:
+    """Whether a process made the pseudo-terminal of a number, and so has its other end."""
+    return any(
+        f"tty-index:\t{number}\n" in text_of(file) + "\n"
+        for file in (_PROC / str(pid) / "fdinfo").glob("*")
+    )
+
+
+def holders_text(holders: Sequence[Holder]) -> str:
     """`socat (pid 7) has it open`, for one program, several, or none that is visible."""
     if not holders:
         return TranslatableText("this or another program has it open")
@@ -158,16 +179,6 @@ def holders_text(holders: list[Holder]) -> str:
     return TranslatableText("{program} has it open", program=names)
 
 
-def sharing_note(device: str | None) -> str:
-    """A note for the event `opened`: which other programs have the device open; or empty."""
-    holders = holders_of(device) if device else []
-    if not holders:
-        return ""
-    return TranslatableText(
-        "; {holders} too, and may take bytes away", holders=holders_text(holders)
-    )
-
-
 def _other_processes() -> list[int]:
     if not _PROC.is_dir():
         return []
@@ -175,14 +186,14 @@ def _other_processes() -> list[int]:
     return [pid for pid in pids if pid != os.getpid()]
 
 
-def _open_files(pid: int) -> Iterator[os.stat_result]:
-    try:
-        with os.scandir(_PROC / str(pid) / "fd") as entries:
-            for entry in entries:
-                yield entry.stat()
-    except OSError:
-        # The process belongs to another user, or has ended.
-        return
+def open_files(pid: int) -> dict[str, os.stat_result]:
+    """The open files of a process by name; empty if it belongs to another user, or has ended."""
+    found = dict[str, os.stat_result]()
+    with suppress(OSError), os.scandir(_PROC / str(pid) / "fd") as entries:
+        for entry in entries:
+            with suppress(OSError):  # closed meanwhile
+                found[os.readlink(entry.path)] = entry.stat()  # noqa: PTH115
+    return found
 
 
 _USB_DEVICES = Path("/sys/bus/usb/devices")

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import stat
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import getmodulename
@@ -14,7 +15,7 @@ from urllib.parse import urlsplit
 
 import serial
 
-from fte_sniff.capture.discovery import holders_of, holders_text
+from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.url_handlers import scheme_of, url_scheme
 from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
@@ -30,8 +31,28 @@ _REFUSED = re.compile(r"(?:option '|[ [])(\w+)(?:'|:(?!ACTIVE)\w+)")
 """An option that an RFC 2217 server refuses, or does not answer to, in pyserial's text."""
 _WINDOWS_ERROR = re.compile(r"could not open port .*: \w+Error\((\d+), ")
 """The system's error number in pyserial's text on Windows."""
+_FORBIDDEN, _BUSY = {errno.EACCES, errno.EPERM}, {errno.EBUSY, errno.EAGAIN}
+_REFUSALS = _FORBIDDEN | _BUSY
 _MODULE_NEEDED = {"cp2110": "hid"}
 _HANDLER_PREFIX = "protocol_"
+
+
+class RefusedError(PortError):
+    """The port is there, but it cannot be opened: another program holds it, or it is forbidden."""
+
+
+def busy_error(port: str, device: str, holders: Sequence[Holder]) -> RefusedError:
+    """The error for a port that other programs have open, with both fixes."""
+    return RefusedError("{port}{what}", port=port, what=_busy(device, holders))
+
+
+def _busy(device: str, holders: Sequence[Holder]) -> TranslatableText:
+    return TranslatableText(
+        " is busy: {holders}; watch that program with `fte-sniff live --attach {port}`, or read the"
+        " port all the same with --share",
+        holders=holders_text(holders),
+        port=device,
+    )
 
 
 def check_name(name: str) -> None:
@@ -103,8 +124,9 @@ def _has_host_and_port(url: str) -> bool:
 
 def port_error(name: str, device: str | None, error: BaseException) -> PortError:
     """The PortError for an error on opening; `device` is the device file, None for URLs."""
-    if isinstance(error.__cause__, PortError):
-        return error.__cause__
+    for known in (error, error.__cause__):
+        if isinstance(known, PortError):
+            return known
     named, number = printable(name), _errno_of(error)
     scheme, rest = scheme_of(name), name.partition("://")[2]
     bare = printable(f"socket://{re.split('[/?#]', rest)[0]}")
@@ -138,21 +160,17 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
             what = TranslatableText(
                 " cannot be opened: {why}; does a server listen there?", why=reason
             )
-    return PortError("{port}{what}", port=named, what=what)
+    kind = RefusedError if device is not None and number in _REFUSALS else PortError
+    return kind("{port}{what}", port=named, what=what)
 
 
 def _device_problem(device: str, number: int | None) -> str | None:
     if number == errno.ENOENT:
         return TranslatableText(": no such port; {there}", there=_existing_ports(device))
-    if number in (errno.EACCES, errno.EPERM):
+    if number in _FORBIDDEN:
         return TranslatableText(": no permission; {fix}", fix=permission_fix(device))
-    if number in (errno.EBUSY, errno.EAGAIN):
-        return TranslatableText(
-            " is busy: {holders}; close that first, or watch it with"
-            " `fte-sniff live --attach {port}`",
-            holders=holders_text(holders_of(device)),
-            port=device,
-        )
+    if number in _BUSY:
+        return _busy(device, holders_of(device))
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
         there = _existing_ports(device)
         if Path(device).is_file():

@@ -1,32 +1,29 @@
-"""Sources of serial ports that are only read: one port, or several with one queue."""
+"""Serial ports that are only read: one port, or several."""
 
 from __future__ import annotations
 
 import os
-from collections import ChainMap
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass
-
-import serial
+from functools import partial
+from typing import Final
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.discovery import sharing_note
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, reopener
+from fte_sniff.capture.discovery import holders_of, holders_text
+from fte_sniff.capture.lasting_name import LastingPort
+from fte_sniff.capture.line_errors import LineErrors, counters_of
 from fte_sniff.capture.serial_port import (
     DEFAULT_SETTINGS,
-    PortCapabilities,
     PortSettings,
     device_of,
     max_latency_ns,
-    open_port,
     reader_of,
-    request_capabilities,
+    request_low_latency,
 )
-from fte_sniff.capture.source import ChunkQueue, Item, Source, SourceEnd, ThreadedSource
-from fte_sniff.capture.uart_errors import LineWatch
+from fte_sniff.capture.source import Connection, Item, Reader, Source
 from fte_sniff.errors import TranslatableText, UsageError, printable
-from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +46,12 @@ class PortGroup:
             )
 
     def open(self, clock: Clock) -> Source:
-        """Open all ports and start to read; raises PortError, with none open, if one fails."""
-        queue = ChunkQueue(*self.names, readers=len(self.names))
-        with ExitStack() as opened:
-            sources = [
-                opened.enter_context(
-                    open_source(name, self.settings, clock, queue, reconnect=self.reconnect)
-                )
-                for name in self.names
-            ]
-            opened.pop_all()
-        return sources[0] if len(sources) == 1 else SourceGroup(sources, queue)
+        """Open all ports; raises PortError, with none open, if one fails."""
+        connects = [
+            partial(connect_port, name, LastingPort(name, self.settings), self.settings, clock)
+            for name in self.names
+        ]
+        return Source(connects, clock, reconnect=self.reconnect)
 
 
 def _target_of(name: str) -> str:
@@ -67,158 +59,74 @@ def _target_of(name: str) -> str:
     return name if "://" in name or "\0" in name else os.path.realpath(name)
 
 
-def open_source(
-    name: str,
-    settings: PortSettings,
-    clock: Clock,
-    queue: ChunkQueue | None = None,
-    *,
-    reconnect: bool = False,
-) -> PortSource:
-    """Open a port and start to read it into a queue; with `reconnect`, wait for it when it is lost.
+def connect_port(
+    name: str, lasting: LastingPort, settings: PortSettings, clock: Clock
+) -> Connection:
+    """Open a port to read it; raises PortError if it cannot be opened."""
+    port = lasting.open()
+    device = device_of(port)
+    low_latency = TranslatableText("latency left alone")
+    if not settings.share:
+        low_latency = request_low_latency(port)
+    errors, read = LineErrors(name, counters_of(port)), reader_of(port)
 
-    Raises PortError if it cannot be opened.
-    """
-    port = open_port(name, settings)
-    capabilities = request_capabilities(port)
-    return PortSource(
-        port,
-        name,
-        clock,
+    def received() -> Iterable[Item]:
+        data, now_ns = read(), clock.now_ns()
+        spans = errors.spans(data)
+        return *errors.report(now_ns), Chunk(name, now_ns, data, spans)
+
+    def close() -> Iterable[Item]:
+        port.close()
+        return errors.report(clock.now_ns(), at_end=True)
+
+    capabilities = TranslatableText("{low}; {line}", low=low_latency, line=errors.description)
+    readers: list[Reader] = [received]
+    if device is not None:
+        readers.append(holder_reader(name, device, clock))
+    return Connection(
+        names=(name,),
         detail=TranslatableText(
-            "{settings}; {granted}{shared}",
-            settings=str(settings),
-            granted=str(capabilities),
-            shared=sharing_note(device_of(port)),
+            "{settings}; {granted}", settings=str(settings), granted=capabilities
         ),
+        readers=readers,
+        close=close,
+        place=None if device is None else os.path.realpath(device),
+        comes_back=lasting.comes_back,
+        uncertainty_ns={name: max_latency_ns(port)},
         capabilities=capabilities,
-        queue=queue,
-        uncertainty_ns=max_latency_ns(port),
-        reopen=reopener(name, settings, port) if reconnect else None,
     )
 
 
-class PortSource(ThreadedSource):
-    """The chunks and events of one open port, in order; iterate once.
+# Other programs at the same port
 
-    The first item is the event `opened`, the last `lost` or `closed`. In silence an empty chunk
-    comes about every 10 ms, every 50 ms while a lost port is awaited.
-    """
-
-    bytes_read = 0
-    """Bytes read from the port since it was opened, dropped ones included."""
-
-    def __init__(
-        self,
-        port: serial.Serial,
-        name: str,
-        clock: Clock,
-        *,
-        detail: str = "",
-        capabilities: PortCapabilities | None = None,
-        queue: ChunkQueue | None = None,
-        uncertainty_ns: int = 0,
-        reopen: Reopen | None = None,
-    ) -> None:
-        """Take over an open port, and start to read it; the source closes it at its end.
-
-        Args:
-            detail: text of the event `opened`.
-            capabilities: None to request them here.
-            queue: receives the items; None for a queue of this port alone.
-            uncertainty_ns: how much earlier than their time stamp bytes may have arrived.
-            reopen: opens the port again when it is lost; None to end then.
-        """
-        super().__init__(port, name, queue or ChunkQueue(name), clock, reopen)
-        capabilities = capabilities or request_capabilities(port)
-        self.uncertainty_ns = {name: uncertainty_ns}
-        self.capabilities = {name: str(capabilities)}
-        self._line: LineWatch = capabilities.line
-        self._read = reader_of(port)
-        self._bytes_at_loss = -1
-        self._start(f"reads {name}", detail)
-
-    def _read_until_lost(self) -> OSError | None:
-        error = self._read_chunks()
-        self._put_line_errors(self._clock.now_ns(), self._line.flush())
-        return error
-
-    def _read_chunks(self) -> OSError | None:
-        while True:
-            # Checked before the read, so that bytes that arrived before `stop` are still read.
-            last = self._stopping
-            try:
-                data = self._read()
-            except OSError as error:
-                return error
-            now_ns = self._clock.now_ns()
-            data, line_errors = self._line.feed(data)
-            self._put_line_errors(now_ns, self._line.report(now_ns))
-            self._items.put(Chunk(self.name, now_ns, data, line_errors))
-            self.bytes_read += len(data)
-            if last or now_ns >= self._stop_at_ns:
-                return None
-
-    def _first_wait_s(self) -> float:
-        # A port that came back without any byte is likely to go again: back off.
-        silent = self.bytes_read == self._bytes_at_loss
-        self._bytes_at_loss = self.bytes_read
-        return LONGEST_WAIT_S if silent else FIRST_WAIT_S
-
-    def _resume(self, opened: OpenedPort, away_s: float) -> None:
-        self._port, self._line = opened.port, request_capabilities(opened.port).line
-        self._read = reader_of(opened.port)
-        self._put_found_again(opened, away_s, sharing_note(device_of(opened.port)))
-
-    def _put_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
-        if counts:
-            kind = PortEventKind.LINE_ERROR
-            self._items.put_event(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
+_STEP_S: Final = 0.05
+_SEARCH_EVERY_S: Final = 1.0
+_SEARCH_SHARE: Final = 0.01
+"""Share of the time that the search for other programs takes at most."""
 
 
-class SourceGroup(Source):
-    """Several sources with one queue; when one is lost for good, all end."""
+def holder_reader(name: str, device: str, clock: Clock) -> Reader:
+    """Report each program that opens the device beside this one, once."""
+    known = set[int]()
+    next_s = 0.0
 
-    def __init__(self, sources: Sequence[Source], queue: ChunkQueue) -> None:
-        self._sources, self._queue = tuple(sources), queue
-        self.uncertainty_ns = ChainMap(*(dict(source.uncertainty_ns) for source in sources))
-        self.capabilities = ChainMap(*(dict(source.capabilities) for source in sources))
+    def opened() -> Iterable[Item]:
+        nonlocal next_s
+        start_s = time.monotonic()
+        if start_s < next_s:
+            time.sleep(_STEP_S)
+            return ()
+        found = holders_of(device)
+        new = [holder for holder in found if holder.pid not in known]
+        known.clear()
+        known.update(holder.pid for holder in found)
+        took_s = time.monotonic() - start_s
+        next_s = start_s + max(_SEARCH_EVERY_S, took_s / _SEARCH_SHARE)
+        if not new:
+            return ()
+        detail = TranslatableText(
+            "{holders} too, and may take bytes away", holders=holders_text(new)
+        )
+        return (PortEvent(clock.now_ns(), name, PortEventKind.SHARED, detail),)
 
-    @property
-    def end(self) -> SourceEnd | None:
-        """LOST if a source was lost; None while one is still read."""
-        ends = {source.end for source in self._sources}
-        if None in ends:
-            return None
-        return SourceEnd.LOST if SourceEnd.LOST in ends else SourceEnd.STOPPED
-
-    def __iter__(self) -> Iterator[Item]:
-        try:
-            for item in self._queue:
-                yield item
-                lost = isinstance(item, PortEvent) and item.kind is PortEventKind.LOST
-                if lost and any(source.end is SourceEnd.LOST for source in self._sources):
-                    self.stop()
-        finally:
-            self.close()
-
-    def stop(self) -> None:
-        """Request the end of all sources, as `Source.stop`."""
-        for source in self._sources:
-            source.stop()
-
-    def stop_at(self, t_ns: float) -> None:
-        """Request the end of all sources at a time of the chunks' clock."""
-        for source in self._sources:
-            source.stop_at(t_ns)
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes that were read and not yet yielded, of all sources."""
-        return self._queue.waiting
-
-    def close(self) -> None:
-        """Stop all sources, wait for their reader threads, and close their ports."""
-        self.stop()
-        for source in self._sources:
-            source.close()
+    return opened

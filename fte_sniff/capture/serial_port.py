@@ -1,45 +1,45 @@
 """Open, configure, read and write one serial port; latency of its driver.
 
-Opening writes nothing to the line. On a real serial port Linux raises DTR and RTS at the moment of
-opening; within about a millisecond they are lowered again (`off`, the default), kept raised (`on`),
-or kept as the system raised or found them (`leave`). On closing, the system lowers both. In that
-first millisecond Linux may echo bytes, if the port was last used as a terminal; a port without a
-connected TX wire cannot. Bytes that came before the port was opened are discarded. The port is
-locked against other programs that also request the lock.
+Opening writes nothing to the line. Linux raises DTR and RTS at the moment of opening; within about
+a millisecond they are set as requested, by default off. On closing, the system lowers both. Bytes
+that came before the port was opened are discarded. A port that another program holds is refused:
+two programs that read one port take bytes from each other. The port is locked against other
+programs that also request the lock.
+
+A shared port is opened beside the other program, and nothing about it is changed: no baud, no
+modem line, no lock, and no byte is discarded. (Linux itself raises DTR and RTS for every open.)
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import select
-import selectors
 import socket
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final, TypeAlias
 
 import serial
 from serial.urlhandler import protocol_socket
 
-from fte_sniff.capture.port_errors import check_name, port_error
-from fte_sniff.capture.uart_errors import LineWatch, line_watch_of
-from fte_sniff.capture.url_handlers import scheme_of, url_scheme
-from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
+from fte_sniff.capture.discovery import holders_of, is_terminal
+from fte_sniff.capture.port_errors import busy_error, check_name, port_error
+from fte_sniff.capture.url_handlers import url_scheme
+from fte_sniff.errors import TranslatableText, UsageError, ValueRangeError, printable
 from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 if POSIX:
-    import fcntl
     import termios
 
-READ_TIMEOUT_S = 0.01
+READ_TIMEOUT_S: Final = 0.01
 
-BAUD_RANGE = (50, 12_000_000)
+BAUD_RANGE: Final = (50, 12_000_000)
 """Lowest and highest baud that is passed to a driver."""
 
 
@@ -48,7 +48,6 @@ class ControlLine(StrEnum):
 
     ON = "on"
     OFF = "off"
-    LEAVE = "leave"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +58,8 @@ class PortSettings:
     """Bits per second; ValueRangeError outside BAUD_RANGE."""
     dtr: ControlLine = ControlLine.OFF
     rts: ControlLine = ControlLine.OFF
+    share: bool = False
+    """True to read a port that another program holds, and to leave its settings as they are."""
 
     def __post_init__(self) -> None:
         low, high = BAUD_RANGE
@@ -66,6 +67,8 @@ class PortSettings:
             raise ValueRangeError(f"baud {self.baud} is out of range: {low}..{high}")
 
     def __str__(self) -> str:
+        if self.share:
+            return TranslatableText("shared, with the settings of the other program")
         return TranslatableText(
             "{baud} baud 8N1, DTR {dtr}, RTS {rts}",
             baud=self.baud,
@@ -74,7 +77,19 @@ class PortSettings:
         )
 
 
-DEFAULT_SETTINGS = PortSettings()
+DEFAULT_SETTINGS: Final = PortSettings()
+
+
+class SharedSerial(serial.Serial):
+    """A port beside another program, whose settings and bytes that wait are left alone."""
+
+    def _reconfigure_port(self, force_update: bool = False) -> None: ...
+
+    def _update_dtr_state(self) -> None: ...
+
+    def _update_rts_state(self) -> None: ...
+
+    def _reset_input_buffer(self) -> None: ...
 
 
 def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Serial:
@@ -85,20 +100,40 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
     check_name(name)
     device = None
     try:
-        port = serial.serial_for_url(
-            name,
-            do_not_open=True,
-            baudrate=settings.baud,
-            timeout=READ_TIMEOUT_S,
-            exclusive=True,
-        )
+        port = _unopened(name, settings)
         device = device_of(port)
-        with _control_lines(port, settings):
-            port.open()
-        if POSIX and device is not None:
+        _refuse_held(name, device, settings)
+        port.open()
+        _keep_alive(port)
+        if POSIX and device is not None and not settings.share:
             _keep_breaks(port.fileno())
     except (OSError, ValueError, LookupError, OverflowError, TerminalError, re.error) as error:
         raise port_error(name, device, error) from error
+    return port
+
+
+def _refuse_held(name: str, device: str | None, settings: PortSettings) -> None:
+    if device is None or settings.share or not is_terminal(device):
+        return
+    if holders := holders_of(device):
+        raise busy_error(printable(name), device, holders)
+
+
+def _unopened(name: str, settings: PortSettings) -> serial.Serial:
+    if settings.share:
+        if "://" in name or not POSIX:
+            raise UsageError(f"{printable(name)} cannot be shared: only a device can; see --share")
+        port: serial.Serial = SharedSerial()
+        port.port, port.timeout = name, READ_TIMEOUT_S
+        return port
+    port = serial.serial_for_url(
+        name,
+        do_not_open=True,
+        baudrate=settings.baud,
+        timeout=READ_TIMEOUT_S,
+        exclusive=True,
+    )
+    port.dtr, port.rts = (one is ControlLine.ON for one in (settings.dtr, settings.rts))
     return port
 
 
@@ -108,45 +143,18 @@ def device_of(port: serial.Serial) -> str | None:
     return port.port if isinstance(port, serial.Serial) else None
 
 
-@contextlib.contextmanager
-def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None]:
-    port.dtr = settings.dtr is ControlLine.ON
-    port.rts = settings.rts is ControlLine.ON
-    if ControlLine.LEAVE not in (settings.dtr, settings.rts):
-        yield
-        return
-    device = device_of(port)
-    if device is None:
-        if url_scheme(url := port.port or "").sets_lines:
-            raise PortError(
-                f"{scheme_of(url)}:// cannot leave DTR and RTS as they are: use on or off"
-            )
-        yield
-        return
-    if not POSIX:
-        raise PortError("Windows cannot leave DTR and RTS as they are: use on or off")
-    # pyserial always sets both lines, so let it set the values that opening the device gives. Keep
-    # the device open meanwhile, because closing it lowers the lines.
-    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        found = _modem_lines(descriptor)
-        if settings.dtr is ControlLine.LEAVE:
-            port.dtr = bool(found & termios.TIOCM_DTR)
-        if settings.rts is ControlLine.LEAVE:
-            port.rts = bool(found & termios.TIOCM_RTS)
-        yield
-    finally:
-        os.close(descriptor)
+_KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
+"""A server that does not answer for about 11 s is lost: seconds, seconds, attempts."""
 
 
-def _modem_lines(descriptor: int) -> int:
-    """The bits of the modem lines; 0 if the terminal has none, like a pseudo-terminal."""
-    assert POSIX
-    try:
-        (lines,) = struct.unpack("I", fcntl.ioctl(descriptor, termios.TIOCMGET, b"\0\0\0\0"))
-    except OSError:
-        return 0
-    return int(lines)
+def _keep_alive(port: serial.Serial) -> None:
+    """Have the system notice a server that is gone without a word, such as a cable pulled out."""
+    connection = getattr(port, "_socket", None)
+    if isinstance(connection, socket.socket):
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEP_ALIVE.items():
+            if (number := getattr(socket, option, None)) is not None:
+                connection.setsockopt(socket.IPPROTO_TCP, number, value)
 
 
 def _keep_breaks(descriptor: int) -> None:
@@ -166,108 +174,70 @@ Write: TypeAlias = Callable[[bytes], int]
 """Writes the first of these bytes and returns their number: 0 if the driver has no room within
 READ_TIMEOUT_S. Raises OSError when the port is lost."""
 
-_MAX_READ = 65_536
-_HUNG_UP = TranslatableText("the other end has hung up")
+_MAX_READ: Final = 65_536
 
 
 def reader_of(port: serial.Serial) -> Read:
-    """The fastest safe way to read `port`."""
+    """The fastest way to read `port` that loses no byte."""
     read: Any = type(port).read
-    if read is protocol_socket.Serial.read:
-        return _SocketReader(cast(Any, port)._socket).read
-    if POSIX and read is serial.Serial.read:
-        return _DescriptorReader(port.fileno()).read
-    return _PortReader(port).read
+    if POSIX and read in (serial.Serial.read, protocol_socket.Serial.read):
+        return _descriptor_reader(port.fileno())
+    return partial(_read_port, port)
 
 
-class _SocketReader:
-    """Reads everything that has arrived with two system calls."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(connection, selectors.EVENT_READ)
-
-    def read(self) -> bytes:
-        if not self._selector.select(READ_TIMEOUT_S):
-            return b""
-        try:
-            data = self._connection.recv(_MAX_READ)
-        except BlockingIOError:
-            return b""
-        if not data:
-            raise OSError(_HUNG_UP)
-        return data
+def _read_port(port: serial.Serial) -> bytes:
+    """Read all that has arrived, with pyserial."""
+    data = port.read(port.in_waiting or 1)
+    if data:
+        # The rest of what came with the first byte; an error is raised again by the next read.
+        with suppress(OSError):
+            data += port.read(port.in_waiting)
+    return data
 
 
-class _DescriptorReader:
-    """Reads everything that has arrived with two system calls.
+def _descriptor_reader(descriptor: int) -> Read:
+    """Read all that has arrived; pyserial reads until it has a count, and loses it on an error."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    gone = select.POLLHUP | select.POLLERR | select.POLLNVAL
+    is_terminal = os.isatty(descriptor)
 
-    pyserial needs one call for each byte: it reads until it has the requested count, and loses the
-    bytes already read if the port is lost before that.
-    """
-
-    def __init__(self, descriptor: int) -> None:
-        assert POSIX
-        self._descriptor = descriptor
-        self._gone = select.POLLHUP | select.POLLERR | select.POLLNVAL
-        self._poll = select.poll()
-        self._poll.register(descriptor, select.POLLIN)
-
-    def read(self) -> bytes:
-        ready = self._poll.poll(READ_TIMEOUT_S * 1000)
+    def read() -> bytes:
+        ready = poll.poll(READ_TIMEOUT_S * 1000)
         if not ready:
             return b""
         try:
-            data = os.read(self._descriptor, _MAX_READ)
+            data = os.read(descriptor, _MAX_READ)
         except BlockingIOError:
             return b""
         # A terminal without bytes is also readable if another program has just read them.
-        if not data and ready[0][1] & self._gone:
-            raise OSError(_HUNG_UP)
+        if not data and (ready[0][1] & gone or not is_terminal):
+            raise OSError(TranslatableText("the other end has hung up"))
         return data
 
-
-class _PortReader:
-    """Reads through pyserial's interface; for ports without a file descriptor."""
-
-    def __init__(self, port: serial.Serial) -> None:
-        self._port = port
-
-    def read(self) -> bytes:
-        data = self._port.read(self._port.in_waiting or 1)
-        if not data:
-            return data
-        try:
-            # The rest of what came with the first byte; otherwise each frame takes two reads.
-            return data + self._port.read(self._port.in_waiting)
-        except OSError:
-            # The next read raises it again; the bytes read so far are not lost.
-            return data
+    return read
 
 
 def writer_of(port: serial.Serial) -> Write:
-    """The fastest way to write to `port`."""
-    if type(port).write in (serial.Serial.write, protocol_socket.Serial.write):
-        return _DescriptorWriter(port.fileno()).write
+    """The way to write to `port` that returns how much was written."""
+    write: Any = type(port).write
+    if POSIX and write in (serial.Serial.write, protocol_socket.Serial.write):
+        return _descriptor_writer(port.fileno())
     return lambda data: port.write(data) or 0
 
 
-class _DescriptorWriter:
-    """Writes as much as the system accepts; pyserial does not return that number."""
+def _descriptor_writer(descriptor: int) -> Write:
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
 
-    def __init__(self, descriptor: int) -> None:
-        assert POSIX
-        self._descriptor = descriptor
-        self._poll = select.poll()
-        self._poll.register(descriptor, select.POLLOUT)
-
-    def write(self, data: bytes) -> int:
+    def write(data: bytes) -> int:
         try:
-            return os.write(self._descriptor, data)
+            return os.write(descriptor, data)
         except BlockingIOError:
-            self._poll.poll(READ_TIMEOUT_S * 1000)
+            poll.poll(READ_TIMEOUT_S * 1000)
             return 0
+
+    return write
 
 
 # Latency of the driver
@@ -275,54 +245,14 @@ class _DescriptorWriter:
 USB_SERIAL: Final = Path("/sys/bus/usb-serial/devices")
 """Where Linux publishes the settings of USB adapters."""
 
-SHORT_TIMER_MS: Final = 2
-"""A latency timer up to this is not noticeable, milliseconds."""
 
-_TIOCGSERIAL = 0x541E
-_TIOCSSERIAL = 0x541F
-_SERIAL_STRUCT = struct.Struct("=32i")
-"""`struct serial_struct`, and spare bytes after it."""
-_FLAGS = 4
-_LOW_LATENCY = 1 << 13
-
-
-class LowLatency(StrEnum):
-    """The driver's answer to a request for low latency."""
-
-    GRANTED = "low latency granted"
-    REFUSED = "low latency refused"
-    ABSENT = "no low latency setting"
-
-
-def request_low_latency(port: serial.Serial) -> LowLatency:
-    """Request low latency (ASYNC_LOW_LATENCY): the driver delivers bytes as they arrive."""
-    if not POSIX:
-        return LowLatency.ABSENT
+def request_low_latency(port: serial.Serial) -> TranslatableText:
+    """Request that the driver delivers bytes as they arrive; returns its answer."""
     try:
-        descriptor = port.fileno()
-        settings = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
-    except (AttributeError, OSError):
-        return LowLatency.ABSENT
-    try:
-        fcntl.ioctl(descriptor, _TIOCSSERIAL, with_low_latency(settings))
-        settings = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
-    except PermissionError:
-        return LowLatency.REFUSED
-    except OSError:
-        return LowLatency.ABSENT
-    return LowLatency.GRANTED if has_low_latency(settings) else LowLatency.REFUSED
-
-
-def has_low_latency(serial_struct: bytes) -> bool:
-    """True if the low latency flag is set in a `struct serial_struct`."""
-    return bool(_SERIAL_STRUCT.unpack(serial_struct)[_FLAGS] & _LOW_LATENCY)
-
-
-def with_low_latency(serial_struct: bytes) -> bytes:
-    """This `struct serial_struct` with the low latency flag set."""
-    numbers = list(_SERIAL_STRUCT.unpack(serial_struct))
-    numbers[_FLAGS] |= _LOW_LATENCY
-    return _SERIAL_STRUCT.pack(*numbers)
+        port.set_low_latency_mode(True)
+    except (AttributeError, NotImplementedError, OSError, ValueError):
+        return TranslatableText("no low latency setting")
+    return TranslatableText("low latency granted")
 
 
 def latency_timer_ms(device: str, devices: Path = USB_SERIAL) -> int | None:
@@ -337,46 +267,11 @@ def _timer_ms(folder: Path) -> int | None:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class PortCapabilities:
-    """What the driver of an open port supports."""
-
-    line: LineWatch
-    low_latency: LowLatency
-    timer_ms: int | None
-    """The adapter's latency timer, milliseconds; None if it has none."""
-    usb: bool
-
-    def __str__(self) -> str:
-        low, line = TranslatableText(self.low_latency.value), self.line.description
-        if self.timer_ms is None:
-            return TranslatableText("{low_latency}; {line}", low_latency=low, line=line)
-        return TranslatableText(
-            "{low_latency}, latency timer {ms} ms; {line}",
-            low_latency=low,
-            ms=self.timer_ms,
-            line=line,
-        )
-
-
-def request_capabilities(port: serial.Serial) -> PortCapabilities:
-    """Request low latency and line errors of an open port; call it before the first read."""
-    low_latency = request_low_latency(port)
-    device = device_of(port)
-    return PortCapabilities(
-        line_watch_of(port),
-        low_latency,
-        timer_ms=latency_timer_ms(device) if device else None,
-        usb=device is not None and (USB_SERIAL / Path(device).resolve().name).exists(),
-    )
-
-
 # Parts of the largest latency:
-HOST_NS = 1_000_000  # until this program runs after bytes have arrived
-USB_FRAME_NS = 1_000_000  # polling interval of a full-speed USB host
-USB_UNKNOWN_NS = 16_000_000  # usual latency timer, for an adapter where it cannot be read
-FIFO_BYTES = 16  # byte times that an on-board UART holds bytes: FIFO full, or four unused
-
+HOST_NS: Final = 1_000_000  # until this program runs after bytes have arrived
+USB_FRAME_NS: Final = 1_000_000  # polling interval of a full-speed USB host
+USB_UNKNOWN_NS: Final = 16_000_000  # usual latency timer, for an adapter where it cannot be read
+FIFO_BYTES: Final = 16  # byte times that an on-board UART holds bytes: FIFO full, or four unused
 _SYS_TTY = Path("/sys/class/tty")
 
 
@@ -385,15 +280,10 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     device = device_of(port)
     if device is None:
         return HOST_NS + url_scheme(port.port or "").latency_ns
-    return HOST_NS + _driver_ns(sys_tty / Path(device).resolve().name / "device", port.baudrate)
-
-
-def _driver_ns(folder: Path, baud: int) -> int:
-    if not POSIX:
-        return USB_FRAME_NS + USB_UNKNOWN_NS
-    if not folder.exists():
-        return 0  # a pseudo-terminal
-    if not (folder / "subsystem").resolve().name.startswith("usb"):
-        return FIFO_BYTES * byte_time_ns(baud)
+    folder = sys_tty / Path(device).resolve().name / "device"
+    if POSIX and not folder.exists():
+        return HOST_NS  # a pseudo-terminal
+    if POSIX and not (folder / "subsystem").resolve().name.startswith("usb"):
+        return HOST_NS + FIFO_BYTES * byte_time_ns(port.baudrate)
     timer_ms = _timer_ms(folder)
-    return USB_FRAME_NS + (USB_UNKNOWN_NS if timer_ms is None else timer_ms * 1_000_000)
+    return HOST_NS + USB_FRAME_NS + (USB_UNKNOWN_NS if timer_ms is None else timer_ms * 1_000_000)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from random import Random
@@ -43,17 +44,13 @@ PULSES_PER_TURN = 500
 TOP_SPEED_RPM = 3000.0
 """Highest speed of a simulated motor."""
 
-ACCELERATION_RPM_S = 4000.0
-"""Highest change of its speed, RPM per second."""
+ACCELERATION_RPM_S = 10_000.0
+"""Change of its speed, RPM per second: speeds are ramps."""
 
-SPEED_LAG_S = 0.04
-"""Time constant of the speed control, seconds."""
-
-POSITION_GAIN = 5.0
-"""Gain of the position control near the target: speed per remaining distance, 1/s."""
+POSITION_GAIN = 3.0
+"""Speed per remaining distance, 1/s: a position is approached like a system of first order."""
 
 _PULSES_PER_S_PER_RPM = PULSES_PER_TURN / 60
-_BRAKING_PULSES_S2 = 0.6 * ACCELERATION_RPM_S * _PULSES_PER_S_PER_RPM
 
 
 def clamp(value: float, bound: float) -> float:
@@ -70,37 +67,26 @@ class Motor:
     online: bool = True
     """False while its driver does not answer; the motor then stops."""
     _target_rpm: float = 0.0
+    """Of a speed, or the limit of a move."""
     _target_pulses: float | None = None
-    _limit_rpm: float = 0.0
-    _holds_zero: bool = False
 
     def turn(self, rpm: float) -> None:
         """Accelerate to a speed, and keep it."""
-        self._target_pulses = None
-        self._holds_zero = False
-        self._target_rpm = clamp(rpm, TOP_SPEED_RPM)
+        self._target_rpm, self._target_pulses = clamp(rpm, TOP_SPEED_RPM), None
 
     def move(self, pulses: float, limit_rpm: float) -> None:
         """Move to a position at `limit_rpm` at most (its sign is ignored), and hold it."""
-        self._holds_zero = False
-        self._target_pulses = pulses
-        self._limit_rpm = min(abs(limit_rpm), TOP_SPEED_RPM)
+        self._target_rpm, self._target_pulses = min(abs(limit_rpm), TOP_SPEED_RPM), pulses
 
     def reset(self) -> None:
         """Stop, and make the position zero."""
-        self.turn(0)
-        self._holds_zero = True
+        self.rpm = self.pulses = self._target_rpm = 0.0
+        self._target_pulses = None
 
     def step(self, dt_s: float) -> None:
-        """Advance by `dt_s` seconds, which must be much shorter than `SPEED_LAG_S`."""
-        target = self._target_speed()
-        change = clamp((target - self.rpm) * dt_s / SPEED_LAG_S, ACCELERATION_RPM_S * dt_s)
-        self.rpm += change
-        if target == 0 and abs(self.rpm) < 0.5:
-            self.rpm = 0.0
+        """Advance by `dt_s` seconds, which must be much shorter than 1 / `POSITION_GAIN`."""
+        self.rpm += clamp(self._target_speed() - self.rpm, ACCELERATION_RPM_S * dt_s)
         self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
-        if self._holds_zero:
-            self.pulses = 0.0
 
     def _target_speed(self) -> float:
         if not self.online:
@@ -108,11 +94,7 @@ class Motor:
         if self._target_pulses is None:
             return self._target_rpm
         distance = self._target_pulses - self.pulses
-        if abs(distance) < 0.25:
-            return 0.0
-        braking = math.sqrt(2 * _BRAKING_PULSES_S2 * abs(distance))
-        pulses_s = min(braking, POSITION_GAIN * abs(distance))
-        return math.copysign(min(pulses_s / _PULSES_PER_S_PER_RPM, self._limit_rpm), distance)
+        return clamp(POSITION_GAIN * distance / _PULSES_PER_S_PER_RPM, self._target_rpm)
 
 
 WHEEL_RADIUS_CM = 7.6
@@ -360,6 +342,9 @@ def _drive(duration_s: float, vx: int, vy: int, wz: int) -> HostStep:
 
 # The line: faults, parameters, bytes with times
 
+LATE_S = 0.06
+"""How much later than usual a late answer of the weak motor is sent, seconds."""
+
 MOST_DROPPED = 4  # adjacent bytes lost in one fault, at most
 MOST_NOISE = 8  # random bytes between two frames, at most
 
@@ -459,6 +444,13 @@ class SimulationParameters:
     wire: str = _parameter("both", "which frames are received", words=("both", *Direction))
     host: str = _parameter("on", "whether a host sends commands", words=("on", "off"))
     frames: int = _parameter(0, "the port is unplugged after this many frames; 0 is never")
+    weak_motor: int = _parameter(
+        0, "the motor that loses and delays answers; 0 is none", high=max(MOTORS)
+    )
+    weak_drop: float = _parameter(0.2, "share of the weak motor's answers that are lost", high=1)
+    weak_late: float = _parameter(
+        0.2, f"share of the weak motor's answers that come {LATE_S * 1000:g} ms late", high=1
+    )
 
     def __post_init__(self) -> None:
         for parameter in PARAMETERS:
@@ -499,7 +491,7 @@ def parse_parameters(query: str) -> SimulationParameters:
             near = difflib.get_close_matches(name, by_name, 1)
             hint = f"did you mean {near[0]}? " if near else ""
             known = ", ".join(by_name)
-            raise PortError(f"sim:// knows no parameter {name!r:.40}: {hint}it knows {known}")
+            raise PortError(f"sim:// has no parameter {name!r:.40}: {hint}it has {known}")
         if name in values:
             raise PortError(f"sim:// is given {name} twice: give it once")
         values[name] = by_name[name].read(text)
@@ -537,6 +529,9 @@ class Simulation:
         self._host = SimulatedHost(Random(f"{parameters.seed}/host"))
         self._jitter_dice = Random(f"{parameters.seed}/jitter")
         self._faults = Faults(parameters.seed, parameters.drop, parameters.flip, parameters.noise)
+        self._weak_dice = Random(f"{parameters.seed}/weak")
+        self._late: deque[tuple[int, bytes]] = deque()
+        """When the late answers begin, and their frames."""
         self._byte_ns = byte_time_ns(baud)
         self._free_at_ns = 0
         self._items = self._run()
@@ -556,13 +551,29 @@ class Simulation:
         while True:
             sent = self._frame_in(slot)
             begins_ns = int(slot * slot_ns + self._jitter_dice.random() * jitter_ns)
+            for frame_ns, frame in self._on_wire(slot, begins_ns, sent):
+                yield from self._received(frame, frame_ns)
+                received += 1
+                if received == self.parameters.frames:
+                    return
             slot += 1
-            if not sent:
-                continue
-            yield from self._received(sent, begins_ns)
-            received += 1
-            if received == self.parameters.frames:
+
+    def _on_wire(
+        self, slot: int, begins_ns: int, sent: bytes | None
+    ) -> Iterator[tuple[int, bytes]]:
+        """The frames that begin in a slot, with their times: its own, and late ones before it."""
+        while self._late and self._late[0][0] <= begins_ns:
+            yield self._late.popleft()
+        weak = self.parameters.weak_motor
+        if sent is not None and weak and slot % (1 + len(MOTORS)) == weak:
+            fate = self._weak_dice.random()
+            if fate < self.parameters.weak_drop:
                 return
+            if fate < self.parameters.weak_drop + self.parameters.weak_late:
+                self._late.append((begins_ns + int(LATE_S * 1e9), sent))
+                return
+        if sent is not None:
+            yield begins_ns, sent
 
     def _frame_in(self, slot: int) -> bytes | None:
         t_s = slot / self.parameters.rate

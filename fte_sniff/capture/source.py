@@ -1,12 +1,12 @@
-"""Capture sources: the `Source` interface, and sources with a reader thread and a bounded queue.
+"""Capture sources: connections whose readers put chunks and events into one queue.
 
-a reader thread for each port:  read -> stamp -> bounded queue ->  consumer: for item in source
+    reader thread:  read -> stamp -> (forward) -> queue -> consumer: for item in source
 
-opened -> read -> stopped: closed
-               -> lost:    wait for the port, then read on
+    connected -> read -> stopped: closed
+                      -> lost:    connect again, then read on
 
-When the consumer is too slow, chunks are dropped, and one `overrun` event for each port counts
-their bytes.
+A connection is what is lost as a whole: a port; a port and the pseudo-terminal of a host program; a
+traced program. What differs between them is how they connect, and what a reader returns.
 """
 
 from __future__ import annotations
@@ -14,204 +14,57 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
-from typing import Protocol, Self, TypeAlias
+from typing import Final, Protocol, Self, TypeAlias
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.port_errors import one_line
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, Closable, OpenedPort, Reconnector, Reopen
+from fte_sniff.capture.port_errors import RefusedError, one_line
 from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 Item: TypeAlias = Chunk | PortEvent
 
-CAPACITY = 32 * 2**20
-"""Default limit of the bytes that wait, bookkeeping included."""
-
-_ITEM_COST = 256
-"""Approximate memory of one waiting item besides its bytes."""
-
-_HELD_UP_NS = 250_000_000
-"""Time between two reads that shows that the reader did not run: it waits much shorter."""
-
-_GATHER_S = 0.01
-"""How long the consumer lets items gather: waking for each takes longer than processing it."""
+Reader: TypeAlias = Callable[[], Iterable[Item]]
+"""Waits for up to 50 ms, and returns what came, or an empty chunk. Raises OSError when the port is
+lost, EOFError when a program has ended that was watched."""
 
 
-@dataclass(slots=True)
-class _PortState:
-    """What a port has in the queue, and what was dropped of it."""
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Open wires that are lost together."""
 
-    put_items: int = 0
-    put_bytes: int = 0
-    # Only the consumer writes these, so reading needs no lock.
-    taken_items: int = 0
-    taken_bytes: int = 0
-    dropped: int = 0
-    dropped_at_ns: int = 0
-    is_full: bool = False
-    read_ns: float = inf
-    unseen: bool = False
-
-    @property
-    def waiting_bytes(self) -> int:
-        """Number of bytes that wait for the consumer."""
-        return self.put_bytes - self.taken_bytes
-
-    def was_held_up(self, t_ns: int) -> bool:
-        """Whether the reader did not run before this time, so that bytes may have waited for it."""
-        before_ns, self.read_ns = self.read_ns, t_ns
-        return t_ns - before_ns > _HELD_UP_NS
-
-
-class ChunkQueue:
-    """Queue of chunks and events: put from any thread, iterated by one.
-
-    The items of each port keep their order.
-    """
-
-    def __init__(self, *ports: str, capacity: int = CAPACITY, readers: int = 1) -> None:
-        """Create it for these ports; `capacity` limits the bytes of each that wait.
-
-        It ends when each of the `readers` has closed it.
-        """
-        self._ports = {port: _PortState() for port in ports}
-        self._capacity = capacity
-        self._open = readers
-        self._queue: queue.SimpleQueue[tuple[Item, _PortState, int] | None] = queue.SimpleQueue()
-        self._lock = threading.Lock()
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes that wait for the consumer."""
-        return sum(port.waiting_bytes for port in self._ports.values())
-
-    def __iter__(self) -> Iterator[Item]:
-        while (item := self._next()) is not None:
-            yield item
-        # A later iteration also ends at once.
-        self._queue.put(None)
-
-    def put(self, chunk: Chunk) -> None:
-        """Append a chunk. An empty one is ignored while others wait: it adds no information.
-
-        After a pause of the reader it is ignored too: bytes may have arrived since it was read.
-        """
-        size = len(chunk.data)
-        has_news = bool(size or chunk.line_errors)
-        with self._lock:
-            port = self._ports[chunk.port]
-            held_up = port.was_held_up(chunk.t_ns or 0)
-            if size and (held_up or port.unseen):
-                chunk = chunk._replace(is_late=True)
-            port.unseen = held_up and not has_news
-            if port.unseen:
-                return
-            waiting = _ITEM_COST * (port.put_items - port.taken_items) + port.waiting_bytes
-            if waiting and not has_news:
-                return
-            # Hysteresis: once full, wait until half is free. Each overrun cuts frames apart.
-            limit = self._capacity // 2 if port.is_full else self._capacity
-            port.is_full = waiting + _ITEM_COST + size > limit
-            if port.is_full:
-                port.dropped_at_ns = port.dropped_at_ns or chunk.t_ns or 0
-                port.dropped += size
-                return
-            self._append(chunk, port, size)
-
-    def put_event(self, event: PortEvent) -> None:
-        """Append an event; events are never dropped."""
-        with self._lock:
-            self._append(event, self._ports[event.port], 0)
-
-    def close(self) -> None:
-        """End the iteration after the items that wait now, once all readers have closed it."""
-        with self._lock:
-            self._open -= 1
-            if self._open <= 0:
-                self._queue.put(None)
-
-    def _append(self, item: Item, port: _PortState, size: int) -> None:
-        if port.dropped:
-            reason = TranslatableText("they arrived faster than they were processed")
-            overrun = _overrun(item.port, port.dropped_at_ns, port.dropped, reason)
-            port.dropped = port.dropped_at_ns = 0
-            self._append(overrun, port, 0)
-        port.put_items += 1
-        port.put_bytes += size
-        self._queue.put((item, port, size))
-
-    def _next(self) -> Item | None:
-        if self._queue.empty():
-            time.sleep(_GATHER_S)
-        entry = self._queue.get()
-        if entry is None:
-            return None
-        item, port, size = entry
-        port.taken_items += 1
-        port.taken_bytes += size
-        return item
-
-
-def _overrun(port: str, t_ns: int, count: int, reason: str) -> PortEvent:
-    detail = TranslatableText("{count} bytes were lost: {why}", count=count, why=reason)
-    return PortEvent(t_ns, port, PortEventKind.OVERRUN, detail, count)
-
-
-class SourceEnd(StrEnum):
-    """How a source ended."""
-
-    STOPPED = "stopped"
-    LOST = "lost"
-
-
-class Source(Protocol):
-    """Open ports as one iterable of chunks and events, those of each port in order; iterate once.
-
-    The first item of each port is the event `opened`. A silent port yields empty chunks several
-    times a second. Where an event `lost` or `overrun` is, bytes are missing.
-    """
-
+    names: Sequence[str]
+    """The wires; events of the connection are those of the first."""
+    detail: str
+    """Text of the event `opened`."""
+    readers: Sequence[Reader]
+    """Each is called by a thread of its own."""
+    close: Callable[[], Iterable[Item] | None]
+    """Closes the wires after the last read; returns what is left to report."""
+    finish: Callable[[], object] = bool
+    """Called when the end is due, before the last read."""
     device: str | None = None
     """The device that host programs open; None for all but a bridge."""
-    uncertainty_ns: Mapping[str, int]
-    """By port: how much earlier than their time stamp bytes may have been on the wire."""
-    capabilities: Mapping[str, str]
-    """By port: what its driver supports, as text for users."""
+    place: str | None = None
+    """The device file that is read; None for a URL."""
+    comes_back: bool = True
+    """Whether it can be found again after a loss."""
+    awaited: str = TranslatableText("waiting for it to come back")
+    """What follows after a loss."""
+    uncertainty_ns: Mapping[str, int] = field(default_factory=dict)
+    """By wire: how much earlier than their time stamp bytes may have been on the wire."""
+    capabilities: str = ""
+    """What the driver supports, as text for users."""
 
-    @property
-    def end(self) -> SourceEnd | None:
-        """Why reading ended, although items may still be queued; None while it continues."""
 
-    def __iter__(self) -> Iterator[Item]: ...
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def stop(self) -> None:
-        """Request the end: items that have arrived are still yielded, then iteration ends.
-
-        Returns at once. Safe from any thread and from signal handlers; may be repeated.
-        """
-
-    def stop_at(self, t_ns: float) -> None:
-        """Request the end at a time of the chunks' clock; returns at once."""
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes that were read and not yet yielded."""
-
-    def close(self) -> None:
-        """Stop, and close the ports. Items that wait can still be iterated."""
+Connect: TypeAlias = Callable[[], Connection]
+"""Connects, or connects again. Raises PortError, with the fix, and FileError."""
 
 
 class Wiring(Protocol):
@@ -226,150 +79,286 @@ class Wiring(Protocol):
         """How each port is opened."""
 
     def open(self, clock: Clock) -> Source:
-        """Open all ports and start to read; raises PortError, with none open, if one fails."""
+        """Open all ports, to be read once the source is entered.
+
+        Raises PortError, with none open, if one fails.
+        """
 
 
-AS_ASKED = TranslatableText("as asked")
+class SourceEnd(StrEnum):
+    """How a source ended."""
+
+    STOPPED = "stopped"
+    LOST = "lost"
+
+
+AS_ASKED: Final = TranslatableText("as asked")
 """The detail of a port that was closed on request."""
 
-_SILENCE_INTERVAL_S = 0.05  # between empty chunks while a lost port is awaited
+CAPACITY: Final = 32 * 2**20
+"""Memory of the items that wait at most, bytes; later chunks are dropped and counted."""
+_ITEM_COST: Final = 256
+"""Approximate memory of one waiting item besides its bytes."""
+
+FIRST_WAIT_S: Final = 0.25
+"""Seconds before the first attempt to connect again; each wait is twice the one before."""
+LONGEST_WAIT_S: Final = 1.0
+_REPORTED_REFUSAL: Final = 2
+"""The refused attempt that is reported; at the first, udev may just not be finished."""
+_SILENCE_S: Final = 0.05
+"""Time between empty chunks while a lost port is awaited."""
+_HELD_UP_NS: Final = 250_000_000
+"""Time between two reads that shows that the reader did not run: it waits much shorter."""
+_GATHER_S: Final = 0.01
+"""How long the consumer lets items gather: waking for each takes longer than processing it."""
 
 
-class ThreadedSource(Source, ABC):
-    """Base class of sources with a reader thread; subclasses implement the reading."""
+class Source:
+    """Open connections as one iterable of chunks and events, those of each wire in order.
 
-    end: SourceEnd | None = None
-    _awaited = TranslatableText("waiting for it to come back")
-    """What follows after a loss."""
+    The first item of each connection is the event `opened`. A silent wire yields empty chunks
+    several times a second. Where an event `lost` or `overrun` is, bytes are missing. Entering the
+    source starts its threads; iterate once.
+    """
 
-    def __init__(
-        self,
-        port: Closable,
-        name: str,
-        items: ChunkQueue,
-        clock: Clock,
-        reopen: Reopen | None,
-    ) -> None:
-        """Take over an open port; without `reopen` the source ends when the port is lost."""
-        self.name = name
-        self._port = port
-        self._items = items
-        self._clock = clock
-        self._reopen = reopen
-        self._stopping = False
+    def __init__(self, connects: Sequence[Connect], clock: Clock, *, reconnect: bool) -> None:
+        """Connect all; with `reconnect`, connect again what is lost and can come back.
+
+        Raises PortError or FileError, with nothing open, if one fails.
+        """
+        self._clock, self._reconnect = clock, reconnect
+        self.end: SourceEnd | None = None
+        """Why reading ended, although items may still be queued; None while it continues."""
         self._stop_at_ns = inf
+        self._put_bytes = self._taken_bytes = 0
+        self._dropped: Counter[str] = Counter()
+        self._items: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        opened = list[Connection]()
+        try:
+            opened.extend(connect() for connect in connects)
+        except BaseException:
+            for connection in opened:
+                connection.close()
+            raise
+        self.device = opened[0].device
+        self.uncertainty_ns = {
+            name: ns for one in opened for name, ns in one.uncertainty_ns.items()
+        }
+        self.capabilities = {name: one.capabilities for one in opened for name in one.names}
+        self._running = len(opened)
+        self._threads = [
+            threading.Thread(target=self._run, args=(connect, connection), daemon=True)
+            for connect, connection in zip(connects, opened, strict=True)
+        ]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            if thread.ident is None:
+                thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
 
     def __iter__(self) -> Iterator[Item]:
-        try:
-            yield from self._items
-        finally:
-            self.close()
-
-    def stop(self) -> None:
-        """Request the end, as `Source.stop`."""
-        self._stopping = True
-
-    def stop_at(self, t_ns: float) -> None:
-        """Request the end at a time of the clock; returns at once."""
-        self._stop_at_ns = t_ns
-
-    def _end_due(self) -> bool:
-        """True once `stop` was called or the time of `stop_at` has come."""
-        return self._stopping or self._clock.now_ns() >= self._stop_at_ns
+        with self:
+            while (item := self._next()) is not None:
+                yield item
+            self._items.put(None)  # a later iteration also ends at once
 
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
-        return self._items.waiting
+        return self._put_bytes - self._taken_bytes
+
+    def stop(self) -> None:
+        """Request the end: items that have arrived are still yielded, then iteration ends.
+
+        Returns at once. Safe from any thread and from signal handlers; may be repeated.
+        """
+        self._stop_at_ns = 0
+
+    def stop_at(self, t_ns: float) -> None:
+        """Request the end at a time of the chunks' clock; returns at once."""
+        self._stop_at_ns = min(self._stop_at_ns, t_ns)
 
     def close(self) -> None:
-        """Stop, wait for the reader thread (about 10 ms), and close the port."""
+        """Stop, wait for the threads, and close the ports; items that wait can be iterated."""
         self.stop()
-        self._thread.join()
-        self._close_port()
+        self.__enter__()  # a thread that never ran closes its connection
+        for thread in self._threads:
+            thread.join()
 
-    def _start(self, thread_name: str, detail: str) -> None:
-        self._put_event(PortEventKind.OPENED, detail)
-        self._thread = threading.Thread(target=self._run, name=thread_name, daemon=True)
-        self._thread.start()
+    def _next(self) -> Item | None:
+        if self._items.empty():
+            time.sleep(_GATHER_S)
+        item = self._items.get()
+        if isinstance(item, Chunk):
+            self._taken_bytes += len(item.data)
+        return item
 
-    def _run(self) -> None:
+    def _put(self, item: Item) -> None:
+        """Append an item; a chunk without room is dropped, and its bytes are counted."""
+        with self._lock:
+            if isinstance(item, Chunk):
+                size = len(item.data)
+                if self.waiting + _ITEM_COST * self._items.qsize() > CAPACITY:
+                    self._dropped[item.port] += size
+                    return
+                self._put_bytes += size
+            if self._dropped and (count := self._dropped.pop(item.port, 0)):
+                self._items.put(self._overrun(item.port, count))
+            self._items.put(item)
+
+    def _overrun(self, port: str, count: int) -> PortEvent:
+        detail = TranslatableText(
+            "{count} bytes were lost: they arrived faster than they were processed", count=count
+        )
+        return PortEvent(self._clock.now_ns(), port, PortEventKind.OVERRUN, detail, count)
+
+    def _put_event(self, connection: Connection, kind: PortEventKind, detail: str) -> None:
+        self._put(PortEvent(self._clock.now_ns(), connection.names[0], kind, detail))
+
+    def _is_due(self) -> bool:
+        return self._clock.now_ns() >= self._stop_at_ns
+
+    # The thread of a connection
+
+    def _run(self, connect: Connect, connection: Connection) -> None:
+        self._put_event(connection, PortEventKind.OPENED, connection.detail)
         try:
-            self._read_until_end()
+            self._read_until_end(connect, connection)
         finally:
-            self._items.close()
+            with self._lock:
+                self._running -= 1
+                is_last = not self._running
+            if is_last:
+                self.end = self.end or SourceEnd.STOPPED
+                self._items.put(None)
 
-    def _read_until_end(self) -> None:
-        while (error := self._read_until_lost()) is not None:
-            lost = one_line(error)
-            if self._reopen is None:
-                self._finish(self._end_after(error), PortEventKind.LOST, lost)
+    def _read_until_end(self, connect: Connect, connection: Connection) -> None:
+        taken = self._put_bytes
+        while (error := self._read_until_lost(connection)) is not None:
+            # A port that came back without any byte is likely to go again: it is asked slowly.
+            first_wait_s = FIRST_WAIT_S if self._put_bytes > taken else LONGEST_WAIT_S
+            text = one_line(error)
+            if not (self._reconnect and connection.comes_back):
+                self._lose(connection, text, is_over=isinstance(error, EOFError))
                 return
-            detail = TranslatableText("{error}; {awaited}", error=lost, awaited=self._awaited)
-            self._put_event(PortEventKind.LOST, detail)
+            awaited = TranslatableText("{error}; {awaited}", error=text, awaited=connection.awaited)
+            self._put_event(connection, PortEventKind.LOST, awaited)
             lost_ns = self._clock.now_ns()
-            opened = self._wait_for_port(self._reopen)
-            if opened is None:
+            again = self._connect_again(connect, connection, first_wait_s)
+            if again is None:
                 break
-            try:
-                self._resume(opened, (self._clock.now_ns() - lost_ns) / 1e9)
-            except FileError as refused:
-                self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.message)
+            if isinstance(again, FteSniffError):
+                self._lose(connection, again.message)
                 return
-        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, AS_ASKED)
+            self._put_event(connection, PortEventKind.FOUND_AGAIN, self._found(again, lost_ns))
+            connection, taken = again, self._put_bytes
+        self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
 
-    def _end_after(self, _error: OSError) -> SourceEnd:
-        """How the capture ends after a loss that ends it."""
-        return SourceEnd.LOST
+    def _lose(self, connection: Connection, text: str, *, is_over: bool = False) -> None:
+        """End all connections, as one is lost for good; a program that is over is not an error."""
+        self.end = SourceEnd.STOPPED if is_over else SourceEnd.LOST
+        self._put_event(connection, PortEventKind.LOST, text)
+        self.stop()
 
-    def _wait_for_port(self, reopen: Reopen) -> OpenedPort | None:
-        self._close_port()
-        reconnector = Reconnector(reopen, self._first_wait_s())
-        while not self._end_due():
-            opened = reconnector.wait(_SILENCE_INTERVAL_S)
-            if opened is not None:
-                return opened
-            if refusal := reconnector.refusal():
-                self._put_event(PortEventKind.NOT_OPENED, refusal)
-            self._put_silence()
-        reconnector.cancel()
+    def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
+        after = TranslatableText(
+            "after {seconds:.1f} s", seconds=(self._clock.now_ns() - lost_ns) / 1e9
+        )
+        if again.place in (None, again.names[0]):
+            return after
+        return TranslatableText("{after} as {port}", after=after, port=again.place)
+
+    def _connect_again(
+        self, connect: Connect, before: Connection, first_wait_s: float
+    ) -> Connection | FteSniffError | None:
+        """Connect in another thread, since that may take seconds; None if the end comes first."""
+        found: queue.SimpleQueue[Connection | FteSniffError] = queue.SimpleQueue()
+        arguments = connect, before, first_wait_s, found
+        threading.Thread(target=self._attempt, args=arguments, daemon=True).start()
+        while not self._is_due():
+            for name in before.names:
+                self._put(Chunk(name, self._clock.now_ns(), b""))
+            with suppress(queue.Empty):
+                return found.get(timeout=_SILENCE_S)
+        _close_found(found)
         return None
 
-    def _put_found_again(self, opened: OpenedPort, away_s: float, note: str = "") -> None:
-        renamed = opened.name != self.name
-        self._put_event(
-            PortEventKind.FOUND_AGAIN,
-            TranslatableText(
-                "after {seconds:.1f} s{named}{shared}",
-                seconds=away_s,
-                named=TranslatableText(" as {port}", port=opened.name) if renamed else "",
-                shared=note,
-            ),
-        )
+    def _attempt(
+        self,
+        connect: Connect,
+        before: Connection,
+        wait_s: float,
+        found: queue.SimpleQueue[Connection | FteSniffError],
+    ) -> None:
+        refusals = 0
+        while not self._is_due():
+            time.sleep(wait_s)
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+            try:
+                found.put(connect())
+                break
+            except PortError as error:
+                refusals += isinstance(error, RefusedError)
+                if isinstance(error, RefusedError) and refusals == _REPORTED_REFUSAL:
+                    detail = TranslatableText("it is back, but {why}", why=error.message)
+                    self._put_event(before, PortEventKind.NOT_OPENED, detail)
+            except FteSniffError as error:
+                found.put(error)
+                break
+        if self._is_due():
+            _close_found(found)
 
-    def _first_wait_s(self) -> float:
-        return FIRST_WAIT_S
-
-    def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
-        self.end = end
-        self._put_event(kind, detail)
-
-    def _close_port(self) -> None:
+    def _read_until_lost(self, connection: Connection) -> BaseException | None:
+        """Read all wires until the end is due (returns None) or one is lost (returns the error)."""
+        errors = list[BaseException]()
+        others = [
+            threading.Thread(target=self._read, args=(connection, reader, errors), daemon=True)
+            for reader in connection.readers[1:]
+        ]
+        for thread in others:
+            thread.start()
+        self._read(connection, connection.readers[0], errors)
+        for thread in others:
+            thread.join()
         with suppress(OSError):
-            self._port.close()
+            for item in connection.close() or ():
+                self._put(item)
+        return errors[0] if errors else None
 
-    @abstractmethod
-    def _read_until_lost(self) -> OSError | None:
-        """Read until the end is due (returns None) or the port is lost (returns the error)."""
+    def _read(self, connection: Connection, reader: Reader, errors: list[BaseException]) -> None:
+        read_ns, unseen, last = inf, False, False
+        while not last:
+            # Checked before the read, so that bytes that arrived before the end are still read.
+            last = self._is_due() or bool(errors)
+            if last:
+                connection.finish()
+            try:
+                items = tuple(reader())
+            except (OSError, EOFError) as error:
+                errors.append(error)
+                return
+            before_ns, read_ns = read_ns, self._clock.now_ns()
+            held_up = read_ns - before_ns > _HELD_UP_NS
+            for item in items:
+                if isinstance(item, Chunk):
+                    if item.data:
+                        item = item._replace(is_late=True) if held_up or unseen else item
+                        unseen = False
+                    elif held_up and not last:
+                        # Bytes may have arrived since it was read: the next ones may be late.
+                        unseen = True
+                        continue
+                self._put(item)
 
-    @abstractmethod
-    def _resume(self, opened: OpenedPort, away_s: float) -> None:
-        """Prepare to read again and put `found_again`; a FileError loses the port for good."""
 
-    def _put_event(self, kind: PortEventKind, detail: str) -> None:
-        """Put an event of the port, stamped with the time now."""
-        self._items.put_event(PortEvent(self._clock.now_ns(), self.name, kind, detail))
-
-    def _put_silence(self) -> None:
-        """Put an empty chunk for each wire, so that no consumer waits for a port that is away."""
-        self._items.put(Chunk(self.name, self._clock.now_ns(), b""))
+def _close_found(found: queue.SimpleQueue[Connection | FteSniffError]) -> None:
+    """Close a connection that came too late."""
+    with suppress(queue.Empty):
+        late = found.get_nowait()
+        if isinstance(late, Connection):
+            late.close()

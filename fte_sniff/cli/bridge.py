@@ -28,8 +28,8 @@ def command(
     """Sit between a host program and the controller at PORT; record and watch both directions.
 
     The host program opens a pseudo-terminal instead of PORT; its name is printed, and --link gives
-    it a fixed name. Every byte is forwarded at once in both directions. The baud rate that the host
-    program sets is forwarded too; a pseudo-terminal has no DTR and RTS, so --dtr and --rts set
+    it a fixed name. Every byte is forwarded at once in both directions. PORT has the rate of
+    --baud, whatever the host program sets; it has no DTR and RTS, so --dtr and --rts set
     them. The host program's wire is called `host`, the controller's PORT. A PORT that is lost hangs
     up the host program; with --link it is waited for, and can be opened again.
 

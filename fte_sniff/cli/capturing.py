@@ -43,6 +43,7 @@ from fte_sniff.cli.options import (
     keep_rows_option,
     line_setup,
     parse_seconds,
+    silence_of,
     units_options,
 )
 from fte_sniff.cli.settings import Settings, config_option, lang_option
@@ -52,15 +53,10 @@ from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputForm
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.retention import (
-    DEFAULT_FREE_BYTES,
-    DEFAULT_MAX_INDEX_BYTES,
-    OnFull,
-    RecordingOptions,
-)
+from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.recorder import Outcome
@@ -70,7 +66,7 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_LINE_WORDS = click.Choice(["on", "off", "leave"])
+_LINE_WORDS = click.Choice(["on", "off"])
 
 
 _DURATION = Seconds(min=0, min_open=True)
@@ -81,7 +77,6 @@ _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
 _MEGA_OR_MINUTES = re.compile(r"\d+(?:\.\d+)?\s*m")
 _MOST_BYTES = 10**18
 _MOST_SECONDS = 10**9
-_AUTO = "auto"
 _MIN_FILE = 100_000
 _MIN_SECONDS = 1.0
 
@@ -107,11 +102,7 @@ def _bounded(value: float | None, most: int, text: str, example: str) -> float:
 
 
 def _rotate(text: str) -> dict[str, int | float | None]:
-    """What begins the next file, as fields of `RecordingOptions`; empty for `none`."""
-    if text.lower() == "none":
-        return {}
-    if text.lower() == _AUTO:
-        return {"max_index_bytes": DEFAULT_MAX_INDEX_BYTES}
+    """What begins the next file, as fields of `RecordingOptions`."""
     if _MEGA_OR_MINUTES.fullmatch(text):
         number = text[:-1].strip()
         raise click.BadParameter(f"{quoted(text)} is ambiguous; write {number}MB or {number}min")
@@ -119,9 +110,7 @@ def _rotate(text: str) -> dict[str, int | float | None]:
         return {"rotate_bytes": _size(text)}
     if parse_seconds(text) is not None:
         return {"rotate_s": _seconds(text)}
-    raise click.BadParameter(
-        f"{text!r} is neither a size nor a time; use for example 512MB or 1h, auto or none"
-    )
+    raise click.BadParameter(f"{text!r} is neither a size nor a time; use for example 512MB or 1h")
 
 
 def _parsed_by(parse: Callable[[str], object]) -> Callable[..., object]:
@@ -133,25 +122,18 @@ def _compact(size: int | None) -> str:
     return "none" if size is None else size_text(size).replace(" ", "")
 
 
-_DEFAULTS = RecordingOptions()
-
-
 recording_options = all_of(
     click.option(
         "--rotate",
         callback=_parsed_by(_rotate),
-        default=_AUTO,
-        show_default=True,
-        metavar="SIZE|TIME|auto|none",
-        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
-        "auto: after about an hour, so that each is indexed at every moment; none: never.",
+        metavar="SIZE|TIME",
+        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ....",
     ),
     click.option(
         "--max-size",
         callback=_parsed_by(_size),
         metavar="SIZE",
-        help="Keep the newest rows: files of this total size, the oldest are deleted.  "
-        f"[default: stop at {_compact(_DEFAULTS.max_bytes)}]",
+        help="Keep the newest rows: files of this total size, the oldest are deleted.",
     ),
     click.option(
         "--min-free",
@@ -200,6 +182,12 @@ capture_options = all_of(
     config_option,
     lang_option,
     click.option(
+        "--silence",
+        type=Seconds(min=0.1, max=86_400),
+        metavar="S",
+        help="Report a wire that was alive and sends nothing for S seconds.  [default: 2]",
+    ),
+    click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
     click.option(
@@ -215,18 +203,13 @@ The command passes `config` to `load_settings`, `no_reconnect` to its wiring, an
 
 
 def options_from(
-    rotate: dict[str, Any], max_size: int | None, min_free: int | None
+    rotate: dict[str, Any] | None, max_size: int | None, min_free: int | None
 ) -> RecordingOptions:
     """The recording options of a command line.
 
     Raises UsageError if the options contradict each other.
     """
-    limits: dict[str, Any] = {}
-    if max_size is not None:
-        limits = {"max_bytes": max_size, "on_full": OnFull.ROTATE_OLDEST}
-    found = RecordingOptions(
-        **{"max_index_bytes": None, **rotate}, **limits, min_free_bytes=min_free
-    )
+    found = RecordingOptions(**rotate or {}, keep_bytes=max_size, min_free_bytes=min_free)
     if found.rotate_bytes is not None and found.rotate_bytes < _MIN_FILE:
         raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
     if found.rotate_s is not None and found.rotate_s < _MIN_SECONDS:
@@ -242,8 +225,6 @@ def _check_total(max_size: int, found: RecordingOptions) -> None:
         raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
     if max_size < 2 * (found.rotate_bytes or 0):
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    if {found.rotate_bytes, found.rotate_s, found.max_index_bytes} == {None}:
-        raise UsageError("--max-size deletes the oldest of several files; leave --rotate none out")
 
 
 def _check_output(output: Path) -> None:
@@ -317,8 +298,10 @@ def run_capture(
     headless: bool,
     zone: str | None,
     lang: str | None,
+    share: bool = False,
     filter_text: str | None,
     alert_text: str | None,
+    silence: float | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -335,8 +318,11 @@ def run_capture(
     shown_zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
+    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share))
     plan = capture_plan(wiring, **planned)
+    reported = plan.silences_s if silence is None else (silence,)
+    signaled = silence_of(alert_text)
+    plan = replace(plan, silences_s=reported if signaled is None else (*reported, signaled))
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     drive = None
     if headless:
@@ -454,6 +440,8 @@ def _pattern(first: Path) -> str:
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
+_SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN})
+"""Events whose detail names what happened."""
 
 
 class Report(Observer):
@@ -501,7 +489,8 @@ class Report(Observer):
         if event.kind not in _EXPECTED_EVENTS:
             self._events[event.kind] += 1
             detail = f": {event.detail}" if event.detail else ""
-            print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
+            kind = "" if event.kind in _SELF_EXPLAINED else f" {event.kind.replace('_', ' ')}"
+            print_err(f"{event.port}{kind}{detail}")
 
 
 class PlainLines(Observer):
@@ -510,7 +499,7 @@ class PlainLines(Observer):
     def __init__(
         self,
         wanted: RowFilter | None,
-        alert: Alert | None = None,
+        alert: Alert | SilenceAlert | None = None,
         form: OutputFormat = OutputFormat.TABLE,
         *,
         ports: bool = False,
@@ -530,7 +519,9 @@ class PlainLines(Observer):
         if self._wanted is not None:
             rows = self._wanted.select(rows, update.changes)
         self._writer.write(rows)
-        rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
+        rings = self._alert is not None and self._alert.observe(
+            update.rows, time.monotonic(), update.events
+        )
         if rings and sys.stderr.isatty():
             sys.stderr.write("\a")
             sys.stderr.flush()

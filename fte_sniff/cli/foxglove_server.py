@@ -146,7 +146,7 @@ class FoxgloveServer(Observer):
         self, rows: Rows, events: Sequence[PortEvent]
     ) -> Iterator[tuple[int, int, bytes]]:
         """Channel, time and content of each message."""
-        from fte_sniff.recording.messages import EVENTS, encode_event, encode_row, topic_of
+        from fte_sniff.recording.schema import EVENTS, encode_event, encode_row, topic_of
 
         for entry in in_order(rows, events):
             t_ns = entry.t_ns or 0
@@ -214,7 +214,7 @@ class FoxgloveServer(Observer):
         self._find_wanted()
 
     def _advertisement(self) -> dict[str, Any]:
-        from fte_sniff.recording.messages import TOPICS, encodable, schema_data, schema_name
+        from fte_sniff.recording.schema import TOPICS, encodable, schema_data, schema_name
 
         topics = {topic.name: topic for topic in TOPICS}
         channels = [
@@ -293,7 +293,7 @@ _SERVER_INFO: Final = {"op": "serverInfo", "name": "fte-sniff", "capabilities": 
 
 
 def _topics(ports: Sequence[str]) -> Iterator[tuple[str, str]]:
-    from fte_sniff.recording.messages import TOPICS
+    from fte_sniff.recording.schema import TOPICS
 
     for port in ports:
         yield from ((port, topic.name) for topic in TOPICS)

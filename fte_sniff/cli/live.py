@@ -31,11 +31,18 @@ _MOST_PORTS = 2
 @click.option(
     "--pid", type=click.IntRange(min=1), help="With --attach: the process, if several have it open."
 )
+@click.option(
+    "--share",
+    is_flag=True,
+    help="Read PORT although another program has it open, and leave its settings as they are: each "
+    "byte goes to one of the two programs.",
+)
 @capture_options
 def command(
     ports: tuple[str, ...],
     attach: bool,
     pid: int | None,
+    share: bool,
     no_reconnect: bool,
     config: Path | None,
     **options: Any,
@@ -47,7 +54,8 @@ def command(
     The recording goes to fte-sniff-<UTC time>.mcap in this folder; -o names another file,
     --no-record records nothing. The filter applies to the display only: all rows are recorded.
     A device or a server that is lost is waited for, and found again by its link, USB serial number
-    or USB socket. Without PORT, the ports of the settings are opened.
+    or USB socket. A PORT that another program has open is refused; --attach and --share are for
+    that. Without PORT, the ports of the settings are opened.
 
     --attach shows a PORT that another program holds, with strace: what that program writes is the
     wire `host`, what it reads is PORT. Times are those of its system calls.
@@ -74,17 +82,19 @@ def command(
         raise UsageError("--pid works with --attach; add it")
     if attach:
         check_attached(ports)
+    if attach and share:
+        raise UsageError("--attach does not open PORT, so there is nothing to share: leave one out")
 
     def wiring(settings: PortSettings) -> Wiring:
         if attach:
-            from fte_sniff.capture.attach import Attachment, untouched
+            from fte_sniff.capture.attach import Attachment
 
-            return Attachment(ports[0], untouched(settings), pid, reconnect=not no_reconnect)
+            return Attachment(ports[0], settings, pid, reconnect=not no_reconnect)
         from fte_sniff.capture.port_source import PortGroup
 
         return PortGroup(ports, settings, reconnect=not no_reconnect)
 
-    run_capture(wiring, ports, settings, **options)
+    run_capture(wiring, ports, settings, share=share, **options)
 
 
 def check_attached(ports: tuple[str, ...]) -> None:

@@ -108,7 +108,7 @@ def datagram(entry: Row | PortEvent) -> bytes:
     `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that a row does
     not have are left out.
     """
-    from fte_sniff.recording.messages import EVENTS, topic_of
+    from fte_sniff.recording.schema import EVENTS, topic_of
 
     values: dict[str, object]
     if isinstance(entry, PortEvent):

@@ -131,14 +131,10 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
     from importlib.metadata import requires, version
     from platform import python_version
 
-    from fte_sniff.protocol.framer import COMPILED
-
     # Without those of extras and of other systems.
     needed = [need for need in requires(PROGRAM) or () if ";" not in need]
     names = sorted(re.split(r"[^\w-]", need)[0] for need in needed)
-    click.echo(
-        f"{PROGRAM}, version {version(PROGRAM)}, framer {'compiled' if COMPILED else 'interpreted'}"
-    )
+    click.echo(f"{PROGRAM}, version {version(PROGRAM)}")
     click.echo(", ".join([f"Python {python_version()}", *(f"{n} {version(n)}" for n in names)]))
     context.exit()
 

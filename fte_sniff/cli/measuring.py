@@ -179,7 +179,7 @@ def _absolute(path: Path) -> Path:
 
 def processes_for(jobs: int | None, todo: list[FileJob[Model]]) -> int:
     """The number of processes that read, this one included."""
-    from fte_sniff.recording.mcap.reader import cores
+    from fte_sniff.platform import cores
 
     files = sum(isinstance(job.source, Path) for job in todo)
     return max(1, min(jobs or cores(), files))

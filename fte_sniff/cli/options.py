@@ -20,7 +20,7 @@ from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert
+    from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import Settings
 
@@ -76,21 +76,33 @@ alert_option = click.option(
     "alert_text",
     metavar="EXPR",
     shell_complete=complete_filter,
-    help="Ring the bell, at most once per second, when rows match: error != 0.",
+    help="Ring the bell, at most once per second, when rows match: error != 0; or when a wire is "
+    "silent for this many seconds: silence > 5.",
 )
 """The `--alert` option; its value goes to `alert_of`."""
 
 
-def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | None:
+def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | SilenceAlert | None:
     """The alert of `--alert`, if it was given; raises FilterError if it is invalid.
 
     `zone` is that of times that name none; None for UTC.
     """
     if text is None:
         return None
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
 
+    if (seconds := silence_of(text)) is not None:
+        return SilenceAlert(seconds)
     return Alert(RowFilter.parse(text, zone))
+
+
+_SILENCE: Final = re.compile(r"\s*silence\s*>=?\s*(\d+(?:\.\d+)?)\s*", re.IGNORECASE)
+
+
+def silence_of(text: str | None) -> float | None:
+    """The seconds of `--alert 'silence > 5'`; None for another alert, or none."""
+    found = _SILENCE.fullmatch(text or "")
+    return float(found[1]) if found else None
 
 
 DROPPED_ROWS = "Rows that the screen keeps; older rows leave the screen, never the file."

@@ -49,15 +49,14 @@ def command(file: Path, output: Path | None, force: bool) -> None:
         return
     damage = repair.damage
     _report_damage(damage)
-    kept = f"{damage.kept} rows and port events in {damage.messages.chunks} chunks"
+    kept = f"{damage.kept} rows and port events in {damage.chunks} chunks"
     print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_loss_text(damage)}")
     print_err(f"repaired into {target}")
 
 
 def _nothing_lost(damage: FileDamage) -> bool:
     """True if every row and event is kept, even if bytes around them are damaged."""
-    messages = damage.messages
-    return messages.lost == 0 or (not damage.gaps and not messages.least_lost)
+    return damage.lost_messages == 0 or (not damage.gaps and not damage.unreadable)
 
 
 def _report_damage(damage: FileDamage) -> None:
@@ -71,13 +70,11 @@ def _report_damage(damage: FileDamage) -> None:
     if len(damage.gaps) > _MOST_GAPS:
         more = f"{len(damage.gaps) - _MOST_GAPS} more places"
         print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
-    if damage.messages.unreadable:
-        print_err(f"lost: {damage.messages.unreadable} messages that could not be read")
+    if damage.unreadable:
+        print_err(f"lost: {damage.unreadable} messages that could not be read")
 
 
 def _loss_text(damage: FileDamage) -> str:
-    if damage.messages.lost is not None:
-        return f"{damage.messages.lost} are lost"
-    if damage.messages.least_lost:
-        return f"at least {damage.messages.least_lost} are lost"
+    if damage.lost_messages is not None:
+        return f"{damage.lost_messages} are lost"
     return "the number of rows after the damage is unknown"

@@ -49,8 +49,9 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
     with open_simulated(simulated, baud, link) as bridge, ending_signals(bridge.stop):
-        click.echo(bridge.device)
-        click.echo(f"a controller answers on {printable(bridge.device)}; Ctrl-C ends it", err=True)
+        device = bridge.device or ""
+        click.echo(device)
+        click.echo(f"a controller answers on {printable(device)}; Ctrl-C ends it", err=True)
         for _ in bridge:
             pass  # nothing is recorded
 

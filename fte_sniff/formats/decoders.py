@@ -19,7 +19,7 @@ from typing import Final
 
 from fte_sniff.formats.pcapng import COMMENT
 from fte_sniff.protocol import KINDS, Fault, Status
-from fte_sniff.protocol.framer.framer import SETTLING_NS
+from fte_sniff.protocol.framer import SETTLING_NS
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DEFAULT_BAUD,

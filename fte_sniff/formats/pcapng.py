@@ -18,7 +18,7 @@ from struct import pack
 from typing import BinaryIO, Final
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Direction, Frame, Row, faults_text
+from fte_sniff.protocol import Direction, Row, faults_text
 
 LINK_TYPE: Final = 252
 """LINKTYPE_WIRESHARK_UPPER_PDU: exported PDUs, which name their dissector."""
@@ -67,9 +67,9 @@ class PcapngWriter:
         if interface is None:
             interface = self._interfaces[row.port] = len(self._interfaces)
             described = self._description(row.port)
-        is_frame = isinstance(row, Frame)
+        is_frame = row.framed
         data = _tags(FRAME_DISSECTOR if is_frame else DAMAGE_DISSECTOR) + row.raw
-        options = _option(2, pack("<I", _FLAGS[row.direction if isinstance(row, Frame) else None]))
+        options = _option(2, pack("<I", _FLAGS[row.direction]))
         if row.faults:
             options = _option(1, f"{COMMENT}{faults_text(row.faults)}".encode()) + options
         high, low = divmod(row.t_ns, 1 << 32)

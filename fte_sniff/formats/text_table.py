@@ -18,7 +18,6 @@ from fte_sniff.errors import printable
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,
-    Frame,
     Row,
     Status,
     faults_text,
@@ -27,7 +26,7 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.columns import LOOKS, mark_of
-from fte_sniff.protocol.dissect import ExplainedField, dissect, explain, explain_readings
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 if TYPE_CHECKING:
     import polars as pl
@@ -109,7 +108,7 @@ class TextLayout:
         """The cells of a row for a narrow terminal: no offset, and the faults before the bytes."""
         kind, faults, raw = kind_text(row), faults_text(row.faults), spaced_hex(row.raw)
         text = GAP.join(filter(None, (values_text(row), faults, raw)))
-        if not isinstance(row, Frame):
+        if not row.framed:
             kind, text = faults, raw
         clock = "" if row.t_ns is None else iso_time(row.t_ns, self.zone)[_CLOCK]
         port = printable(row.port)[-PORT_WIDTH:]
@@ -127,13 +126,13 @@ class TextLayout:
 
 def kind_text(row: Row) -> str:
     """The name of the row's kind, or a dash."""
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind
     return kind.name if kind else "-"
 
 
 def values_text(row: Row) -> str:
     """The row's values: `motor=1 rpm=1000 error=0x00 online=0x0F`; of damage, its length."""
-    if not isinstance(row, Frame):
+    if not row.framed:
         return f"{len(row.raw)} byte{'s' if len(row.raw) != 1 else ''}"
     kind = row.kind
     if kind is None:
@@ -232,7 +231,7 @@ class RichWriter:
 def _style_of(row: Row) -> str:
     if row.status is not Status.OK:
         return LOOKS[row.status].style
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind
     if kind is None or not kind.fields:
         return "bold magenta"
     return "cyan" if kind.direction == "control" else "default"
@@ -268,7 +267,7 @@ class DissectionWriter:
 
 def _row_lines(row: Row, width: int | None) -> Iterator[str]:
     yield _title(row)
-    for sentence in (*explain(row), *explain_readings(row)):
+    for sentence in explain(row):
         yield from _indented(sentence, 2, width, LOOKS[row.status].color)
     for field in dissect(row):
         yield from _field_lines(field, width)

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
-from fte_sniff.protocol.dissect import WHY
 
 if TYPE_CHECKING:
     import polars as pl
@@ -119,10 +118,7 @@ class _LineWriter:
 
 
 class JsonlWriter(_LineWriter):
-    """Writes one JSON object a row; `time` as ISO 8601 with nine digits.
-
-    `write` adds the readings of the rows that have them.
-    """
+    """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
 
     def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
         super().__init__(stream)
@@ -147,8 +143,6 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     if row.t_ns is not None:
         values["time"] = iso_time(row.t_ns)
     chosen: dict[str, object] = {name: values[name] for name in columns}
-    if row.readings is not None:
-        chosen[WHY] = [one._asdict() for one in row.readings]
     return json_text(chosen) + "\n"
 
 

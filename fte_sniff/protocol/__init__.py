@@ -1,129 +1,64 @@
-"""The protocol: frame table, framer, explanations. No I/O and no clock.
+"""The protocol: frame table, framer, rows, explanations. No I/O and no clock.
 
 Modules:
 
-    dissect     Explain a row: its bytes field by field, and the readings of damage.
-    framer      The framer: chunks in, rows out.
-    islands     The framer in numpy: islands and gaps; takes the place of `framer`.
+    dissect     Explain a row: its bytes field by field.
     columns     The column table; values as text; signs and colours of each status.
-    rows        Rows: the one container; a row.
-    table       Rows: the container of rows as fixed-size numpy columns; takes the place of `rows`.
+    framer      Framer: chunks in, rows out; times and silence.
+    islands     Islands of frames in step and the gaps between them.
+    gap         How gaps are divided into frames, damage and noise.
+    rows        Rows: the one container, as numpy columns; a row.
     items       Chunks, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
 
 from fte_sniff.protocol.columns import (
-    COLUMN_BY_NAME as COLUMN_BY_NAME,
+    COLUMN_BY_NAME,
+    COLUMNS,
+    Column,
+    ColumnType,
+    Value,
+    faults_text,
+    iso_time,
+    record,
+    spaced_hex,
+    zone_at,
 )
-from fte_sniff.protocol.columns import (
-    COLUMNS as COLUMNS,
-)
-from fte_sniff.protocol.columns import (
-    Column as Column,
-)
-from fte_sniff.protocol.columns import (
-    ColumnType as ColumnType,
-)
-from fte_sniff.protocol.columns import (
-    Value as Value,
-)
-from fte_sniff.protocol.columns import (
-    faults_text as faults_text,
-)
-from fte_sniff.protocol.columns import (
-    iso_time as iso_time,
-)
-from fte_sniff.protocol.columns import (
-    record as record,
-)
-from fte_sniff.protocol.columns import (
-    spaced_hex as spaced_hex,
-)
-from fte_sniff.protocol.columns import (
-    zone_at as zone_at,
-)
-from fte_sniff.protocol.framer import Framer as Framer
+from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import (
-    Chunk as Chunk,
+    Chunk,
+    Gap,
+    GapKind,
+    LineErrorCounts,
+    PortEvent,
+    PortEventKind,
 )
-from fte_sniff.protocol.items import (
-    Gap as Gap,
-)
-from fte_sniff.protocol.items import (
-    GapKind as GapKind,
-)
-from fte_sniff.protocol.items import (
-    LineErrorCounts as LineErrorCounts,
-)
-from fte_sniff.protocol.items import (
-    PortEvent as PortEvent,
-)
-from fte_sniff.protocol.items import (
-    PortEventKind as PortEventKind,
-)
-from fte_sniff.protocol.rows import (
-    Damage as Damage,
-)
-from fte_sniff.protocol.rows import (
-    Frame as Frame,
-)
-from fte_sniff.protocol.rows import (
-    LineErrorMarker as LineErrorMarker,
-)
-from fte_sniff.protocol.rows import (
-    Row as Row,
-)
-from fte_sniff.protocol.rows import (
-    Rows as Rows,
-)
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import (
-    DEFAULT_BAUD as DEFAULT_BAUD,
+    DEFAULT_BAUD,
+    FAULT_MEANINGS,
+    FRAME_LENGTH,
+    HEADERS,
+    KIND_BY_NAME,
+    KINDS,
+    MOTORS,
+    TAIL,
+    VALUE_FIELDS,
+    Direction,
+    Fault,
+    Field,
+    FrameKind,
+    Status,
+    byte_time_ns,
+    encode,
+    status_of,
 )
-from fte_sniff.protocol.spec import (
-    FAULT_MEANINGS as FAULT_MEANINGS,
-)
-from fte_sniff.protocol.spec import (
-    FRAME_LENGTH as FRAME_LENGTH,
-)
-from fte_sniff.protocol.spec import (
-    HEADERS as HEADERS,
-)
-from fte_sniff.protocol.spec import (
-    KIND_BY_NAME as KIND_BY_NAME,
-)
-from fte_sniff.protocol.spec import (
-    KINDS as KINDS,
-)
-from fte_sniff.protocol.spec import (
-    MOTORS as MOTORS,
-)
-from fte_sniff.protocol.spec import (
-    TAIL as TAIL,
-)
-from fte_sniff.protocol.spec import (
-    VALUE_FIELDS as VALUE_FIELDS,
-)
-from fte_sniff.protocol.spec import (
-    Direction as Direction,
-)
-from fte_sniff.protocol.spec import (
-    Fault as Fault,
-)
-from fte_sniff.protocol.spec import (
-    Field as Field,
-)
-from fte_sniff.protocol.spec import (
-    FrameKind as FrameKind,
-)
-from fte_sniff.protocol.spec import (
-    Status as Status,
-)
-from fte_sniff.protocol.spec import (
-    byte_time_ns as byte_time_ns,
-)
-from fte_sniff.protocol.spec import (
-    encode as encode,
-)
-from fte_sniff.protocol.spec import (
-    status_of as status_of,
-)
+
+# fmt: off
+__all__ = [
+    "COLUMNS", "COLUMN_BY_NAME", "DEFAULT_BAUD", "FAULT_MEANINGS", "FRAME_LENGTH", "HEADERS",
+    "KINDS", "KIND_BY_NAME", "MOTORS", "TAIL", "VALUE_FIELDS", "Chunk", "Column", "ColumnType",
+    "Direction", "Fault", "Field", "FrameKind", "Framer", "Gap", "GapKind", "LineErrorCounts",
+    "PortEvent", "PortEventKind", "Row", "Rows", "Status", "Value", "byte_time_ns", "encode",
+    "faults_text", "iso_time", "record", "spaced_hex", "status_of", "zone_at",
+]

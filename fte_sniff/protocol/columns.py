@@ -17,7 +17,9 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
-from fte_sniff.protocol.rows import NO_FACT, Frame, Row, Rows
+import numpy as np
+
+from fte_sniff.protocol.rows import NO_FACT, Row, Rows, faults_in
 from fte_sniff.protocol.spec import (
     FAULT_MEANINGS,
     FRAME_LENGTH,
@@ -28,7 +30,6 @@ from fte_sniff.protocol.spec import (
     Field,
     FrameKind,
     Status,
-    status_of,
 )
 
 Value: TypeAlias = int | float | str | list[str] | None
@@ -73,7 +74,7 @@ class Column:
     of_row: Callable[[Row], Value] | None
     """The value in a row; None for a field of a frame, which `record` reads with all others."""
     of_rows: Callable[[Rows], ColumnData] | None
-    """The values in a Rows, whose bytes are in `raw` and `long`; None for HEX."""
+    """The values in a Rows, whose bytes are in `raw`; None for HEX."""
     words: tuple[str, ...] = ()
     """All possible words of a WORD or WORDS column."""
     unit: str = ""
@@ -90,12 +91,18 @@ class Column:
     """Whether it depends on other rows, so that `analysis.facts` computes it."""
 
 
-def _frame_value(value: Callable[[Frame], Value]) -> Callable[[Row], Value]:
-    return lambda row: value(row) if isinstance(row, Frame) else None
+def _kind_name(row: Row) -> Value:
+    return row.kind.name if row.kind else None
 
 
-def _kind_name(frame: Frame) -> Value:
-    return frame.kind.name if frame.kind else None
+def _direction(row: Row) -> Value:
+    return row.direction.value if row.direction else None
+
+
+def _fault_sets(rows: Rows) -> ColumnData:
+    """The faults of rows: an index into the sets that occur."""
+    bits, codes = np.unique(rows.faults, return_inverse=True)
+    return ColumnData(codes, words=[faults_in(one) for one in bits.tolist()])
 
 
 def _field_column(field: Field) -> Column:
@@ -133,7 +140,7 @@ COLUMNS: tuple[Column, ...] = (
         ColumnType.TEXT,
         "which wire: the port's name, or the file's",
         lambda row: row.port,
-        lambda rows: ColumnData(rows.port, words=rows.codebook.ports),
+        lambda rows: ColumnData(rows.port, words=rows.ports),
         rank=15,
     ),
     Column(
@@ -159,7 +166,7 @@ COLUMNS: tuple[Column, ...] = (
         "direction",
         ColumnType.WORD,
         "which way the frame goes",
-        _frame_value(lambda frame: frame.direction.value),
+        _direction,
         lambda rows: ColumnData(rows.directions, words=(*Direction, None)),
         tuple(Direction),
         rank=75,
@@ -168,7 +175,7 @@ COLUMNS: tuple[Column, ...] = (
         "kind",
         ColumnType.WORD,
         "kind of frame",
-        _frame_value(_kind_name),
+        _kind_name,
         lambda rows: ColumnData(rows.kinds, words=(*(kind.name for kind in KINDS), None)),
         tuple(kind.name for kind in KINDS),
         rank=20,
@@ -177,7 +184,7 @@ COLUMNS: tuple[Column, ...] = (
         "cmd",
         ColumnType.INT,
         "CMD as on the wire",
-        _frame_value(lambda frame: frame.cmd),
+        lambda row: row.cmd,
         lambda rows: ColumnData(rows.cmds, rows.framed),
         bits=8,
         signed=False,
@@ -189,7 +196,7 @@ COLUMNS: tuple[Column, ...] = (
         ColumnType.WORD,
         "how far the row can be believed",
         lambda row: row.status.value,
-        lambda rows: ColumnData(rows.faults, words=[*map(status_of, rows.codebook.faults)]),
+        lambda rows: ColumnData(rows.statuses, words=tuple(Status)),
         tuple(Status),
         rank=70,
     ),
@@ -198,7 +205,7 @@ COLUMNS: tuple[Column, ...] = (
         ColumnType.WORDS,
         "what is wrong with the row",
         lambda row: [fault.value for fault in row.faults],
-        lambda rows: ColumnData(rows.faults, words=rows.codebook.faults),
+        _fault_sets,
         tuple(FAULT_MEANINGS),
         rank=55,
         width=19,
@@ -259,8 +266,7 @@ _OF_ROW = tuple((column.name, column.of_row) for column in COLUMNS)
 def record(row: Row) -> dict[str, Value]:
     """The row as a dict of `COLUMNS`, in order: UTC time in ns, `raw` as hex, None if absent."""
     values = {name: None if of_row is None else of_row(row) for name, of_row in _OF_ROW}
-    if isinstance(row, Frame):
-        values.update(row.values)
+    values.update(row.values)
     return values
 
 
@@ -360,7 +366,7 @@ ORDER_MARK = "~"
 
 def mark_of(row: Row) -> str:
     """One character for the status of a row, or an uncertain order."""
-    if row.order_uncertain and row.status is Status.OK:
+    if row.unordered and row.status is Status.OK:
         return ORDER_MARK
     return LOOKS[row.status].mark
 

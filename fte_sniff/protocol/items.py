@@ -48,6 +48,11 @@ class PortEventKind(StrEnum):
     BAUD_CHANGED = "baud_changed"
     NOT_PASSED_ON = "not_passed_on"
     NOT_OPENED = "not_opened"
+    SHARED = "shared"
+    """Another program has the port open too."""
+    SILENT = "silent"
+    """No byte came for some time."""
+    BYTES_AGAIN = "bytes_again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +113,8 @@ class PortEvent:
     detail: str
     """One line of text for the user; may contain text from outside."""
     count: int = 0
-    """Bytes (overrun, not passed on), errors (line error), or the new bits per second (baud
-    changed); else 0."""
+    """Bytes (overrun, not passed on), errors (line error), milliseconds (silent, bytes again), or
+    the new bits per second (baud changed); else 0."""
 
 
 class GapKind(StrEnum):

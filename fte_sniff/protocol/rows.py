@@ -1,27 +1,26 @@
-"""Rows: the one container of rows, as columns; `Frame` and `Damage`, one row each.
+"""Rows: the one container of rows, as numpy columns; `Row`, one of them.
 
-Rows      columns of equal length: what the framer and the readers emit, and all others read
-Frame     ten bytes between a header and a tail (a row)
-Damage    bytes that no frame contains (a row)
-Codebook  the ports and fault sets that the columns `port` and `faults` are codes of
+A row has at most 16 bytes, so every column has values of one size. A frame has ten bytes, a damaged
+frame at most 14, and noise is cut every 16 bytes, like the lines of a hex dump:
 
-The columns are plain buffers, which the framer fills, and numpy arrays on first use. So a command
-that shows a few rows does not load numpy, and the work on many rows is done by numpy.
+    t_ns  offset  length  port  faults   framed  raw (16 bytes)            ... previous
+     800     120      10     0  0        True    AA 01 01 03 E8 ... EE 00      -1
+     950     130       6     0  1 << 4   False   AA 01 01 03 E8 00 00 00       -1
+
+`port` is an index in `Rows.ports`; `faults` is a set of bits, in the order of `Fault`.
 """
 
 from __future__ import annotations
 
-import sys
-from array import array
-from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from itertools import accumulate, compress, repeat
-from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar, overload
+from functools import cached_property
+from typing import Any, Final, Self, TypeAlias, cast, overload
 
-from fte_sniff.protocol.items import Chunk, PortEvent
+import numpy as np
+import numpy.typing as npt
+
+from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
@@ -32,6 +31,7 @@ from fte_sniff.protocol.spec import (
     KINDS,
     NAME_OF_ROLE,
     NUM_OFFSET,
+    SUSPECT_FAULTS,
     VALUE_FIELDS,
     Direction,
     Fault,
@@ -41,106 +41,19 @@ from fte_sniff.protocol.spec import (
     status_of,
 )
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
 Array: TypeAlias = "npt.NDArray[Any]"
 Bools: TypeAlias = "npt.NDArray[np.bool_]"
 Codes: TypeAlias = "npt.NDArray[np.uint8]"
 Ints: TypeAlias = "npt.NDArray[np.int64]"
-Buffer: TypeAlias = Any
-"""A column: a memoryview, an array or a numpy array, of the type that `COLUMNS` names."""
 
-
-class Reading(NamedTuple):
-    """A way to divide the bytes of a row into frames and damage; see `readings`."""
-
-    reading: str
-    """The segments, each with its kind or fault, and its bytes."""
-    probability: float
-    """0-1."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Row:
-    port: str
-    offset: int
-    """Offset of the first byte in the port's stream, from 0."""
-    raw: bytes
-    t_ns: int | None
-    """Start of the first byte on the wire, nanoseconds since 1970 UTC; never falls per port."""
-    faults: tuple[Fault, ...] = ()
-    read_delay_ns: int | None = field(default=None, compare=False)
-    """Nanoseconds from `t_ns` until the read of the first byte returned."""
-    order_uncertain: bool = field(default=False, compare=False)
-    """Whether a neighbouring row of another port may belong on the other side of this one: their
-    times are closer than the two ports can resolve."""
-    answer_ns: int | None = field(default=None, compare=False)
-    """Nanoseconds from a command to its answer; see `analysis.facts`."""
-    unanswered: bool | None = field(default=None, compare=False)
-    """Whether a command had no answer by the deadline; None where that is not known."""
-    motor_hint: int | None = field(default=None, compare=False)
-    """The motor that a damaged row probably belonged to."""
-    previous: int | None = field(default=None, compare=False)
-    """The payload, as a number, of the frame before of this port, motor and kind."""
-    readings: tuple[Reading, ...] | None = None
-    """The best two readings of a damaged or ambiguous row; None if they were not computed."""
-
-    @property
-    def status(self) -> Status:
-        """The status by the faults."""
-        return status_of(self.faults)
-
-
-@dataclass(frozen=True, slots=True)
-class Frame(_Row):
-    """Ten bytes whose framing holds: a header and a tail, in step with the stream."""
-
-    @property
-    def framed(self) -> bool:
-        """Whether the bytes are a frame."""
-        return True
-
-    @property
-    def direction(self) -> Direction:
-        """The direction that the header names."""
-        return DIRECTION_OF_HEADER[self.raw[0]]
-
-    @property
-    def kind(self) -> FrameKind | None:
-        """The frame kind, or None if header and CMD name none."""
-        return KIND_BY_HEADER_AND_CMD.get((self.raw[0], self.cmd))
-
-    @property
-    def cmd(self) -> int:
-        """CMD as on the wire."""
-        return self.raw[CMD_OFFSET]
-
-    @property
-    def values(self) -> dict[str, int]:
-        """The fields' values by row name, as on the wire even where out of range."""
-        kind = self.kind
-        return {f.name: f.read(self.raw) for f in kind.fields} if kind else {}
-
-
-@dataclass(frozen=True, slots=True)
-class Damage(_Row):
-    """Bytes that no frame contains: kept, labelled with their cause, never decoded."""
-
-    @property
-    def framed(self) -> bool:
-        """Whether the bytes are a frame."""
-        return False
-
-    faults: tuple[Fault, ...]
-
-
-Row: TypeAlias = Frame | Damage
-
+MOST_BYTES: Final = 16
+"""Bytes of a row, at most; the width of the column `raw`."""
 
 NO_TIME: Final = -(2**63)
 """Time, or read delay, of a row without one."""
+
+NO_FACT: Final = -1
+"""The value of a column of `FACTS` where nothing is known."""
 
 NO_KIND: Final = len(KINDS)
 """The kind code of a row without a kind."""
@@ -148,566 +61,367 @@ NO_KIND: Final = len(KINDS)
 NO_DIRECTION: Final = len(Direction)
 """The direction code of a row without a direction."""
 
-FEW: Final = 20_000
-"""Rows for which numpy is not loaded: it takes about as long as to handle them without."""
-
-_FEWEST: Final = 50
-"""Rows for which numpy is slower although it is loaded."""
-
-_ROWS_AT_ONCE: Final = 4096
-"""Rows that iteration converts to objects at a time, so that it needs little memory."""
-
-_MOST_FAULT_SETS: Final = 4096
-
-_Key = TypeVar("_Key")
-
-
-class Codebook:
-    """Dictionary encoding of ports and fault sets; safe for use by several threads."""
-
-    def __init__(self) -> None:
-        self.ports: list[str] = []
-        self.faults: list[tuple[Fault, ...]] = []
-        """Fault sets in the row's order, by code; code 0 is the empty set."""
-        self._port_codes: dict[str, int] = {}
-        self._fault_codes: dict[tuple[Fault, ...], int] = {}
-        self._lock = Lock()
-        self.fault_code(())
-
-    def port_code(self, port: str) -> int:
-        """The code of a port; an unknown port gets the next free code."""
-        return _code_of(port, self._port_codes, self.ports, self._lock)
-
-    def fault_code(self, faults: tuple[Fault, ...]) -> int:
-        """The code of a fault set; an unknown set gets the next free code.
-
-        Raises ValueError if there are too many.
-        """
-        if len(self.faults) >= _MOST_FAULT_SETS and faults not in self._fault_codes:
-            raise ValueError("more combinations of faults than a recording has")
-        return _code_of(faults, self._fault_codes, self.faults, self._lock)
-
-
-def _code_of(key: _Key, codes: dict[_Key, int], keys: list[_Key], lock: Lock) -> int:
-    code = codes.get(key)
-    if code is None:
-        with lock:
-            code = codes.get(key, len(keys))
-            if code == len(keys):
-                keys.append(key)
-                codes[key] = code
-    return code
-
-
-COLUMNS: Final[Mapping[str, str]] = {
-    "t_ns": "q",
-    "offset": "q",
-    "delay_ns": "q",
-    "length": "I",
-    "port": "H",
-    "faults": "H",
-    "framed": "?",
-    "unordered": "?",
+COLUMNS: Final[Mapping[str, tuple[str, int]]] = {
+    "t_ns": ("i8", NO_TIME),
+    "offset": ("i8", 0),
+    "delay_ns": ("i8", NO_TIME),
+    "length": ("u1", FRAME_LENGTH),
+    "port": ("u2", 0),
+    "faults": ("u2", 0),
+    "framed": ("?", True),
+    "unordered": ("?", False),
+    "raw": (f"({MOST_BYTES},)u1", 0),
+    "answer_ns": ("i4", NO_FACT),
+    "unanswered": ("i1", NO_FACT),
+    "motor_hint": ("i1", NO_FACT),
+    "previous": ("i8", NO_FACT),
 }
-"""The type of each column but `raw`, as in `struct`, in the order of the columns."""
+"""The numpy type and the default of each column."""
 
-
-NO_FACT: Final = -1
-"""The value of the columns of `FACTS` in a row without one."""
+FACTS: Final = ("answer_ns", "unanswered", "motor_hint", "previous")
+"""The columns that depend on other rows."""
 
 _PAYLOAD: Final = slice(NUM_OFFSET + 1, FRAME_LENGTH - 1)
 """The bytes of a frame that hold its fields but the motor: at most eight."""
 
-FACTS: Final[Mapping[str, str]] = {
-    "answer_ns": "i",
-    "unanswered": "b",
-    "motor_hint": "b",
-    "previous": "q",
-}
-"""The type of each column that depends on other rows; rows have all of them, or none yet."""
+_BITS: Final = {fault: 1 << number for number, fault in enumerate(Fault)}
 
 
-class _LazyColumn:
-    """A column as a numpy array, made on first use."""
-
-    def __set_name__(self, _owner: type[Rows], name: str) -> None:
-        self._name = name
-
-    @overload
-    def __get__(self, rows: None, owner: type[Rows]) -> _LazyColumn: ...
-    @overload
-    def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
-    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _LazyColumn:
-        if rows is None:
-            return self
-        import numpy as np
-
-        # The instance's attribute is found before this descriptor from now on.
-        found = rows.__dict__[self._name] = np.asarray(rows.buffers[self._name])
-        return found
+def fault_bits(faults: Iterable[Fault]) -> int:
+    """The value of the column `faults` for some faults."""
+    return sum(_BITS[fault] for fault in set(faults))
 
 
-class _FactColumn(_LazyColumn):
-    """A column that depends on other rows; `NO_FACT` everywhere if it was not computed."""
-
-    @overload
-    def __get__(self, rows: None, owner: type[Rows]) -> _FactColumn: ...
-    @overload
-    def __get__(self, rows: Rows, owner: type[Rows]) -> Array: ...
-    def __get__(self, rows: Rows | None, owner: type[Rows]) -> Array | _LazyColumn:
-        if rows is None or rows.has_facts:
-            return super().__get__(rows, owner)
-        import numpy as np
-
-        return np.full(len(rows), NO_FACT, np.dtype(FACTS[self._name]))
+def faults_in(bits: int) -> tuple[Fault, ...]:
+    """The faults of a value of the column `faults`, in the order of `Fault`."""
+    return tuple(fault for fault, bit in _BITS.items() if bits & bit)
 
 
-class Rows(Sequence["Row"]):
+MALFORMED_BITS: Final = fault_bits(fault for fault in Fault if fault not in SUSPECT_FAULTS)
+"""The bits of the faults that make a row unreadable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row: a frame, or bytes that no frame contains."""
+
+    port: str
+    offset: int
+    """Offset of the first byte in the port's stream, from 0."""
+    raw: bytes
+    """1 to 16 bytes."""
+    t_ns: int | None
+    """Start of the first byte on the wire, nanoseconds since 1970 UTC; never falls per port."""
+    faults: tuple[Fault, ...] = ()
+    framed: bool = True
+    """Whether the bytes are a frame: a header and a tail in step with the stream."""
+    delay_ns: int | None = field(default=None, compare=False)
+    """Nanoseconds from `t_ns` until the read of the first byte returned."""
+    unordered: bool = field(default=False, compare=False)
+    """Whether a neighbouring row of another port may belong on the other side of this one: their
+    times are closer than the two ports can resolve."""
+    answer_ns: int | None = field(default=None, compare=False)
+    """Nanoseconds from a command to its answer."""
+    unanswered: bool | None = field(default=None, compare=False)
+    """Whether a command had no answer by the deadline; None where that is not known."""
+    motor_hint: int | None = field(default=None, compare=False)
+    """The motor that a damaged row probably belonged to."""
+    previous: int | None = field(default=None, compare=False)
+    """The payload, as a number, of the frame before of this port, motor and kind."""
+
+    @property
+    def status(self) -> Status:
+        """The status by the faults."""
+        return status_of(self.faults)
+
+    @property
+    def direction(self) -> Direction | None:
+        """The direction that a frame's header names."""
+        return DIRECTION_OF_HEADER[self.raw[0]] if self.framed else None
+
+    @property
+    def cmd(self) -> int | None:
+        """CMD of a frame as on the wire."""
+        return self.raw[CMD_OFFSET] if self.framed else None
+
+    @property
+    def kind(self) -> FrameKind | None:
+        """The frame kind; None if header and CMD name none."""
+        key = (self.raw[0], self.raw[CMD_OFFSET]) if self.framed else (0, 0)
+        return KIND_BY_HEADER_AND_CMD.get(key)
+
+    @property
+    def values(self) -> dict[str, int]:
+        """The fields' values by row name, as on the wire even where out of range."""
+        kind = self.kind
+        return {one.name: one.read(self.raw) for one in kind.fields} if kind else {}
+
+
+class Rows(Sequence[Row]):
     """Rows as columns of equal length, and the port events between them."""
 
-    codebook: Codebook
-    buffers: Mapping[str, Buffer]
-    """The columns but `raw`, for code that does not load numpy."""
-    long: dict[int, bytes]
-    """All bytes of the rows longer than ten, by index; `raw` has the first ten."""
+    columns: Mapping[str, Array]
+    """The columns by name, those of `COLUMNS`; each is an attribute, too."""
+    ports: tuple[str, ...]
+    """The ports by index; some may have no rows."""
     events: tuple[PortEvent, ...]
-    readings: dict[int, tuple[Reading, ...]]
-    """The readings of rows by index, where they were computed."""
-    t_ns = _LazyColumn()
+    t_ns: Ints
     """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
-    offset = _LazyColumn()
+    offset: Ints
     """Offset of the row's first byte in its port's stream, int64."""
-    delay_ns = _LazyColumn()
+    delay_ns: Ints
     """Read delay, nanoseconds, or `NO_TIME`; int64."""
-    length = _LazyColumn()
-    """Bytes of the row, uint32."""
-    port = _LazyColumn()
-    """Code of the port, uint16."""
-    faults = _LazyColumn()
-    """Code of the fault set, uint16."""
-    framed = _LazyColumn()
-    """Whether the row is a Frame, bool; otherwise it is a Damage."""
-    unordered = _LazyColumn()
-    """Whether the row's order among rows of other ports is uncertain, bool."""
-    answer_ns = _FactColumn()
-    """Nanoseconds from a command to its answer, int32, or `NO_FACT`."""
-    unanswered = _FactColumn()
+    length: Codes
+    """Bytes of the row, 1 to 16; uint8."""
+    port: Array
+    """Index in `ports`, uint16."""
+    faults: Array
+    """The faults as bits (`fault_bits`), uint16; 0 for none."""
+    framed: Bools
+    """Whether the row is a frame."""
+    unordered: Bools
+    """Whether the row's order among rows of other ports is uncertain."""
+    raw: Codes
+    """The bytes, padded with zeros; uint8, shape (rows, 16)."""
+    answer_ns: Array
+    """Nanoseconds from a command to its answer, or `NO_FACT`; int32."""
+    unanswered: Array
     """The motors that did not answer a command by the deadline, a bit each as in ONLINE, or
     `NO_FACT`; int8."""
-    motor_hint = _FactColumn()
+    motor_hint: Array
     """The motor that a damaged row probably belonged to, or `NO_FACT`; int8."""
-    previous = _FactColumn()
+    previous: Ints
     """The `payloads` of the frame before of the same port, motor and kind, or `NO_FACT`; int64."""
 
     def __init__(
         self,
-        codebook: Codebook,
-        columns: Mapping[str, Buffer],
-        raw: Array | bytes | memoryview,
-        long: dict[int, bytes] | None = None,
+        columns: Mapping[str, Array],
+        ports: tuple[str, ...],
         events: tuple[PortEvent, ...] = (),
-        readings: dict[int, tuple[Reading, ...]] | None = None,
     ) -> None:
-        """Rows of these columns, which all of `COLUMNS` are in, and all of `FACTS` or none.
+        """Rows of these columns, all of `COLUMNS`, each of its type; they are not copied."""
+        self.columns, self.ports, self.events = columns, ports, events
+        self.__dict__.update(columns)
 
-        `raw` holds the first ten bytes of each row, padded with zeros. `long` and `readings` are
-        not copied.
+    @classmethod
+    def blank(cls, count: int, ports: tuple[str, ...] = ("",), **columns: Any) -> Self:
+        """Rows with these columns (arrays or lists); the others have their defaults.
+
+        Unknown columns raise KeyError, those of another length ValueError.
         """
-        self.codebook = codebook
-        self.buffers = columns
-        self._raw = memoryview(raw) if isinstance(raw, bytes) else raw
-        self.long = {} if long is None else long
-        self.events = events
-        self.readings = {} if readings is None else readings
+        found = {name: np.empty(count, kind) for name, (kind, _) in COLUMNS.items()}
+        for name, (_, default) in COLUMNS.items():
+            found[name][...] = default
+        for name, values in columns.items():
+            own = np.asarray(values, found[name].dtype)
+            if own.shape != found[name].shape:
+                raise ValueError(f"{name} has the shape {own.shape}, not {found[name].shape}")
+            found[name] = own
+        return cls(found, ports)
 
     @classmethod
-    def allocate(cls, codebook: Codebook, rows: int) -> Rows:
-        """Columns to fill in; the defaults are those of a sound frame with time and read delay."""
-        import numpy as np
-
-        return cls(
-            codebook,
-            {
-                "t_ns": np.empty(rows, np.int64),
-                "offset": np.empty(rows, np.int64),
-                "delay_ns": np.zeros(rows, np.int64),
-                "length": np.full(rows, FRAME_LENGTH, np.uint32),
-                "port": np.empty(rows, np.uint16),
-                "faults": np.zeros(rows, np.uint16),
-                "framed": np.ones(rows, np.bool_),
-                "unordered": np.zeros(rows, np.bool_),
-            },
-            np.zeros((rows, FRAME_LENGTH), np.uint8),
-        )
-
-    @classmethod
-    def from_rows(
-        cls,
-        rows: Iterable[Row] = (),
-        codebook: Codebook | None = None,
-        events: Iterable[PortEvent] = (),
-    ) -> Rows:
-        """The columns of single rows."""
+    def of(cls, rows: Iterable[Row], events: Iterable[PortEvent] = ()) -> Self:
+        """The columns of single rows; raises ValueError if one has more than 16 bytes."""
         rows = list(rows)
-        found = cls.from_values(
-            codebook or Codebook(),
-            [row.t_ns for row in rows],
-            [row.port for row in rows],
-            [row.offset for row in rows],
-            [row.raw for row in rows],
-            [row.faults for row in rows],
-            [isinstance(row, Frame) for row in rows],
-        )
-        columns: dict[str, Buffer] = {
-            "delay_ns": array("q", [_or_no_time(row.read_delay_ns) for row in rows]),
-            "unordered": _flags(row.order_uncertain for row in rows),
+        if any(len(row.raw) > MOST_BYTES for row in rows):
+            raise ValueError(f"a row has at most {MOST_BYTES} bytes")
+        ports = tuple(dict.fromkeys(row.port for row in rows))
+        raw = b"".join(row.raw.ljust(MOST_BYTES, b"\0") for row in rows)
+        columns: dict[str, Any] = {
+            "port": [ports.index(row.port) for row in rows],
+            "length": [len(row.raw) for row in rows],
+            "faults": [fault_bits(row.faults) for row in rows],
+            "raw": np.frombuffer(raw, np.uint8).reshape(-1, MOST_BYTES),
         }
-        for name, code in FACTS.items():
-            facts = [getattr(row, name) for row in rows]
-            if any(fact is not None for fact in facts):
-                columns[name] = array(code, [NO_FACT if one is None else one for one in facts])
-        if not columns.keys().isdisjoint(FACTS):
-            columns = {**no_facts(len(rows)), **columns}
-        readings = {at: row.readings for at, row in enumerate(rows) if row.readings is not None}
-        return found.with_columns(events=events, **columns).with_readings(readings)
-
-    @classmethod
-    def from_values(
-        cls,
-        codebook: Codebook,
-        times: Sequence[int | None],
-        ports: Iterable[str],
-        offsets: Sequence[int],
-        raws: Sequence[bytes],
-        faults: Iterable[tuple[Fault, ...]],
-        framed: Sequence[bool],
-    ) -> Rows:
-        """The columns of these values, without read delays."""
-        columns = {
-            "t_ns": array("q", map(_or_no_time, times)),
-            "offset": array("q", offsets),
-            "delay_ns": array("q", [NO_TIME]) * len(raws),
-            "length": array("I", map(len, raws)),
-            "port": array("H", map(codebook.port_code, ports)),
-            "faults": array("H", map(codebook.fault_code, faults)),
-            "framed": _flags(framed),
-            "unordered": _flags([False] * len(raws)),
-        }
-        first = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
-        long = {at: raw for at, raw in enumerate(raws) if len(raw) > FRAME_LENGTH}
-        return cls(codebook, columns, first, long)
+        for name in COLUMNS.keys() - columns.keys():
+            missing = NO_TIME if name in {"t_ns", "delay_ns"} else NO_FACT
+            values = [getattr(row, name) for row in rows]
+            columns[name] = [missing if value is None else value for value in values]
+        return cls.blank(len(rows), ports, **columns).replace(events)
 
     @classmethod
     def concat(cls, parts: Sequence[Rows]) -> Rows:
         """All rows and events, in order."""
         if len(parts) == 1:
             return parts[0]
-        codebook = parts[0].codebook if parts else Codebook()
-        starts = list(accumulate(map(len, parts), initial=0))
-        long = {
-            start + at: raw
-            for start, part in zip(starts, parts, strict=False)
-            for at, raw in part.long.items()
-        }
-        readings = {
-            start + at: one
-            for start, part in zip(starts, parts, strict=False)
-            for at, one in part.readings.items()
-        }
-        events = tuple(event for part in parts for event in part.events)
-        recoded = [part.recoded(codebook) for part in parts]
-        columns = {
-            name: _typed(b"".join([part.buffers[name] for part in recoded]), code)
-            for name, code in COLUMNS.items()
-        }
-        if any(part.has_facts for part in parts):
-            facts = [part.buffers if part.has_facts else no_facts(len(part)) for part in parts]
-            for name, code in FACTS.items():
-                columns[name] = _typed(b"".join([one[name] for one in facts]), code)
-        raw = b"".join([part.raw_bytes for part in parts])
-        return cls(codebook, columns, raw, long, events, readings)
+        if not parts:
+            return cls.blank(0, ())
+        ports = tuple(dict.fromkeys(port for part in parts for port in part.ports))
+        recoded = [part.with_ports(ports).columns for part in parts]
+        columns = {name: np.concatenate([own[name] for own in recoded]) for name in COLUMNS}
+        return Rows(columns, ports, tuple(event for part in parts for event in part.events))
 
-    def with_columns(
-        self,
-        codebook: Codebook | None = None,
-        events: Iterable[PortEvent] | None = None,
-        **columns: Buffer,
-    ) -> Rows:
-        """These rows with other columns, another codebook or other events."""
-        return Rows(
-            codebook or self.codebook,
-            {**self.buffers, **columns},
-            self._raw,
-            self.long,
-            self.events if events is None else tuple(events),
-            self.readings,
-        )
-
-    def with_facts(self, facts: Mapping[str, Buffer]) -> Rows:
-        """These rows with the columns of `FACTS`."""
-        return self.with_columns(**facts)
-
-    def with_readings(self, readings: dict[int, tuple[Reading, ...]]) -> Rows:
-        """These rows with the readings of some of them, by index."""
-        if not readings:
+    def with_ports(self, ports: tuple[str, ...]) -> Rows:
+        """These rows with the indexes of other ports; raises ValueError if one is missing there."""
+        if ports == self.ports:
             return self
-        return Rows(self.codebook, self.buffers, self._raw, self.long, self.events, readings)
+        codes = np.array([ports.index(port) for port in self.ports], np.uint16)
+        return Rows({**self.columns, "port": codes[self.port]}, ports, self.events)
 
-    def assign(self, start: int, rows: Rows) -> None:
-        """Fill what `allocate` made, from index `start` on, with rows of its codebook."""
-        own = slice(start, start + len(rows))
-        for name in (*COLUMNS, "raw"):
-            getattr(self, name)[own] = getattr(rows, name)
-        self.long.update((start + at, raw) for at, raw in rows.long.items())
-        self.readings.update((start + at, one) for at, one in rows.readings.items())
+    def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> Rows:
+        """The rows of a slice, a mask or an array of indices, with these events."""
+        return Rows({name: own[rows] for name, own in self.columns.items()}, self.ports, events)
 
-    @property
-    def has_facts(self) -> bool:
-        """Whether the columns of `FACTS` were computed."""
-        return "unanswered" in self.buffers
-
-    @property
-    def column_names(self) -> tuple[str, ...]:
-        """The columns that it has, but `raw`."""
-        return (*COLUMNS, *(FACTS if self.has_facts else ()))
+    def replace(self, events: Iterable[PortEvent] | None = None, **columns: Array) -> Self:
+        """These rows with other columns or events."""
+        own = self.events if events is None else tuple(events)
+        return type(self)({**self.columns, **columns}, self.ports, own)
 
     def __len__(self) -> int:
-        return len(self.buffers["t_ns"])
+        return len(self.t_ns)
 
     def __repr__(self) -> str:
         return f"<{len(self)} rows>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the columns once."""
+        return type(self), (self.columns, self.ports, self.events)
 
     @overload
     def __getitem__(self, at: int) -> Row: ...
     @overload
     def __getitem__(self, at: slice) -> Rows: ...
     def __getitem__(self, at: int | slice) -> Row | Rows:
-        if isinstance(at, int):
-            index = range(len(self))[at]
-            return next(self._rows(index, index + 1))
-        start, stop, step = at.indices(len(self))
-        if step != 1:
+        """One row, or the rows of a slice without their events."""
+        if isinstance(at, slice):
             return self.select(at)
-        stop = max(start, stop)
-        return Rows(
-            self.codebook,
-            {name: column[start:stop] for name, column in self.buffers.items()},
-            self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * stop],
-            {row - start: raw for row, raw in self.long.items() if start <= row < stop},
-            readings={
-                row - start: one for row, one in self.readings.items() if start <= row < stop
-            },
-        )
+        index = range(len(self))[at]
+        return next(iter(self.select(slice(index, index + 1))))
 
     def __iter__(self) -> Iterator[Row]:
+        """The rows one by one; a few thousand become objects at once, so memory stays small."""
         for start in range(0, len(self), _ROWS_AT_ONCE):
-            yield from self._rows(start, min(start + _ROWS_AT_ONCE, len(self)))
+            yield from self.select(slice(start, start + _ROWS_AT_ONCE))._rows()
 
-    def _rows(self, start: int, end: int) -> Iterator[Row]:
-        ports, faults = self.codebook.ports, self.codebook.faults
-        raws = bytes(self.raw_bytes[FRAME_LENGTH * start : FRAME_LENGTH * end])
-        scalars = [self.buffers[name][start:end].tolist() for name in COLUMNS]
-        facts: Iterable[tuple[int | None, ...]] = repeat((None,) * len(FACTS), end - start)
-        if self.has_facts:
-            facts = zip(*(_optional(self.buffers[name][start:end]) for name in FACTS), strict=True)
-        columns = zip(zip(*scalars, strict=True), facts, strict=True)
-        for at, (scalar, (answer_ns, unanswered, motor_hint, previous)) in enumerate(columns):
-            t_ns, offset, delay, length, port, fault, framed, unordered = scalar
-            first = at * FRAME_LENGTH
-            yield (Frame if framed else Damage)(
-                ports[port],
-                offset,
-                self.long[start + at] if length > FRAME_LENGTH else raws[first : first + length],
-                None if t_ns == NO_TIME else t_ns,
-                faults[fault],
-                None if delay == NO_TIME else delay,
-                unordered,
-                answer_ns,
-                None if unanswered is None else bool(unanswered),
-                motor_hint,
-                previous,
-                self.readings.get(start + at),
+    def _rows(self) -> Iterator[Row]:
+        raw = self.raw.tobytes()
+        lists = {name: own.tolist() for name, own in self.columns.items() if name != "raw"}
+        faults = {bits: faults_in(bits) for bits in set(lists["faults"])}
+        for at, length in enumerate(lists["length"]):
+            unanswered = _known(lists["unanswered"][at])
+            yield Row(
+                self.ports[lists["port"][at]],
+                lists["offset"][at],
+                raw[at * MOST_BYTES : at * MOST_BYTES + length],
+                _known(lists["t_ns"][at], NO_TIME),
+                faults[lists["faults"][at]],
+                lists["framed"][at],
+                _known(lists["delay_ns"][at], NO_TIME),
+                lists["unordered"][at],
+                _known(lists["answer_ns"][at]),
+                None if unanswered is None else unanswered > 0,
+                _known(lists["motor_hint"][at]),
+                _known(lists["previous"][at]),
             )
 
-    def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
-        """Pickle for another process: the columns, and the ports and fault sets in them."""
-        return _received, (
-            tuple(self.codebook.ports),
-            tuple(self.codebook.faults),
-            tuple(bytes(self.buffers[name]) for name in self.column_names),
-            bytes(self.raw_bytes),
-            self.long,
-            self.events,
-            self.readings,
-        )
-
-    @cached_property
-    def raw(self) -> Codes:
-        """The first ten bytes, padded with zeros; uint8, shape (rows, 10)."""
-        import numpy as np
-
-        return np.asarray(self._raw).reshape(-1, FRAME_LENGTH)
-
-    @cached_property
-    def raw_bytes(self) -> memoryview:
-        """The bytes of `raw`, one row after the other, for code that does not load numpy."""
-        raw = self._raw
-        return raw if isinstance(raw, memoryview) else raw.reshape(-1).data
-
-    def prefers_numpy(self) -> bool:
-        """Whether arrays are the faster way: rows are many, or numpy is loaded."""
-        return len(self) > FEW or (len(self) > _FEWEST and "numpy" in sys.modules)
+    # Times and sizes
 
     @property
     def timed(self) -> Bools:
         """Whether each row has a time."""
-        found: Bools = self.t_ns != NO_TIME
-        return found
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Time of the first row and the latest time; None if a row has none, or without rows."""
-        known = self.extent
-        first = int(self.buffers["t_ns"][0]) if known else NO_TIME
-        return (first, known[1]) if known and known[2] == len(self) else None
-
-    @property
-    def extent(self) -> tuple[int, int, int] | None:
-        """The earliest and the latest time, and the number of rows with one; None without any."""
-        if self.prefers_numpy():
-            t_ns = self.t_ns
-            if int(t_ns.min()) == NO_TIME:
-                t_ns = t_ns[self.timed]
-            return (int(t_ns.min()), int(t_ns.max()), len(t_ns)) if len(t_ns) else None
-        times = [t_ns for t_ns in self.buffers["t_ns"].tolist() if t_ns != NO_TIME]
-        return (min(times), max(times), len(times)) if times else None
+        return cast("Bools", self.t_ns != NO_TIME)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """The earliest and the latest time of its rows and events; None if none of them has one."""
-        times = [event.t_ns for event in self.events]
-        if (extent := self.extent) is not None:
-            times += extent[:2]
-        return (min(times), max(times)) if times else None
+        events = np.array([event.t_ns for event in self.events], np.int64)
+        times = np.append(self.t_ns[self.timed], events)
+        return (int(times.min()), int(times.max())) if len(times) else None
 
     @property
-    def first_ns(self) -> int | None:
-        """The time of its first row or event, whichever is earlier; None without both."""
-        times = [event.t_ns for event in self.events[:1]]
-        if len(self):
-            times.append(int(self.buffers["t_ns"][0]))
-        return min(times, default=None)
-
-    def split_at(self, t_ns: int) -> tuple[Rows, Rows]:
-        """The rows before the first one that has this time or a later one, and the others.
-
-        Events go to the part with the rows of their time.
-        """
-        late = (at for at, own in enumerate(self.buffers["t_ns"].tolist()) if own >= t_ns)
-        at = next(late, len(self))
-        early = tuple(event for event in self.events if event.t_ns < t_ns)
-        later = tuple(event for event in self.events if event.t_ns >= t_ns)
-        return self[:at].with_columns(events=early), self[at:].with_columns(events=later)
+    def times(self) -> tuple[int, int] | None:
+        """The first row's time and the latest one; None without rows, or if one has no time."""
+        if not len(self) or not self.timed.all():
+            return None
+        return int(self.t_ns[0]), int(self.t_ns.max())
 
     @property
     def size(self) -> int:
         """The number of bytes of all rows."""
-        if self.prefers_numpy():
-            return int(self.length.sum())
-        return sum(self.buffers["length"].tolist())
+        return int(self.length.sum())
 
-    def counts(self, name: str) -> dict[int, int]:
-        """By value, the number of rows that have it in a column of codes or flags."""
-        if not self.prefers_numpy():
-            return Counter(self.buffers[name].tolist())
-        import numpy as np
+    @property
+    def used_ports(self) -> list[str]:
+        """The ports that have rows."""
+        return [self.ports[code] for code in np.unique(self.port).tolist()]
 
-        counts = np.bincount(getattr(self, name))
-        return {code: int(counts[code]) for code in counts.nonzero()[0].tolist()}
+    def tobytes(self) -> bytes:
+        """The bytes of all rows, concatenated."""
+        return self.raw[np.arange(MOST_BYTES) < self.length[:, None]].tobytes()
 
-    def head_counts(self) -> dict[tuple[int, int], int]:
-        """By header and CMD, the number of frames that have them."""
-        if not self.prefers_numpy():
-            raw = bytes(self.raw_bytes)
-            heads = zip(raw[::FRAME_LENGTH], raw[CMD_OFFSET::FRAME_LENGTH], strict=True)
-            return Counter(compress(heads, self.buffers["framed"].tolist()))
-        import numpy as np
+    # Faults
 
-        counts = np.bincount(_heads(self.raw)[self.framed])
-        return {divmod(head, 256): int(counts[head]) for head in counts.nonzero()[0].tolist()}
+    def has(self, *faults: Fault) -> Bools:
+        """Which rows have at least one of these faults."""
+        return cast("Bools", (self.faults & fault_bits(faults)) != 0)
 
-    def ports(self) -> list[str]:
-        """The ports of the rows."""
-        return [self.codebook.ports[code] for code in self.counts("port")]
+    @property
+    def is_malformed(self) -> Bools:
+        """Which rows have a fault that makes them unreadable."""
+        return cast("Bools", (self.faults & MALFORMED_BITS) != 0)
+
+    @property
+    def statuses(self) -> Codes:
+        """The index in `Status` of each row's status."""
+        return np.where(self.is_malformed, 2, self.faults != 0).astype(np.uint8)
 
     # The fields of frames; rows that are still filled in must not use these
 
     @cached_property
     def kinds(self) -> Codes:
         """The index in `KINDS` of each row's kind, `NO_KIND` without one."""
-        kinds: Codes = _field_tables().kinds.take(_heads(self.raw))
+        heads = self.raw[:, 0].astype(np.uint16) << np.uint16(8) | self.raw[:, CMD_OFFSET]
+        kinds: Codes = _KIND_OF.take(heads)
         kinds[~self.framed] = NO_KIND
         return kinds
 
     @property
     def directions(self) -> Codes:
         """The index in `Direction` of each row's direction, `NO_DIRECTION` without one."""
-        codes: Codes = _field_tables().directions[self.raw[:, 0]]
+        codes: Codes = _DIRECTION_OF.take(self.raw[:, 0])
         codes[~self.framed] = NO_DIRECTION
         return codes
 
     @property
     def cmds(self) -> Codes:
-        """CMD of each frame."""
+        """The byte at the place of CMD in each row."""
         return self.raw[:, CMD_OFFSET]
 
     @property
     def nums(self) -> Codes:
-        """NUM of each frame."""
+        """The byte at the place of NUM in each row."""
         return self.raw[:, NUM_OFFSET]
 
     def field(self, name: str) -> tuple[Array, Bools]:
         """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
-        return _field_values(self.raw, self.kinds, name)
+        return field_of(self.raw, self.kinds, name)
+
+    def values(self, field: str | Role, rows: Ints) -> Ints:
+        """One field, by name or role, of the rows at these indices, which all must have it."""
+        name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
+        return field_of(self.raw[rows], self.kinds[rows], name)[0].astype(np.int64)
+
+    def value(self, name: str, row: int) -> int:
+        """One field of the row at an index, which must have it."""
+        return int(self.values(name, np.array([row]))[0])
 
     @property
     def payloads(self) -> Ints:
         """The bytes between NUM and tail of each row as a number, most significant first."""
-        import numpy as np
-
         wide = np.zeros((len(self), 8), np.uint8)
         wide[:, -_PAYLOAD.stop + _PAYLOAD.start :] = self.raw[:, _PAYLOAD]
         return wide.view(">i8").reshape(-1).astype(np.int64)
 
     def previous_field(self, name: str) -> tuple[Array, Bools]:
         """A field of the frame before of the same port, motor and kind, as `field`."""
-        import numpy as np
-
-        known = self.previous != NO_FACT
         raw = self.raw.copy()
-        wide = np.ascontiguousarray(self.previous, ">i8").view(np.uint8).reshape(-1, 8)
+        wide = self.previous.astype(">i8").view(np.uint8).reshape(-1, 8)
         raw[:, _PAYLOAD] = wide[:, -_PAYLOAD.stop + _PAYLOAD.start :]
-        values, has = _field_values(raw, self.kinds, name)
-        return values, has & known
-
-    def values(self, field: str | Role, rows: Ints) -> Ints:
-        """One field, by name or role, of the rows at these indices, which all must have it."""
-        import numpy as np
-
-        name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
-        values, _ = _field_values(self.raw[rows], self.kinds[rows], name)
-        return values.astype(np.int64)
-
-    def value(self, name: str, row: int) -> int:
-        """One field of the row at an index, which must have it."""
-        import numpy as np
-
-        return int(self.values(name, np.array([row]))[0])
+        values, has = field_of(raw, self.kinds, name)
+        return values, has & (self.previous != NO_FACT)
 
     def raised(self) -> Bools:
         """Which rows are frames with a flag byte that is not in order, as `Field.raised`."""
-        import numpy as np
-
         found: Bools = np.zeros(len(self), np.bool_)
         for flags in VALUE_FIELDS:
             if flags.legal_bits is not None:
@@ -715,211 +429,49 @@ class Rows(Sequence["Row"]):
                 found |= known & (values != flags.default)
         return found
 
-    def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> Rows:
-        """The rows of a slice, a mask or an array of indices, with these events."""
-        import numpy as np
 
-        columns = {
-            name: np.ascontiguousarray(getattr(self, name)[rows]) for name in self.column_names
-        }
-        long: dict[int, bytes] = {}
-        if self.long:
-            at = np.flatnonzero(columns["length"] > FRAME_LENGTH)
-            old = np.arange(len(self))[rows][at]
-            long = {new: self.long[of] for new, of in zip(at.tolist(), old.tolist(), strict=True)}
-        readings: dict[int, tuple[Reading, ...]] = {}
-        if self.readings:
-            chosen = enumerate(np.arange(len(self))[rows].tolist())
-            readings = {new: self.readings[of] for new, of in chosen if of in self.readings}
-        return Rows(self.codebook, columns, self.raw[rows], long, events, readings)
-
-    def recoded(self, codebook: Codebook) -> Rows:
-        """These rows with the codes of another codebook."""
-        if codebook is self.codebook:
-            return self
-        ports = [codebook.port_code(port) for port in self.codebook.ports]
-        faults = [codebook.fault_code(one) for one in self.codebook.faults]
-        found = self.with_columns(codebook)
-        for name, codes in (("port", ports), ("faults", faults)):
-            if codes != [*range(len(codes))]:
-                found = found.with_columns(**{name: _looked_up(codes, self, name)})
-        return found
-
-    def tobytes(self) -> bytes:
-        """The bytes of all rows, concatenated."""
-        if self.counts("length") == {FRAME_LENGTH: len(self)}:
-            return bytes(self.raw_bytes)
-        if not self.prefers_numpy():
-            return b"".join([row.raw for row in self])
-        import numpy as np
-
-        inline = np.ascontiguousarray(self.raw)
-        length = np.minimum(self.length, FRAME_LENGTH)
-        if (length < FRAME_LENGTH).any():
-            inline = inline[np.arange(FRAME_LENGTH) < length[:, None]]
-        inline, ends = inline.reshape(-1), np.cumsum(length, dtype=np.int64)
-        parts, start = list[bytes](), 0
-        for at, raw in sorted(self.long.items()):
-            parts += [inline[start : ends[at]].tobytes(), raw[FRAME_LENGTH:]]
-            start = ends[at]
-        return b"".join([*parts, inline[start:].tobytes()])
-
-    def end_offsets(self) -> dict[str, int]:
-        """By port, the offset after the last byte of its last row."""
-        found = {}
-        for code in self.counts("port"):
-            last = (self.port == code).nonzero()[0][-1]
-            found[self.codebook.ports[code]] = int(self.offset[last]) + int(self.length[last])
-        return found
+_ROWS_AT_ONCE: Final = 4096
 
 
-def _looked_up(codes: list[int], rows: Rows, name: str) -> Buffer:
-    if not rows.prefers_numpy():
-        return array("H", [codes[code] for code in rows.buffers[name].tolist()])
-    import numpy as np
-
-    found: Array = np.array(codes, np.uint16).take(getattr(rows, name))
-    return found
+def _known(value: int, missing: int = NO_FACT) -> int | None:
+    return None if value == missing else value
 
 
-def _received(
-    ports: Iterable[str],
-    faults: Iterable[tuple[Fault, ...]],
-    columns: Iterable[bytes],
-    raw: bytes,
-    long: dict[int, bytes],
-    events: tuple[PortEvent, ...],
-    readings: dict[int, tuple[Reading, ...]],
-) -> Rows:
-    """The rows that another process pickled."""
-    codebook = Codebook()
-    for port in ports:
-        codebook.port_code(port)
-    for one in faults:
-        codebook.fault_code(one)
-    typed = zip({**COLUMNS, **FACTS}.items(), columns, strict=False)
-    buffers = {name: _typed(column, code) for (name, code), column in typed}
-    return Rows(codebook, buffers, raw, long, events, readings)
+_KIND_OF: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
+"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
+
+_DIRECTION_OF: Final = np.full(256, NO_DIRECTION, np.uint8)
+"""By header: the index in `Direction`, or `NO_DIRECTION`."""
+_DIRECTION_OF[[HEADERS[direction] for direction in Direction]] = range(len(Direction))
 
 
-def no_facts(rows: int) -> dict[str, Buffer]:
-    """The columns of `FACTS` for rows whose facts are not known."""
-    return {name: array(code, [NO_FACT]) * rows for name, code in FACTS.items()}
-
-
-def _optional(facts: Buffer) -> list[int | None]:
-    return [None if fact == NO_FACT else fact for fact in facts.tolist()]
-
-
-def _or_no_time(value: int | None) -> int:
-    return NO_TIME if value is None else value
-
-
-def _flags(values: Iterable[bool]) -> Buffer:
-    return _typed(bytes(values), "?")
-
-
-def _typed(data: bytes, code: str) -> Buffer:
-    """The numbers in the data as a buffer of a type that `COLUMNS` names."""
-    return memoryview(data).cast(code)  # type: ignore[call-overload]
-
-
-NO_ROWS: Final = Rows.concat([])
-
-
-# The fields of frames, as numpy columns
-
-FieldLayout: TypeAlias = tuple[int, int, bool]
-"""Start and size of a field, and whether it is signed."""
-
-
-@dataclass(frozen=True)
-class _FieldTables:
-    kinds: Codes
-    """By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
-    directions: Codes
-    """By header: the index in `Direction`, or `NO_DIRECTION`."""
-    layouts: Mapping[str, Mapping[FieldLayout, Bools]]
-    """By field name: its layouts, each with a mask of the kinds."""
-
-
-@cache
-def _field_tables() -> _FieldTables:
-    import numpy as np
-
-    directions = np.full(256, NO_DIRECTION, np.uint8)
-    for code, direction in enumerate(Direction):
-        directions[HEADERS[direction]] = code
-    layouts: dict[str, dict[FieldLayout, Bools]] = {}
+def _layouts_of(name: str) -> list[tuple[int, np.dtype[Any], Bools]]:
+    """The layouts of a field: start, type on the wire, and by kind code whether it has it there."""
+    found: dict[tuple[int, str], Bools] = {}
     for code, kind in enumerate(KINDS):
-        for one in kind.fields:
-            kinds = layouts.setdefault(one.name, {}).setdefault(
-                (one.start, one.size, one.signed), np.zeros(len(KINDS) + 1, np.bool_)
-            )
-            kinds[code] = True
-    kind_codes = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
-    return _FieldTables(kind_codes, directions, layouts)
+        if (own := kind.field(name)) is not None:
+            wire = own.start, f">{'i' if own.signed else 'u'}{own.size}"
+            found.setdefault(wire, np.zeros(NO_KIND + 1, np.bool_))[code] = True
+    return [(start, np.dtype(wire), having) for (start, wire), having in found.items()]
 
 
-def _heads(raw: Codes) -> npt.NDArray[np.uint16]:
-    import numpy as np
-
-    heads: npt.NDArray[np.uint16] = raw[:, 0].astype(np.uint16) << np.uint16(8)
-    return heads | raw[:, CMD_OFFSET]
+_LAYOUTS: Final = {one.name: _layouts_of(one.name) for one in VALUE_FIELDS}
 
 
-def _field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
-    import numpy as np
+def field_of(raw: Array, kinds: Array, name: str) -> tuple[Array, Bools]:
+    """A field in the bytes of frames, and a mask of those that have it.
 
-    (layout, having), *others = _field_tables().layouts[name].items()
-    values, known = read_field(raw, *layout), having.take(kinds)
-    for layout, having in others:
+    `raw` is uint8, shape (rows, 10 or more); `kinds` are the codes of `Rows.kinds`. Values are 0
+    where the mask is false. A field is big-endian (docs/reference/protocol.md, "Frames").
+    """
+    values = np.zeros(len(raw), _LAYOUTS[name][0][1].newbyteorder("="))
+    known: Bools = np.zeros(len(raw), np.bool_)
+    for start, wire, having in _LAYOUTS[name]:
+        own = np.ascontiguousarray(raw[:, start : start + wire.itemsize]).view(wire)[:, 0]
         here = having.take(kinds)
-        np.copyto(values, read_field(raw, *layout), where=here)
+        np.copyto(values, own, where=here)
         known |= here
     return values, known
 
 
-def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
-    """One field in the first bytes of every row; it is big-endian.
-
-    See docs/reference/protocol.md, "Frames".
-    """
-    import numpy as np
-
-    wire = np.dtype(f">{'i' if signed else 'u'}{size}")
-    if not len(raw):
-        return np.empty(0, wire.newbyteorder("="))
-    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
-    return found.astype(wire.newbyteorder("="))
-
-
-class LineErrorMarker:
-    """Adds `line_error` to the rows of one port for which the UART reported errors."""
-
-    def __init__(self) -> None:
-        self._next_offset = 0
-        self._errors: deque[tuple[int, int]] = deque()
-        """Half-open ranges of stream offsets with errors, rising; those of future rows."""
-
-    def observe(self, chunk: Chunk) -> None:
-        """Note the errors of a chunk; call before `mark` for the rows that the chunk completes."""
-        self._errors.extend(
-            (self._next_offset + start, self._next_offset + stop)
-            for start, stop in chunk.line_errors
-        )
-        self._next_offset += len(chunk.data)
-
-    def mark(self, rows: Rows) -> Rows:
-        """The rows, with `line_error` where errors were; call in stream order."""
-        if not self._errors or not len(rows):
-            return rows
-        codes = rows.buffers["faults"].tolist()
-        starts, lengths = rows.buffers["offset"].tolist(), rows.buffers["length"].tolist()
-        for at, (start, length) in enumerate(zip(starts, lengths, strict=True)):
-            while self._errors and self._errors[0][1] <= start:
-                self._errors.popleft()
-            if self._errors and self._errors[0][0] < start + length:
-                faults = rows.codebook.faults[codes[at]]
-                codes[at] = rows.codebook.fault_code((*faults, Fault.LINE_ERROR))
-        return rows.with_columns(faults=array("H", codes))
+NO_ROWS: Final = Rows.blank(0, ())

@@ -2,15 +2,14 @@
 
 Modules:
 
-    foreign_topic  Serial bytes in topics of other tools.
-    mcap           MCAP container I/O, including truncated and damaged files.
-    messages       Rows as protobuf messages and back: schemas, channels, encoder, decoder.
-    metadata       Port facts, recorded gaps and selection as MCAP metadata.
-    output_file    The file of a recording: path, lock, identity, pipes, refusals.
-    plain          The list of chunks, messages by skeleton, reader, writer and recorder of those.
-    reader         RecordingReader: read one recording, in passes, also while it grows.
-    recorder       Recorder: rows in, files out, gaps on write errors, rotation.
+    chunks         The chunks of a file: by its summary, or by a walk over its records.
+    foreign_topic  Serial bytes in topics of other programs.
+    metadata       Port facts, recorded gaps and selections as MCAP metadata.
+    output_file    The file of a recording: name, lock, identity, refusals.
+    reader         Recording: rows, port events and gaps of a file; what could not be read.
+    recorder       Recorder: rows in, files out; rotation, retention, gaps on write errors.
     repair         Repair a damaged recording.
-    retention      What is kept: files within limits, rows around those that trigger.
-    writer         Writers of one recording: rows as they come, and batches.
+    schema         Topics and schemas; one message.
+    skeletons      Messages to columns and back: those that differ in numbers only, at once.
+    writer         Writers of one recording: a growing file, and a file or pipe in sequence.
 """

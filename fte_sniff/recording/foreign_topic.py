@@ -1,4 +1,4 @@
-"""Serial bytes in MCAP topics of other tools.
+"""Serial bytes in MCAP topics of other programs.
 
 By the encoding of the message, the bytes are:
 
@@ -7,6 +7,9 @@ By the encoding of the message, the bytes are:
     protobuf, with a schema   its one field of type bytes
     json                      its one base64 string, or its one list of numbers from 0 to 255
     other or none             the message itself
+
+Messages may be in any order in a file. They are read in the order of their log times, as the
+readers of the `mcap` package do: a chunk is read when the first of its times is due.
 """
 
 from __future__ import annotations
@@ -16,109 +19,185 @@ import binascii
 import json
 import struct
 from collections.abc import Callable, Iterator
+from heapq import heappop, heappush
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import BinaryIO, Final, Literal, NamedTuple
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from fte_sniff.errors import FileError, unreadable
-from fte_sniff.protocol import Chunk
-from fte_sniff.recording.mcap.reader import (
-    RawRecord,
-    RecordError,
-    RecordStream,
-    parse,
+from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
+from fte_sniff.platform import read_at
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.recording.chunks import (
+    HEAD,
+    ChunkRef,
+    Contents,
+    DamagedError,
+    contents_of,
     records_in,
     unpack,
 )
-from fte_sniff.recording.messages import message_class
+from fte_sniff.recording.schema import message_class
 
 Payload = Callable[[bytes], bytes]
 """Extracts the serial bytes from a message; raises ValueError if there are none."""
 
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_END_NS = 2**63
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_END_NS: Final = 2**63
 """The year 2262: a later time does not fit 64-bit columns, and is dropped."""
-_CDR_HEAD = 4
-_COUNT = 4
-_BYTE_ARRAYS = ("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "sequence<octet>")
+_CDR_HEAD: Final = 4
+_COUNT: Final = 4
+_BYTE_ARRAYS: Final = (
+    *("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "sequence<octet>"),
+)
 
 
-def topic_chunks(path: Path, topic: str) -> Iterator[Chunk]:
-    """The bytes of a topic, a chunk for each message with its log time, in file order.
+class _Message(NamedTuple):
+    """A message of the topic; sorted by its time, then by its place in the file."""
 
-    The topic is also the name of the port.
+    t_ns: int
+    place: tuple[int, int]
+    channel: int
+    data: bytes
 
-    Raises FileError if the file cannot be read, lacks the topic, or a message holds no bytes.
+
+def topic_chunks(
+    path: Path, topic: str, note: Callable[[str], object] = lambda _text: None
+) -> Iterator[Chunk]:
+    """The bytes of a topic, a chunk for each message with its log time, in the order of log times.
+
+    The topic is also the name of the port. `note` gets a line if the file has another order.
+
+    Raises FileError if the file cannot be read, lacks the topic, or a message has no bytes.
     """
     try:
         with path.open("rb") as stream:
-            yield from _TopicReader(path, topic).chunks(stream)
+            yield from _TopicReader(path, topic, stream).chunks(note)
     except OSError as error:
         raise unreadable(path, error) from error
 
 
 class _TopicReader:
-    def __init__(self, path: Path, topic: str) -> None:
-        self._path, self._topic = path, topic
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+    """Reads one topic of an open file."""
+
+    def __init__(self, path: Path, topic: str, stream: BinaryIO) -> None:
+        """Find the chunks of the file; raises FileError if it is damaged, or lacks the topic."""
+        self._path, self._topic, self._stream = path, topic, stream
+        self._contents = contents_of(stream)
         self._payloads: dict[int, Payload] = {}
+        self._spans: dict[int, tuple[int, int]] = {}
+        """By the offset of a chunk: the times of its first and last message in file order."""
+        self._falls = 0
+        for lost in self._contents.lost:
+            where = f"bytes {lost.start} to {lost.stop}"
+            raise FileError("{path}: {where}: {why}", path=path, where=where, why=lost.why)
 
-    def chunks(self, stream: Any) -> Iterator[Chunk]:
-        records = RecordStream(stream)
-        for record in records:
-            for opcode, body in self._inner(record):
-                if opcode == Opcode.MESSAGE and len(body) >= _MESSAGE_HEAD.size:
-                    yield from self._chunk(body)
-                elif opcode == Opcode.SCHEMA:
-                    schema = parse(Schema, body)
-                    self._schemas[schema.id] = schema
-                elif opcode == Opcode.CHANNEL:
-                    channel = parse(Channel, body)
-                    self._channels[channel.id] = channel
-        for lost in (*records.losses, records.ending):
-            if lost is not None:
-                raise FileError(f"{self._path}: {lost.text}")
-        if not any(channel.topic == self._topic for channel in self._channels.values()):
-            names = sorted({channel.topic for channel in self._channels.values()})
-            has = ", ".join(map(repr, names)) or "no topics at all"
-            raise FileError(f"{self._path} has no topic {self._topic!r}: it has {has}")
+    def chunks(self, note: Callable[[str], object]) -> Iterator[Chunk]:
+        """The bytes of the topic in the order of log times."""
+        waiting: list[_Message] = []
+        for message in self._loose():
+            heappush(waiting, message)
+        for chunk in sorted(self._contents.chunks, key=lambda one: (one.first_ns, one.start)):
+            while waiting and waiting[0].t_ns < chunk.first_ns:
+                yield self._chunk(heappop(waiting))
+            for message in self._messages(chunk):
+                heappush(waiting, message)
+        self._check_topic()
+        while waiting:
+            yield self._chunk(heappop(waiting))
+        spans = [self._spans[start] for start in sorted(self._spans)]
+        falls = self._falls + sum(a[1] > b[0] for a, b in pairwise(spans))
+        if falls:
+            note(
+                TranslatableText(
+                    "{topic}: the log times of its messages fall {count} times in the file; they "
+                    "are read in the order of log times",
+                    topic=self._topic,
+                    count=falls,
+                )
+            )
 
-    def _inner(self, record: RawRecord) -> Iterator[tuple[int, bytes]]:
-        if record.opcode != Opcode.CHUNK:
-            yield record.opcode, record.body
-            return
+    def _check_topic(self) -> None:
+        channels = self._contents.channels.values()
+        if not any(channel.topic == self._topic for channel in channels):
+            names = sorted({channel.topic for channel in channels})
+            raise FileError(
+                "{path} has no topic {topic}: it has {names}",
+                path=self._path,
+                topic=repr(self._topic),
+                names=listed(map(repr, names)) or TranslatableText("no topics at all"),
+            )
+
+    def _loose(self) -> Iterator[_Message]:
+        """The messages outside of chunks."""
+        descriptor = self._stream.fileno()
+        bodies = (
+            (start, read_at(descriptor, stop - start, start)[HEAD.size :])
+            for start, stop in self._contents.messages
+        )
+        yield from self._of_topic(-1, bodies)
+
+    def _messages(self, chunk: ChunkRef) -> Iterator[_Message]:
+        """The messages of a chunk, in file order."""
+        data = read_at(self._stream.fileno(), chunk.stop - chunk.start, chunk.start)
+        found = Contents()
+        bodies = list[tuple[int, bytes]]()
         try:
-            yield from records_in(unpack(record.body))
-        except RecordError as error:
-            raise FileError(f"{self._path}: {error} at byte {record.position}") from error
+            records = unpack(data[HEAD.size :])
+            for opcode, at, stop in records_in(records):
+                body = records[at + HEAD.size : stop]
+                if opcode == Opcode.MESSAGE:
+                    bodies.append((at, body))
+                else:
+                    found.define(opcode, body)
+        except DamagedError as error:
+            raise FileError(
+                "{path}: {why} at byte {at}", path=self._path, why=error.why, at=chunk.start
+            ) from error
+        self._contents.schemas |= found.schemas
+        self._contents.channels |= found.channels
+        return self._of_topic(chunk.start, iter(bodies))
 
-    def _chunk(self, body: bytes) -> Iterator[Chunk]:
-        channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
-        channel = self._channels.get(channel_id)
-        if channel is None or channel.topic != self._topic:
-            return
-        if channel_id not in self._payloads:
-            self._payloads[channel_id] = self._payload_of(channel)
+    def _of_topic(self, chunk: int, bodies: Iterator[tuple[int, bytes]]) -> Iterator[_Message]:
+        for at, body in bodies:
+            if len(body) < _MESSAGE_HEAD.size:
+                continue
+            channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+            channel = self._contents.channels.get(channel_id)
+            if channel is None or channel.topic != self._topic:
+                continue
+            first, last = self._spans.get(chunk, (t_ns, t_ns))
+            self._falls += last > t_ns
+            self._spans[chunk] = first, t_ns
+            yield _Message(t_ns, (chunk, at), channel_id, body[_MESSAGE_HEAD.size :])
+
+    def _chunk(self, message: _Message) -> Chunk:
+        if message.channel not in self._payloads:
+            channel = self._contents.channels[message.channel]
+            self._payloads[message.channel] = self._payload_of(channel)
         try:
-            data = self._payloads[channel_id](body[_MESSAGE_HEAD.size :])
+            data = self._payloads[message.channel](message.data)
         except ValueError as error:
-            raise FileError(f"{self._path}: {self._topic}: {error}") from error
-        yield Chunk(self._topic, log_time if log_time < _END_NS else None, data)
+            raise FileError(
+                "{path}: {topic}: {why}", path=self._path, topic=self._topic, why=str(error)
+            ) from error
+        return Chunk(self._topic, message.t_ns if message.t_ns < _END_NS else None, data)
 
     def _payload_of(self, channel: Channel) -> Payload:
-        schema = self._schemas.get(channel.schema_id)
+        schema = self._contents.schemas.get(channel.schema_id)
         try:
             if channel.message_encoding == "protobuf" and schema is not None:
                 return _protobuf(schema)
             if channel.message_encoding == "cdr" and schema is not None:
                 return _cdr(schema)
         except ValueError as error:
-            raise FileError(f"{self._path}: {self._topic}: {error}") from error
+            raise FileError(
+                "{path}: {topic}: {why}", path=self._path, topic=self._topic, why=str(error)
+            ) from error
         return _json if channel.message_encoding == "json" else bytes
 
 
@@ -237,6 +316,6 @@ def _json(data: bytes) -> bytes:
 
 def _only(names: list[str], schema: str) -> str:
     if len(names) != 1:
-        listed = ", ".join(names) or "none"
-        raise ValueError(f"{schema} must have one field of bytes to be read; it has {listed}")
+        has = ", ".join(names) or "none"
+        raise ValueError(f"{schema} must have one field of bytes to be read; it has {has}")
     return names[0]

@@ -1,4 +1,4 @@
-"""Port facts, recorded gaps and selection as MCAP metadata."""
+"""Port facts, recorded gaps and selections as MCAP metadata."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ from functools import cache
 from importlib.metadata import version
 from typing import Final, NamedTuple
 
-from zlib_ng.zlib_ng import crc32
+from fte_sniff.protocol.columns import iso_time, iso_time_ns
+from fte_sniff.protocol.items import Gap, GapKind
 
-from fte_sniff.protocol import Gap, GapKind, iso_time
-from fte_sniff.protocol.columns import iso_time_ns
+PROGRAM: Final = "fte-sniff"
+"""The start of the header's library string, and the name of the file's own metadata record."""
 
-PROGRAM = "fte-sniff"
-"""The program's name: the start of the header's library string, and the name of the file's own
-metadata record."""
-
-PART_FACTS = ("part", "previous")
+PART_FACTS: Final = ("part", "previous")
 """The items that give a file's position in the sequence of a capture."""
 
-NEXT_NAME = f"{PROGRAM}.next"
+NEXT_NAME: Final = f"{PROGRAM}.next"
 """The metadata record that names the next file of the capture."""
 
-END_NAME = f"{PROGRAM}.end"
+END_NAME: Final = f"{PROGRAM}.end"
 """The metadata record of a file that ended because a limit was reached, while the capture went on.
 """
 
@@ -59,70 +56,16 @@ def host_facts(start_ns: int) -> dict[str, str]:
     }
 
 
-EARLY_NAME = f"{PROGRAM}.early"
-"""The metadata record of a file with a row before its first message: the log times, which never
-fall, do not show that row's time."""
-
-MARKS = "library.marks"
-"""In the file's own metadata record: what its library marks. Older files mark no early rows."""
-
-
 def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:
     """The file's own metadata record: its library, the caller's `facts`, and each port."""
-    return {"library": library_name(), **facts, MARKS: EARLY_NAME, **_port_items(ports)}
-
-
-def early_facts(time_ns: int) -> dict[str, str]:
-    """The items of that record: the time of such a row."""
-    return {"time": iso_time(time_ns)}
-
-
-PORTS_NAME: Final = f"{PROGRAM}.ports"
-"""The metadata record that repeats the ports, so that damage to a file's beginning and to its end
-does not lose them."""
-
-_CRC, _TABLE = "crc", "topics"
-
-
-def ports_to_metadata(ports: Sequence[PortFacts], table_crc: int) -> dict[str, str]:
-    """The items of that record: the ports in the order of their channels, and checksums.
-
-    `table_crc` is that of the topics and messages that the channels of each port have.
-    """
-    items = _port_items(ports) | {_TABLE: f"{table_crc:08x}"}
-    return items | {_CRC: _crc_of(items)}
-
-
-def ports_from_metadata(items: Mapping[str, str], table_crc: int) -> list[PortFacts]:
-    """The ports in such a record; none if it is damaged, or its channels have another table."""
-    own = {name: value for name, value in items.items() if name != _CRC}
-    if items.get(_CRC) != _crc_of(own) or items.get(_TABLE) != f"{table_crc:08x}":
-        return []
-    return ports_in(own)
-
-
-def _crc_of(items: Mapping[str, str]) -> str:
-    text = "\0".join(f"{name}\0{items[name]}" for name in sorted(items))
-    return f"{crc32(text.encode()):08x}"
-
-
-def _port_items(ports: Sequence[PortFacts]) -> dict[str, str]:
-    found = {}
+    found = {"library": library_name(), **facts}
     for number, port in enumerate(ports, 1):
         found[f"port.{number}.name"] = port.name
         found[f"port.{number}.baud"] = "" if port.baud is None else str(port.baud)
     return found
 
 
-def ports_in(facts: Mapping[str, str]) -> list[PortFacts]:
-    """The ports that a record lists, numbered from 1 without a gap."""
-    found: list[PortFacts] = []
-    while (name := facts.get(f"port.{len(found) + 1}.name")) is not None:
-        found.append(PortFacts(name, baud_in(facts.get(f"port.{len(found) + 1}.baud", ""))))
-    return found
-
-
-_MOST_BAUD_DIGITS = 9
+_MOST_BAUD_DIGITS: Final = 9
 
 
 def baud_in(text: str) -> int | None:

@@ -1,79 +1,86 @@
-"""Recorder: rows in, files out, gaps on write errors, rotation.
+"""Recorder: rows in, files out. A disk error never stops the capture.
 
-A disk error never stops the capture. Rows that were not flushed go into the next file. While no
-file can be made, rows are only counted, and the next file reports the gap:
+    NAME_00001 --rotation--> NAME_00002 --disk full--> (gap) --space again--> NAME_00003
 
-    name_00001 --rotation--> name_00002 --disk full--> (gap) --space again--> name_00003
-
-Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed
-(`Recorder.flush_if_due`), when `MAX_PENDING` rows wait, before a rotation, and at the end. Each
-flush ends a chunk of the file.
+Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed, when `MOST_ROWS`
+rows wait, before a rotation, and at the end. Rows that were not flushed go into the next file.
+While no file can be made, rows are counted only, and the next file reports the gap. `keep_bytes`
+deletes the oldest files of the capture; a gap that one of them reports is copied into the current
+file first.
 """
 
 from __future__ import annotations
 
 import errno
+import os
+import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from glob import escape
+from itertools import count
 from math import inf
 from pathlib import Path
+from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError
-from fte_sniff.protocol import Gap, GapKind, iso_time
-from fte_sniff.protocol.rows import NO_ROWS, Rows
+from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import (
     END_NAME,
     GAP_NAME,
-    LEFT_OUT_NAME,
     NEXT_NAME,
     PortFacts,
     gap_to_metadata,
 )
-from fte_sniff.recording.output_file import Existing, stopped_by_limit
-from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions, Select, Trigger
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.output_file import Existing, FileIdentity, file_names
+from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter
 
-RETRY_S, MAX_RETRY_S = 3.0, 60.0
+RETRY_S: Final = 3.0
+MOST_RETRY_S: Final = 60.0
 """Seconds from a failure to the next attempt to record again: the first time, and at most."""
 
-MAX_PENDING = 16_384
-"""Rows that wait for a flush at most; then they are flushed."""
+DEFAULT_FREE_BYTES: Final = 1_000_000_000
+"""Bytes to leave free on the disk; less on a small or nearly full one."""
 
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FREE_SHARE: Final = 10
+"""By default at most 1/10 of a disk is left free."""
+_ROTATE_BYTES: Final = 512_000_000
+_FILES: Final = 8
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
-def _is_disk_full(failure: FileError) -> bool:
-    cause = failure.__cause__
-    return isinstance(cause, OSError) and cause.errno in _FULL
+@dataclass(frozen=True, slots=True)
+class RecordingOptions:
+    """When rows reach the disk, when the next file begins, and when old files are deleted."""
 
-
-class Backoff:
-    """Exponential backoff: attempts are further apart if each succeeds but fails again soon."""
-
-    def __init__(self) -> None:
-        self._wait_s = RETRY_S
-        self._due_s = self._failed_s = -inf
+    flush_every_s: float = 1.0
+    """Seconds between two flushes: a kill or a power cut costs the rows of this time."""
+    rotate_bytes: int | None = None
+    """Size at which the next file begins; None for no limit."""
+    rotate_s: float | None = None
+    """Seconds of rows after which the next file begins; None for no limit."""
+    keep_bytes: int | None = None
+    """Total size of the capture's files: beyond it, the oldest are deleted. None to delete none."""
+    min_free_bytes: int | None = None
+    """Bytes to leave free on the disk: recording stops below until there is space again. None for
+    the default, which fits small and full disks."""
 
     @property
-    def is_due(self) -> bool:
-        """Whether the next attempt may be made."""
-        return time.monotonic() >= self._due_s
+    def rotates(self) -> bool:
+        """Whether the recording is a sequence of numbered files from the beginning."""
+        return (self.rotate_bytes, self.rotate_s, self.keep_bytes) != (None, None, None)
 
-    def failed(self) -> None:
-        """Note that a file in use failed."""
-        now_s = time.monotonic()
-        was_calm = now_s - self._failed_s > MAX_RETRY_S
-        self._wait_s = RETRY_S if was_calm else min(2 * self._wait_s, MAX_RETRY_S)
-        self._failed_s = now_s
-        self.tried()
-
-    def tried(self) -> None:
-        """Note an attempt."""
-        self._due_s = time.monotonic() + self._wait_s
+    @property
+    def next_file_bytes(self) -> int | None:
+        """Size at which the next file begins: a fraction of what is kept, if not given."""
+        if self.rotate_bytes is not None or self.rotate_s is not None or self.keep_bytes is None:
+            return self.rotate_bytes
+        return min(_ROTATE_BYTES, self.keep_bytes // _FILES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +102,17 @@ class Outcome:
     last: Path
     deleted_files: int = 0
     deleted_rows: int = 0
-    triggered: tuple[int, int, int] | None = None
-    """With a trigger: rows recorded, all rows, and how often it fired."""
+    undeleted: str = ""
+    """The first file that could not be deleted, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ClosedFile:
+    path: Path
+    identity: FileIdentity
+    rows: int
+    gaps: tuple[Gap, ...]
+    """The gaps that it reports."""
 
 
 class Recorder:
@@ -110,7 +126,6 @@ class Recorder:
         *,
         existing: Existing = Existing.REFUSE,
         options: RecordingOptions | None = None,
-        select: Select | None = None,
     ) -> None:
         """Create the first file.
 
@@ -120,89 +135,89 @@ class Recorder:
             facts: further items for each file's metadata.
             existing: what to do if the file exists.
             options: by default those of a recording without options.
-            select: selects the rows that trigger.
 
         Raises FileError if the file cannot be made, or the disk has too little space for it.
         """
         self._options = options or RecordingOptions()
-        self._ports, self._facts = tuple(ports), dict(facts or {})
-        window = self._options.trigger_window
-        self._trigger = Trigger(select, window) if select and window else None
-        self._files = FileRetention(path, self._options, existing)
+        self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
+        self._base = _base_of(path, existing)
+        self._number = self._part = 1
+        self._closed: list[_ClosedFile] = []
+        self._own_gaps: list[Gap] = []
+        """The gaps that the current file reports."""
         self._gaps: list[Gap] = []
-        """What could not be written; the last gap grows while `_failure` is set."""
+        """What could not be written; the last gap grows while there is no file."""
         self._missed_events = 0
-        self._failure: FileError | None = None
+        self._stopped: FileError | None = None
         self._changes: list[Change] = []
-        self._backoff = Backoff()
-        self._is_disk_full = False
-        self._is_closed = False
-        self._wants_rotation = False
+        self._wait_s, self._due_s, self._failed_s = RETRY_S, -inf, -inf
         self._flush_ns = 0
-        """When the next flush is due, nanoseconds since 1970 UTC."""
-        self._file_number = 1
-        facts = {"part": "1"} if self._options.rotates else {}
-        writer = self._open(self._files.first, self._files.existing, facts)
-        self._files.opened(writer.path)
+        self._wants_rotation = False
+        self._deleted_files = self._deleted_rows = 0
+        self._undeleted = ""
+        self._min_free = self._free_limit()
+        first = self._first_path()
+        if limit := self._limit_reached():
+            raise FileError(
+                "{path} cannot be recorded: {limit}; free space, or change the limit",
+                path=first,
+                limit=limit,
+            )
+        writer = RecordingWriter(first, self._ports, self._facts_of_part(), existing=existing)
         self._writer: RecordingWriter | None = writer
         self.path = writer.path
         """The current file, or the last one."""
-        self.waits_for_reader = writer.waits_for_reader
-        """Whether the recording begins while its named pipe has no reader."""
+        if not self._options.rotates:
+            self._base = writer.path
+
+    # What was recorded
 
     @property
     def failure(self) -> FileError | None:
         """What was not recorded and why; None if everything was."""
         gaps = [gap for gap in self._gaps if gap.start_ns is not None]
-        if not gaps or gaps[0].start_ns is None:
-            return self._failure
-        entries = self._missed_rows + self._missed_events
+        if not gaps:
+            return self._stopped
+        entries = sum(gap.rows or 0 for gap in gaps) + self._missed_events
         return FileError(
             "{what} were not recorded: {reason}",
-            what=f"{entries:,} rows and port events from {iso_time(gaps[0].start_ns)} on",
+            what=f"{entries:,} rows and port events from {iso_time(gaps[0].start_ns or 0)} on",
             reason="; then ".join(dict.fromkeys(gap.reason for gap in gaps)),
         )
 
     @property
-    def _missed_rows(self) -> int:
-        return sum(gap.rows or 0 for gap in self._gaps)
-
-    @property
     def unflushed_rows(self) -> int:
         """Rows that wait for the next flush."""
-        writer = self._writer
-        return 0 if writer is None else writer.rows - writer.flushed_rows
+        return 0 if self._writer is None else self._writer.unflushed_rows
 
     @property
     def size(self) -> int:
         """Bytes in all files."""
-        writer = self._writer
-        return self._files.closed_bytes + (0 if writer is None else writer.size)
-
-    @property
-    def fired(self) -> int | None:
-        """How often the trigger fired; None without one."""
-        return None if self._trigger is None else self._trigger.events
+        closed = sum(file.identity.size for file in tuple(self._closed))
+        return closed + (0 if self._writer is None else self._writer.size)
 
     @property
     def outcome(self) -> Outcome:
         """The files so far."""
-        files, trigger = self._files, self._trigger
-        triggered = None
-        if trigger is not None:
-            recorded = trigger.seen - trigger.dropped - self._missed_rows
-            triggered = recorded, trigger.seen, trigger.events
-        first = files.oldest or self.path
-        return Outcome(first, self.path, files.deleted_files, files.deleted_rows, triggered)
+        first = self._closed[0].path if self._closed else self.path
+        return Outcome(first, self.path, self._deleted_files, self._deleted_rows, self._undeleted)
 
     def changes(self) -> list[Change]:
         """The changes since the previous call."""
         found, self._changes = self._changes, []
         return found
 
-    def write(self, rows: Rows) -> None:
+    # What is recorded
+
+    def write(self, *entries: Entry) -> None:
         """Record rows, each port's in the order of its stream, and port events."""
-        self._put(rows if self._trigger is None else self._trigger.select(rows))
+        for entry in _portions(entries):
+            if self._writer is None:
+                self._miss([entry])
+                continue
+            self._writer.write(entry)
+            if self._writer.unflushed_rows >= MOST_ROWS:
+                self.flush()
 
     def flush_if_due(self, now_ns: int) -> None:
         """Flush if the interval between flushes has passed at this time, which never falls."""
@@ -214,23 +229,24 @@ class Recorder:
         took_ns = time.monotonic_ns() - began_ns
         self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
 
-    def flush(self, *, is_rotation_due: bool = False) -> None:
-        """Push all rows to the disk; begin another file if a limit or the caller demands it."""
+    def flush(self) -> None:
+        """Push all rows to the disk; begin another file if that is due."""
         writer = self._writer
         if writer is None:
-            if self._backoff.is_due:
-                self._backoff.tried()
-                self._resume(NO_ROWS)
+            if time.monotonic() >= self._due_s:
+                self._due_s = time.monotonic() + self._wait_s
+                self._resume([])
             return
-        self._write_trigger_gaps(writer)
         try:
             writer.flush()
         except FileError as failure:
             self._fail(writer, failure)
             return
-        if self._files.are_regular:
-            self._rotate_if_due(writer, is_due=is_rotation_due)
-            self._check_limits()
+        if self._is_rotation_due(writer):
+            self._rotate(writer)
+        self._delete_surplus()
+        if self._writer is not None and (limit := self._limit_reached()):
+            self._stop(self._writer, limit)
 
     def rotate(self) -> None:
         """Begin the next file at the next flush, if the current one has rows; from any thread."""
@@ -238,205 +254,266 @@ class Recorder:
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
-        if self._is_closed:
-            return
-        self._is_closed = True
-        if self._trigger is not None:
-            self._put(self._trigger.flush())
         for _ in range(2):  # another file may take what the first one refuses
             writer = self._writer
             if writer is None:
                 return
-            self._write_trigger_gaps(writer)
             try:
                 writer.close()
             except FileError as failure:
                 self._fail(writer, failure)
             else:
-                return
+                self._writer = None
 
-    def _put(self, rows: Rows) -> None:
-        if (limit_s := self._options.rotate_s) is not None:
-            rows = self._rotate_within(rows, round(limit_s * 1e9))
-        self._append(rows)
+    # Files
 
-    def _rotate_within(self, rows: Rows, limit_ns: int) -> Rows:
-        """Record rows up to the last rotation that is due between them; return the others."""
-        while self._backoff.is_due and (writer := self._writer) is not None:
-            if writer.span_ns is not None:
-                first_ns = writer.span_ns[0]
-            elif (begins_ns := rows.first_ns) is not None:
-                first_ns = begins_ns
-            else:
-                break
-            before, rows = rows.split_at(first_ns + limit_ns)
-            self._append(before)
-            if not (len(rows) or rows.events):
-                break
-            self.flush(is_rotation_due=self._writer is writer)
-            if self._writer is writer:
-                break
-        return rows
+    def _first_path(self) -> Path:
+        """The first file; raises FileError if files of an earlier sequence have its name."""
+        earlier = _numbered(self._base) if self._existing is Existing.REFUSE else None
+        if earlier is not None:
+            raise FileError(
+                "{path}: {earlier} exists already, from an earlier capture; name another file, or "
+                "use --force",
+                path=self._base,
+                earlier=earlier.name,
+            )
+        return self._name(1) if self._options.rotates else self._base
 
-    def _append(self, rows: Rows) -> None:
-        while len(rows) or rows.events:
-            writer = self._writer
-            if writer is None:
-                self._miss(rows)
-                return
-            part = rows[: MAX_PENDING - self.unflushed_rows].with_columns(events=rows.events)
-            rows = rows[len(part) :]
-            writer.write(part)
-            if self.unflushed_rows >= MAX_PENDING:
-                self.flush()
+    def _name(self, number: int) -> Path:
+        return self._base.with_stem(f"{self._base.stem}_{number:05}")
 
-    def _miss(self, rows: Rows) -> None:
-        if self._failure is None or rows.span_ns is None:
+    def _facts_of_part(self, previous: str = "") -> dict[str, str]:
+        own = {"part": str(self._part)} if previous or self._options.rotates else {}
+        return self._facts | own | ({"previous": previous} if previous else {})
+
+    def _next(self) -> RecordingWriter:
+        """The next file; raises FileError."""
+        replaces = self._existing is Existing.REPLACE
+        number = next(
+            number
+            for number in count(self._number + 1)
+            if replaces or not os.path.lexists(self._name(number))
+        )
+        self._part += 1
+        existing = Existing.REPLACE if replaces else Existing.REFUSE
+        facts = self._facts_of_part(self.path.name)
+        try:
+            writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
+        except FileError:
+            self._part -= 1
+            raise
+        self._number = number
+        return writer
+
+    def _is_rotation_due(self, writer: RecordingWriter) -> bool:
+        self._wants_rotation = self._wants_rotation and writer.span_ns is not None
+        if writer.span_ns is None or time.monotonic() < self._due_s:
+            return False
+        first_ns, last_ns = writer.span_ns
+        limits = (
+            (writer.size, self._options.next_file_bytes),
+            ((last_ns - first_ns) / 1e9, self._options.rotate_s),
+        )
+        reached = any(limit is not None and value >= limit for value, limit in limits)
+        return self._wants_rotation or reached
+
+    def _rotate(self, writer: RecordingWriter) -> None:
+        """Begin the next file; if that fails, the current one grows until the next attempt."""
+        try:
+            following = self._next()
+        except FileError:
+            self._due_s = time.monotonic() + RETRY_S
             return
-        first_ns, last_ns = rows.span_ns
-        self._missed_events += len(rows.events)
-        self._gaps[-1] = self._gaps[-1].including(first_ns, len(rows)).including(last_ns, 0)
+        # All rows are flushed, so the file is valid also if these fail.
+        with suppress(FileError):
+            writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
+            writer.close()
+        self._put_away(writer)
+        self._go_on(following, [])
 
-    def _open(self, path: Path, existing: Existing, facts: Mapping[str, str]) -> RecordingWriter:
-        facts = self._facts | dict(facts)
-        return RecordingWriter(path, self._ports, facts, existing=existing)
+    def _put_away(self, writer: RecordingWriter) -> None:
+        """Close a file, and keep account of it if it is still there."""
+        writer.abandon()
+        if writer.identity is not None and not writer.is_gone:
+            file = _ClosedFile(
+                writer.path, writer.identity, writer.flushed_rows, tuple(self._own_gaps)
+            )
+            self._closed.append(file)
 
-    def _open_next(self) -> RecordingWriter:
-        path, existing = self._files.next_path()
-        facts = {"part": str(self._file_number + 1), "previous": self.path.name}
-        return self._open(path, existing, facts)
+    def _go_on(self, writer: RecordingWriter, gaps: list[Gap]) -> None:
+        self._stopped, self._wants_rotation = None, False
+        self._writer, self.path, self._own_gaps = writer, writer.path, gaps
+        self._changes.append(Change(writer.path))
+
+    # Errors and gaps
 
     def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
         """Report that a file cannot be written any more, and try to go on with the next one."""
-        with suppress(FileError):  # it failed already
-            writer.close()
         self._writer = None
-        self._files.closed(writer.path, writer.identity, writer.flushed_rows)
-        self._is_disk_full = _is_disk_full(failure)
+        self._put_away(writer)
+        cause = failure.__cause__
+        is_full = isinstance(cause, OSError) and cause.errno in _FULL
         self._note(writer, failure)
-        unflushed = writer.unflushed
-        is_due = self._backoff.is_due or (self._is_disk_full and self._deletes_oldest)
-        if not (is_due and self._resume(unflushed)):
-            self._miss(unflushed)
-        self._backoff.failed()
+        may_try = time.monotonic() >= self._due_s
+        if is_full and self._options.keep_bytes is not None:
+            may_try = self._delete_oldest(keep=1)
+        if not (may_try and self._resume(writer.unflushed)):
+            self._miss(writer.unflushed)
+        now_s = time.monotonic()
+        was_calm = now_s - self._failed_s > MOST_RETRY_S
+        self._wait_s = RETRY_S if was_calm else min(2 * self._wait_s, MOST_RETRY_S)
+        self._failed_s, self._due_s = now_s, now_s + self._wait_s
+
+    def _stop(self, writer: RecordingWriter, limit: str) -> None:
+        """End a file because a limit is reached."""
+        with suppress(FileError):  # all rows are flushed, and the file is valid
+            writer.write_metadata(Metadata(END_NAME, {"reason": str(limit)}))
+            writer.close()
+        failure = FileError(
+            "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows); free "
+            "space, or change the limit",
+            limit=limit,
+            path=writer.path,
+            rows=writer.flushed_rows,
+        )
+        self._fail(writer, failure)
 
     def _note(self, writer: RecordingWriter, failure: FileError) -> None:
         """Begin the gap after a file that failed."""
-        self._failure = failure
+        self._stopped = failure
         gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
-        if writer.is_gone and writer.flushed_rows + writer.flushed_events:
-            assert writer.span_ns is not None
+        if writer.is_gone and writer.span_ns is not None:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
             self._missed_events += writer.flushed_events
         self._gaps.append(gap)
         self._changes.append(Change(None, failure))
 
-    def _resume(self, unflushed: Rows) -> bool:
-        """Go on in a new file that begins with `unflushed`; False if that fails."""
-        while self._files.are_regular and self._has_space():
-            try:
-                writer = self._begin_next(unflushed)
-            except FileError as failure:
-                is_full = _is_disk_full(failure) and self._deletes_oldest
-                if not (is_full and self._files.delete_oldest(keep=1)):
-                    return False
-            else:
-                self._go_on(writer)
-                return True
-        return False
+    def _miss(self, entries: Iterable[Entry]) -> None:
+        """Count what is not recorded."""
+        for entry in entries if self._stopped is not None else ():
+            gap = self._gaps[-1]
+            if isinstance(entry, PortEvent):
+                self._missed_events += 1
+                self._gaps[-1] = gap.including(entry.t_ns, 0)
+            elif (span_ns := entry.span_ns) is not None:
+                self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
 
-    def _begin_next(self, unflushed: Rows) -> RecordingWriter:
-        """The next file, with the gap before it and these rows; if it fails, no file is left."""
-        writer = self._open_next()
+    def _resume(self, unflushed: Sequence[Entry]) -> bool:
+        """Go on in a new file that begins with these rows; False if that fails."""
+        if self._limit_reached():
+            return False
+        gaps = [self._gaps[-1]] if self._gaps and self._gaps[-1].start_ns is not None else []
         try:
-            if self._failure is not None and self._gaps[-1].start_ns is not None:
-                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(self._gaps[-1])))
-            writer.write(unflushed)
+            writer = self._next()
+        except FileError:
+            return False
+        try:
+            for gap in gaps:
+                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+            writer.write(*unflushed)
             writer.flush()
         except FileError:
-            with suppress(FileError, OSError):
-                writer.close()
+            writer.abandon()
             with suppress(OSError):
                 if writer.identity is not None:
                     writer.identity.delete(writer.path)
-            raise
-        return writer
-
-    @property
-    def _deletes_oldest(self) -> bool:
-        return self._options.on_full is OnFull.ROTATE_OLDEST
-
-    def _has_space(self) -> bool:
-        """Whether another file may be begun; deletes the oldest files if the options allow it."""
-        if not self._deletes_oldest:
-            return not self._files.limit_reached(0)
-        if self._is_disk_full:
-            self._files.delete_oldest(keep=1)
-        while self._files.limit_reached(0):
-            if not self._files.delete_oldest(keep=1):
-                return False
+            return False
+        self._go_on(writer, gaps)
         return True
 
-    def _go_on(self, writer: RecordingWriter) -> None:
-        self._failure = None
-        self._wants_rotation = False
-        self._file_number += 1
-        self._files.opened(writer.path)
-        self._writer, self.path = writer, writer.path
-        self._changes.append(Change(writer.path))
+    # Space
 
-    def _rotate_if_due(self, writer: RecordingWriter, *, is_due: bool) -> None:
-        self._wants_rotation = self._wants_rotation and writer.rows > 0
-        if not ((is_due or self._is_rotation_due(writer)) and self._backoff.is_due):
-            return
-        try:
-            following = self._open_next()
-        except FileError:
-            # The current file can still be written; it grows until the next attempt.
-            self._backoff.tried()
-            return
-        writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
-        try:
-            writer.close()
-        except FileError as failure:
-            # Otherwise all rows are flushed, and the file is valid.
-            if writer.is_gone:
-                self._note(writer, failure)
-        self._files.closed(writer.path, writer.identity, writer.flushed_rows)
-        self._go_on(following)
+    def _delete_surplus(self) -> None:
+        limit = self._options.keep_bytes
+        while limit is not None and self.size > limit:
+            if not self._delete_oldest():
+                return
 
-    def _is_rotation_due(self, writer: RecordingWriter) -> bool:
-        if writer.span_ns is None:
-            return False
-        if self._wants_rotation:
-            return True
-        first_ns, last_ns = writer.span_ns
-        limits = (
-            (writer.size, self._files.rotate_bytes),
-            (writer.index_length, self._options.max_index_bytes),
-            ((last_ns - first_ns) / 1e9, self._options.rotate_s),
-        )
-        return any(limit is not None and value >= limit for value, limit in limits)
+    def _delete_oldest(self, keep: int = 0) -> bool:
+        """Delete the capture's oldest closed file, if there are more than `keep`.
 
-    def _check_limits(self) -> None:
-        """Delete the oldest files, or stop, while a limit is reached."""
+        A file that another program replaced or moved, or that cannot be deleted, counts no more.
+        The gaps that it reports are reported by the current file first.
+        """
         writer = self._writer
-        while writer is not None and (limit := self._files.limit_reached(writer.size)):
-            if self._deletes_oldest and self._files.delete_oldest():
+        for oldest in self._closed[: len(self._closed) - keep]:
+            if oldest.gaps and writer is None:
                 continue
-            writer.write_metadata(Metadata(END_NAME, {"reason": str(limit)}))
-            with suppress(FileError):  # all rows are flushed, and the file is valid
-                writer.close()
-            failure = stopped_by_limit(
-                writer.path,
-                limit,
-                writer.flushed_rows,
-                deletes_oldest=self._deletes_oldest,
-                undeleted=self._files.undeleted or "",
-            )
-            self._fail(writer, failure)
-            return
+            if writer is not None and not self._copy_gaps(oldest, writer):
+                return False
+            self._closed.remove(oldest)
+            try:
+                if oldest.identity.delete(oldest.path):
+                    self._deleted_files += 1
+                    self._deleted_rows += oldest.rows
+                    return True
+            except OSError as error:
+                self._undeleted = self._undeleted or TranslatableText(
+                    "{path} cannot be deleted: {reason}",
+                    path=oldest.path,
+                    reason=reason_of(error),
+                )
+        return False
 
-    def _write_trigger_gaps(self, writer: RecordingWriter) -> None:
-        for gap in self._trigger.gaps() if self._trigger else ():
-            writer.write_metadata(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
+    def _copy_gaps(self, file: _ClosedFile, writer: RecordingWriter) -> bool:
+        """Report the gaps of a file in the current one, too; False if that fails."""
+        try:
+            for gap in file.gaps:
+                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+                self._own_gaps.append(gap)
+        except FileError as failure:
+            self._fail(writer, failure)
+            return False
+        return True
+
+    def _limit_reached(self) -> str:
+        """Why the disk has too little space, in words; empty if it has enough."""
+        free = self._disk()[1]
+        if free is None or free >= self._min_free:
+            return ""
+        return TranslatableText(
+            "the disk has only {left} free (--min-free {free})",
+            left=size_text(free),
+            free=size_text(self._min_free),
+        )
+
+    def _free_limit(self) -> int:
+        if self._options.min_free_bytes is not None:
+            return self._options.min_free_bytes
+        total, free = self._disk()
+        if total is None or free is None:
+            return 0
+        return min(DEFAULT_FREE_BYTES, total // _FREE_SHARE, free // 2)
+
+    def _disk(self) -> tuple[int, int] | tuple[None, None]:
+        """Total and free bytes; None if unknown."""
+        try:
+            found = shutil.disk_usage(self._base.parent)
+        except OSError:
+            return None, None
+        return found.total, found.free
+
+
+def _base_of(path: Path, existing: Existing) -> Path:
+    """The name from which the names of the sequence are made: one without numbered files."""
+    if existing is not Existing.NUMBER:
+        return path
+    return next(name for name in file_names(path) if not _numbered(name))
+
+
+def _numbered(path: Path) -> Path | None:
+    """The first existing file of a sequence of this name."""
+    pattern = f"{escape(path.stem)}_[0-9][0-9][0-9][0-9][0-9]{path.suffix}"
+    with suppress(OSError):  # the error of the file that cannot be made there is raised instead
+        return min(path.parent.glob(pattern), default=None)
+    return None
+
+
+def _portions(entries: Iterable[Entry]) -> Iterable[Entry]:
+    """The entries, rows in portions of `MOST_ROWS` at most."""
+    for entry in entries:
+        if isinstance(entry, Rows):
+            for start in range(0, len(entry), MOST_ROWS):
+                yield entry[start : start + MOST_ROWS]
+        else:
+            yield entry

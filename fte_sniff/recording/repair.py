@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
+
+from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unreadable, unwritable
-from fte_sniff.protocol import Gap, GapKind, iso_time
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.mcap.reader import MAGIC
-from fte_sniff.recording.metadata import PORTS_NAME, PROGRAM, library_name
-from fte_sniff.recording.output_file import Existing, OutputPath
-from fte_sniff.recording.reader import MessageCounts, RecordingReader, RowRange
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.recording.chunks import MAGIC, LostBytes, walk
+from fte_sniff.recording.metadata import PROGRAM, library_name
+from fte_sniff.recording.output_file import Existing, OutputFile
+from fte_sniff.recording.reader import Batch, Recording
 from fte_sniff.recording.writer import BulkWriter
 
-REPAIR_NAME = "fte-sniff.repair"
+REPAIR_NAME: Final = "fte-sniff.repair"
 """The metadata record of a repaired file: what was lost."""
 
-_MOST_LISTED = 100
+_MOST_LISTED: Final = 100
 
 
 @dataclass(slots=True)
@@ -28,15 +30,20 @@ class FileDamage:
 
     gaps: list[Gap] = field(default_factory=list)
     """The bytes that could not be read, in file order. A gap's reason names the bytes; its times
-    are those of the last message before them and of the first one after them."""
+    are those of the chunks around them."""
     lost_bytes: int = 0
     kept: int = 0
     """Rows and port events that could be read."""
-    messages: MessageCounts = field(default_factory=MessageCounts)
+    chunks: int = 0
+    """Chunks that could be read."""
+    unreadable: int = 0
+    """Messages of these chunks that could not be read."""
+    lost_messages: int | None = None
+    """Messages that are missing; None without a summary that counts them."""
 
 
 def lost_text(gap: Gap) -> str:
-    """The bytes that could not be read, and the times of the messages around them."""
+    """The bytes that could not be read, and the times of the chunks around them."""
     if gap.start_ns is None and gap.end_ns is None:
         return gap.reason
     first = "the beginning" if gap.start_ns is None else iso_time(gap.start_ns)
@@ -55,7 +62,7 @@ class Repair:
         """
         self._path, self._on_read = path, on_read
         try:
-            self._reader = RecordingReader(path)
+            self._recording = Recording(path)
         except FileError as error:
             raise _nothing_left(path) or error from error
         self.damage = FileDamage()
@@ -63,15 +70,13 @@ class Repair:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the file is intact: its records, checksums, summary and end.
-
-        A file without summary is valid MCAP but not every tool opens it, so it is not intact.
-        """
-        return self._reader.is_whole
+        """Whether the file is intact: its records, checksums, summary and end."""
+        recording = self._recording
+        return recording.has_summary and not (self.damage.gaps or recording.losses)
 
     def write(self, output: Path, existing: Existing) -> None:
         """Write what can be read to a new file; raises FileError if that fails."""
-        target = OutputPath(output, existing)
+        target = OutputFile(output, existing)
         try:
             self._copy(target.descriptor)
             target.commit()
@@ -83,71 +88,65 @@ class Repair:
         target.close()
 
     def _examine(self) -> None:
-        reader, damage = self._reader, self.damage
-        starts: list[int] = []
-        times: list[tuple[int, int]] = []
-        for found, rows in self._ranges():
-            damage.kept += len(rows) + len(rows.events)
-            if (span_ns := rows.span_ns) is not None:
-                starts.append(found.records[0][0])
-                times.append(span_ns)
-        for lost in reader.damage:
-            if lost.start < lost.stop:
-                after = bisect_left(starts, lost.start)
-                before_ns = times[after - 1][1] if after else None
-                after_ns = times[after][0] if after < len(times) else None
-                where = f"bytes {lost.start} to {lost.stop} ({lost.stop - lost.start} bytes)"
-                damage.gaps.append(Gap(GapKind.DAMAGE, None, before_ns, after_ns, where))
-                damage.lost_bytes += lost.stop - lost.start
-        if not damage.kept and not reader.metadata and not reader.ports:
-            raise FileError(f"{self._path}: {_NO_CHUNK}")
-        if reader.nothing_read is not None and not damage.kept:
-            raise FileError(f"{reader.nothing_read}; there is nothing to repair")
-        damage.messages = reader.messages
+        recording, damage = self._recording, self.damage
+        for batch in self._batches():
+            damage.kept += len(batch.rows)
+            damage.kept += sum(isinstance(item, PortEvent) for _, item in batch.between)
+            if not any(isinstance(item, Gap) for _, item in batch.between):
+                damage.chunks += len(batch.chunks)
+        with self._path.open("rb") as file:
+            walked = walk(file)
+        lost = {*recording.contents.lost, *walked.lost}
+        damage.gaps = [self._gap(one) for one in sorted(lost)]
+        damage.lost_bytes = sum(one.stop - one.start for one in lost)
+        damage.unreadable = recording.unreadable
+        if recording.count is not None:
+            damage.lost_messages = max(0, recording.count - recording.messages)
+        if not damage.kept and damage.gaps:
+            raise FileError("{path}: {why}", path=self._path, why=_NO_CHUNK)
 
-    def _ranges(self) -> Iterator[tuple[RowRange, Rows]]:
+    def _gap(self, lost: LostBytes) -> Gap:
+        chunks = self._recording.contents.chunks
+        before = [one.last_ns for one in chunks if one.stop <= lost.start]
+        after = [one.first_ns for one in chunks if one.start >= lost.stop]
+        where = f"bytes {lost.start} to {lost.stop} ({lost.stop - lost.start} bytes)"
+        times = before[-1] if before else None, after[0] if after else None
+        return Gap(GapKind.DAMAGE, None, *times, where)
+
+    def _batches(self) -> Iterator[Batch]:
         before = 0
-        try:
-            for found, rows in self._reader.ranges():
-                end = max(before, found.stop)
-                self._on_read(end - before)
-                before = end
-                yield found, rows
-        except FileError as error:
-            raise FileError(f"{error}; there is nothing to repair") from error
+        for batch in self._recording.batches():
+            end = batch.chunks[-1].end
+            self._on_read(end - before)
+            before = end
+            yield batch
 
     def _copy(self, descriptor: int) -> None:
-        reader = self._reader
-        own = reader.metadata.get(PROGRAM, {})
-        facts = {name: fact for name, fact in own.items() if not name.startswith("port.")}
-        writer = BulkWriter(descriptor, reader.ports, facts)
-        try:
-            for _, rows in self._ranges():
-                writer.write(rows)
-            # By content: a file may have many records, and each of them more than once.
-            kept = {
-                (one.name, frozenset(one.metadata.items())): (one.name, one.metadata)
-                for one in reader.all_metadata
-                if one.name != PORTS_NAME
-            }
-            kept.pop((PROGRAM, frozenset(own.items())), None)
-            writer.close([(REPAIR_NAME, self._facts()), *kept.values()])
-        finally:
-            writer.abandon()
+        recording = self._recording
+        own = {name: one for name, one in recording.facts.items() if not name.startswith("port.")}
+        writer = BulkWriter(descriptor, recording.ports, own)
+        for batch in self._batches():
+            writer.write(*(item for item in batch.items if not isinstance(item, Gap)))
+        kept = {
+            (one.name, frozenset(one.metadata.items())): one
+            for one in recording.contents.metadata
+            if one.name != PROGRAM
+        }
+        writer.close([Metadata(REPAIR_NAME, self._facts()), *kept.values()])
 
     def _facts(self) -> dict[str, str]:
-        damage, lost = self.damage, self.damage.messages.lost
-        listed = enumerate(damage.gaps[:_MOST_LISTED], 1)
+        lost = self.damage.lost_messages
+        listed = enumerate(self.damage.gaps[:_MOST_LISTED], 1)
         return {
             "file": self._path.name,
             "library": library_name(),
-            "lost.bytes": str(damage.lost_bytes),
+            "lost.bytes": str(self.damage.lost_bytes),
             "lost.messages": "" if lost is None else str(lost),
             **{f"lost.{number}": lost_text(gap) for number, gap in listed},
         }
 
 
-_NO_CHUNK = "no whole chunk is left in it, so there is nothing to repair"
+_NO_CHUNK: Final = "no whole chunk is left in it, so there is nothing to repair"
 
 
 def _nothing_left(path: Path) -> FileError | None:
@@ -164,4 +163,4 @@ def _nothing_left(path: Path) -> FileError | None:
         why = "it is empty: nothing was recorded into it, and there is nothing to repair"
     elif MAGIC.startswith(start):
         why = _NO_CHUNK
-    return FileError(f"{path}: {why}")
+    return FileError("{path}: {why}", path=path, why=why)

@@ -1,114 +1,350 @@
-"""Writers of one recording: rows as they come, and batches whose chunks threads compress.
+"""Writers of one recording.
 
-Log times never fall. Rows of several ports come a little out of order, so `RecordingWriter` sorts
-a chunk by time: a message's log time is its row's time. Only if a row comes after its chunk, or its
-port's clock fell back, is the log time raised to the last one written; the message then holds the
-row's own time too. `BulkWriter` keeps the given order, and raises log times in the same way.
+While a capture runs, the file ends without a summary, which is legal: tools scan it. Each step
+leads from one valid file to the next, also where it is half done, and `close` adds the summary:
+
+    1   data | end |                    | end |      a second end, behind the offset of the new data
+    2   data | 80 length . chunk . end  | end |      a private record, which readers skip
+    3   data | chunk             | end  | end |      its first nine bytes become those of the chunk
+    4   data | chunk             | end |             the second end is cut off
+
+Log times never fall. Rows of several ports come a little out of order, so a chunk is sorted by
+time, each port in the order of its stream: a message's log time is its row's time. If a row comes
+after its chunk, or its port's clock fell back, the log time is raised to the last one written; the
+message then has the row's own time too.
 """
 
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+import struct
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Final, Self, TypeAlias
 
 import numpy as np
-from mcap.records import Metadata
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Statistics,
+    SummaryOffset,
+)
+from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import FileError, unwritable
-from fte_sniff.platform import open_flags
-from fte_sniff.protocol.rows import Bools, Ints, Rows
-from fte_sniff.recording.mcap.reader import cores, keep_freed_memory
-from fte_sniff.recording.mcap.writer import (
-    AppendFile,
-    AppendTarget,
-    McapBatch,
-    McapFile,
-    PackedChunk,
-    packed,
-)
-from fte_sniff.recording.messages import Channels, ColumnPacker, Topic, encodable_items, table_crc
-from fte_sniff.recording.metadata import (
-    EARLY_NAME,
-    PORTS_NAME,
-    PROGRAM,
-    PortFacts,
-    early_facts,
-    library_name,
-    ports_to_metadata,
-    recording_facts,
-)
+from fte_sniff.errors import unwritable
+from fte_sniff.platform import sync_data, write_at
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
+from fte_sniff.recording.chunks import HEAD, MAGIC
+from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.output_file import (
+    CutOffError,
     Existing,
     FileIdentity,
     LostDataError,
-    OutputPath,
-    Stream,
-    StreamOutput,
-    is_stream,
+    OutputFile,
     stopped_by_error,
 )
+from fte_sniff.recording.schema import (
+    EVENTS,
+    TOPICS,
+    Channels,
+    encodable_items,
+    encode_event,
+    topics_of,
+)
+from fte_sniff.recording.skeletons import MESSAGE_HEAD, Template, at_every_byte
+
+MOST_ROWS: Final = 16_384
+"""Rows of a chunk, at most."""
+
+Entry: TypeAlias = Rows | PortEvent
+"""What is written."""
+
+_MESSAGE: Final = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<i8"),
+        ("publish", "<i8"),
+    ]
+)
+_PRIVATE: Final = 0x80
 
 
-class RecordingFile:
-    """The head of a recording, and the messages of its rows."""
+def bytes_of(*records: McapRecord) -> bytes:
+    """The bytes of MCAP records."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
-    def __init__(
-        self, target: AppendTarget, ports: Sequence[PortFacts], facts: Mapping[str, str]
-    ) -> None:
-        """Write the head: metadata, and the schemas and channels of all ports.
 
-        Further ports get their channels when their first rows come. Raises OSError if the target
-        cannot be written.
-        """
-        self._channels = Channels()
-        self._last_time = 0
-        channels = self._channels
-        self.mcap = McapFile(
-            target,
-            library_name(),
-            Metadata(PROGRAM, encodable_items(recording_facts(ports, facts))),
-            channels.schemas(),
-            [channel for port in ports for channel in channels.of_port(port)],
-            lambda: Metadata(
-                PORTS_NAME, encodable_items(ports_to_metadata(channels.ports, table_crc()))
-            ),
-        )
-        self._packer = ColumnPacker(self._channel_id)
+END: Final = bytes_of(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+"""What a file ends with while it grows."""
 
-    def _channel_id(self, port: str, topic: Topic) -> int:
+
+class AppendFile:
+    """A file that is a valid MCAP file after, and during, each of its writes."""
+
+    def __init__(self, descriptor: int, head: bytes) -> None:
+        """Begin an empty file, which the caller closes; raises OSError."""
+        self._descriptor = descriptor
+        self.end = len(head)
+        """Where the next data begins."""
+        self._write(head + END, 0)
+        sync_data(descriptor)
+
+    def append(self, data: bytes, end: bytes = END) -> None:
+        """Write data before the end; raises OSError, and the file has its old end then."""
+        start, new = self.end, data + end
+        after = start + len(new)
+        if os.fstat(self._descriptor).st_size < start + len(END):
+            raise CutOffError
         try:
-            return self._channels.id_of(port, topic)
-        except KeyError:  # tried first, because each odd row asks
-            for channel in self._channels.of_port(PortFacts(port)):
-                self.mcap.add_channel(channel)
-            return self._channels.id_of(port, topic)
+            self._write(END, after)
+            sync_data(self._descriptor)
+            self._write(HEAD.pack(_PRIVATE, len(new) - HEAD.size) + new[HEAD.size :], start)
+            sync_data(self._descriptor)
+            self._write(new[: HEAD.size], start)
+            os.ftruncate(self._descriptor, after)
+            sync_data(self._descriptor)
+        except OSError:
+            self._write(END, start)
+            os.ftruncate(self._descriptor, start + len(END))
+            raise
+        self.end = start + len(data)
 
-    def messages(self, rows: Rows, times: Ints, events_at: Ints) -> McapBatch:
-        """The messages of rows and their events, in the order of their log times.
+    def _write(self, data: bytes, offset: int) -> None:
+        view = memoryview(data)
+        while view:
+            written = write_at(self._descriptor, view, offset)
+            view, offset = view[written:], offset + written
 
-        A log time that would fall is raised. `events_at` are the indexes of the events among the
-        messages, rising.
-        """
-        times = np.maximum(np.maximum.accumulate(times), self._last_time)
-        self._last_time = int(times[-1])
-        return self._packer.pack(rows, times, events_at)
 
-    def early_record(self) -> list[Metadata]:
-        """The record of the first row that is before the first message; empty without one."""
-        early_ns = self._packer.early_ns
-        return [] if early_ns is None else [Metadata(EARLY_NAME, early_facts(early_ns))]
+class Encoder:
+    """Rows and port events to the bytes of a recording."""
+
+    def __init__(self, ports: Sequence[PortFacts], facts: Mapping[str, str]) -> None:
+        """Take the ports whose rows will come, and further items for the file's metadata."""
+        self._channels = Channels()
+        self._schemas = self._channels.schemas()
+        self._defined = [one for port in ports for one in self._channels.of_port(port)]
+        self._pending: list[Channel] = list(self._defined)
+        """The channels that no chunk defines yet."""
+        self._templates: dict[int, Template] = {}
+        self._counts: dict[int, int] = {}
+        """Messages by channel."""
+        self._chunks = bytearray()
+        """The index records of the chunks."""
+        self._chunk_count = 0
+        self._metadata: list[MetadataIndex] = []
+        self.times: tuple[int, int] | None = None
+        """The first and the last log time."""
+        own = Metadata(PROGRAM, encodable_items(recording_facts(ports, facts)))
+        head = MAGIC + bytes_of(Header("", library_name()))
+        head += self.metadata(own, len(head))
+        self.head = head + bytes_of(*self._schemas, *self._defined)
+        """The first bytes of the file."""
+
+    def metadata(self, record: Metadata, at: int) -> bytes:
+        """The bytes of a metadata record at an offset of the file."""
+        data = bytes_of(record)
+        self._metadata.append(MetadataIndex(at, len(data), record.name))
+        return data
+
+    def chunk(self, entries: Iterable[Entry], at: int) -> bytes:
+        """The chunk of rows and events, one at least, and its message indexes, at an offset."""
+        entries = list(entries)
+        rows = Rows.concat([one for one in entries if isinstance(one, Rows)])
+        events = [one for one in entries if isinstance(one, PortEvent)]
+        if (rows.t_ns < 0).any():
+            raise ValueError("each row of a recording must have a time")
+        definitions = self._definitions(rows, events)
+        order, times = self._in_order(rows, events)
+        channels = self._channels_of(rows, events)[order]
+        messages = self._messages(rows, events, order, times)
+        data, starts = self._records(messages, order, times, channels)
+        data = definitions + data
+        record = self._chunk_record(data, times)
+        return record + self._indexes(
+            record, at, len(data), channels, times, starts + len(definitions)
+        )
+
+    def summary(self, at: int) -> bytes:
+        """The end of the file, with its summary, at an offset."""
+        start = at + len(bytes_of(DataEnd(0)))
+        groups = (
+            (Opcode.SCHEMA, bytes_of(*self._schemas)),
+            (Opcode.CHANNEL, bytes_of(*self._defined)),
+            (Opcode.STATISTICS, bytes_of(self._statistics())),
+            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.METADATA_INDEX, bytes_of(*self._metadata)),
+        )
+        offsets, stop = [], start
+        for opcode, records in groups:
+            if records:
+                offsets.append(SummaryOffset(opcode, stop, len(records)))
+                stop += len(records)
+        summary = b"".join(records for _, records in groups) + bytes_of(*offsets)
+        crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, stop), crc32(summary))
+        return bytes_of(DataEnd(0)) + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
+
+    def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
+        """The schemas and channels that no chunk has yet: a copy of those in the head, too."""
+        for port in dict.fromkeys([*rows.used_ports, *(event.port for event in events)]):
+            new = self._channels.of_port(PortFacts(port))
+            self._defined += new
+            self._pending += new
+        schemas = [] if self._chunk_count else self._schemas
+        found = bytes_of(*schemas, *self._pending) if schemas or self._pending else b""
+        self._pending = []
+        return found
+
+    def _in_order(self, rows: Rows, events: Sequence[PortEvent]) -> tuple[Ints, Ints]:
+        """The entries (rows, then events) in the order of time, and their log times."""
+        rising = np.empty(len(rows), np.int64)
+        for code in np.unique(rows.port):
+            own = rows.port == code
+            rising[own] = np.maximum.accumulate(rows.t_ns[own])
+        times = np.concatenate([rising, np.array([one.t_ns for one in events], np.int64)])
+        order = np.argsort(times, kind="stable")
+        least = self.times[1] if self.times else 0
+        return order, np.maximum(times[order], least)
+
+    def _channels_of(self, rows: Rows, events: Sequence[PortEvent]) -> Ints:
+        used = set(rows.used_ports)
+        firsts = [self._channels.id_of(one, 0) if one in used else 0 for one in rows.ports]
+        own = np.array(firsts, np.int64)[rows.port] + topics_of(rows) if len(rows) else rows.port
+        code = TOPICS.index(EVENTS)
+        return np.append(own, [self._channels.id_of(one.port, code) for one in events]).astype(int)
+
+    def _messages(
+        self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints
+    ) -> list[tuple[Ints, Array]]:
+        """The messages of equal length: the numbers of their entries, and opaque values."""
+        log_times = np.empty(len(order), np.int64)
+        log_times[order] = times
+        found: list[tuple[Ints, Array]] = []
+        keys = _keys_of(rows, log_times[: len(rows)])
+        unique, group = np.unique(keys, return_inverse=True)
+        by_group = np.argsort(group, kind="stable")
+        cuts = np.cumsum(np.bincount(group, minlength=len(unique)))[:-1]
+        for key, own in zip(unique.tolist(), np.split(by_group, cuts), strict=False):
+            template = self._templates.get(key)
+            if template is None:
+                first = int(own[0])
+                template = self._templates[key] = Template(rows[first], int(log_times[first]))
+            found.append((own, template.encode(rows.select(own))))
+        for number, event in enumerate(events, len(rows)):
+            message = encode_event(event, int(log_times[number]))
+            found.append((np.array([number]), np.array([np.void(message)])))
+        return found
+
+    def _records(
+        self, messages: list[tuple[Ints, Array]], order: Ints, times: Ints, channels: Ints
+    ) -> tuple[bytes, Ints]:
+        """The message records in their order, and their starts."""
+        places = np.empty(len(order), np.int64)
+        places[order] = np.arange(len(order))
+        lengths = np.empty(len(order), np.int64)
+        for own, values in messages:
+            lengths[places[own]] = MESSAGE_HEAD + values.itemsize
+        stops = np.cumsum(lengths)
+        starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
+        heads = np.empty(len(order), _MESSAGE)
+        heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
+        heads["channel"], heads["sequence"] = channels, self._sequences(channels)
+        heads["log"] = heads["publish"] = times
+        at_every_byte(data, MESSAGE_HEAD)[starts] = heads.view(f"V{MESSAGE_HEAD}")
+        for own, values in messages:
+            at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values
+        return data.tobytes(), starts
+
+    def _sequences(self, channels: Ints) -> Ints:
+        """The sequence number of each message; they are counted."""
+        found = np.empty(len(channels), np.int64)
+        for channel in np.unique(channels).tolist():
+            own = np.flatnonzero(channels == channel)
+            first = self._counts.get(channel, 0)
+            found[own] = np.arange(first, first + len(own))
+            self._counts[channel] = first + len(own)
+        return found
+
+    def _chunk_record(self, data: bytes, times: Ints) -> bytes:
+        first, last = int(times[0]), int(times[-1])
+        self.times = (first if self.times is None else self.times[0]), last
+        packed = zstandard.ZstdCompressor(level=1).compress(data)
+        return bytes_of(Chunk("zstd", packed, last, first, crc32(data), len(data)))
+
+    def _indexes(
+        self, record: bytes, at: int, size: int, channels: Ints, times: Ints, starts: Ints
+    ) -> bytes:
+        """The message indexes of a chunk; its own index is kept for the summary."""
+        indexes, offsets = bytearray(), dict[int, int]()
+        for channel in np.unique(channels).tolist():
+            own = channels == channel
+            entries = np.stack([times[own], starts[own]], 1).astype("<u8")
+            offsets[channel] = at + len(record) + len(indexes)
+            body = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
+            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+        packed = len(record) - HEAD.size - 32 - len("zstd") - 8
+        first, last = int(times[0]), int(times[-1])
+        self._chunks += bytes_of(
+            ChunkIndex(len(record), at, "zstd", packed, last, len(indexes), offsets, first, size)
+        )
+        self._chunk_count += 1
+        return bytes(indexes)
+
+    def _statistics(self) -> Statistics:
+        first, last = self.times or (0, 0)
+        counts = self._counts
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._defined),
+            channel_message_counts=counts,
+            chunk_count=self._chunk_count,
+            message_count=sum(counts.values()),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+
+
+def _keys_of(rows: Rows, log_times: Ints) -> Ints:
+    """A number of each row; rows with the same number have the same template."""
+    keys = topics_of(rows).astype(np.int64)
+    columns: Iterable[tuple[Array, int]] = (
+        (rows.kinds, NO_KIND.bit_length()),
+        (rows.faults, 16),
+        (rows.length, 5),
+        (rows.framed, 1),
+        (rows.unordered, 1),
+        (rows.delay_ns == NO_TIME, 1),
+        (rows.t_ns != log_times, 1),
+    )
+    for values, bits in columns:
+        keys = keys << bits | values
+    return keys
 
 
 class RecordingWriter:
-    """Writes one recording, which is valid after each flush.
+    """Writes a recording while it is captured; rows reach the file with `flush`.
 
-    When a write fails, that call and every later one raise the same FileError, and the file holds
-    what was flushed before.
+    When a write fails, the file has what was flushed before.
     """
 
     def __init__(
@@ -122,8 +358,7 @@ class RecordingWriter:
         """Create the file, with the schemas and channels of all ports in it.
 
         Args:
-            path: the file; only a regular file is replaced, once the new one has its head. `-`, a
-                pipe or a device is written in sequence; a named pipe once it has a reader.
+            path: the file.
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
@@ -131,103 +366,77 @@ class RecordingWriter:
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
         """
-        self._pending: list[_Pending] = []
-        self.rows = 0
-        """Rows written so far, flushed or not."""
+        self.unflushed: list[Entry] = []
         self.flushed_rows = self.flushed_events = 0
         """Rows and port events in the file."""
         self.span_ns: tuple[int, int] | None = None
-        """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
-        self.failure: FileError | None = None
-        """Why the recording stopped; None while it goes on."""
+        """First and last log time in the file; None without any."""
         self.identity: FileIdentity | None = None
-        """What the file is once it is closed; None if it was deleted, or is not a regular file."""
+        """What the file is once it is closed; None if it was deleted."""
+        self._is_closed = False
         self.is_gone = False
-        """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
-        self._last_of_port: dict[str, int] = {}
-        self._metadata: list[Metadata] = []
-        self._output, target = _open_output(path, existing)
-        self._closed = False
+        """Whether the file was deleted, moved, replaced or cut off."""
+        self._encoder = Encoder(ports, facts or {})
+        self._output = OutputFile(path, existing)
         try:
-            self._file = RecordingFile(target, ports, facts or {})
+            self._file = AppendFile(self._output.descriptor, self._encoder.head)
             self._output.commit()
         except OSError as error:
             self._output.discard()
             raise unwritable(path, error) from error
         self.path = self._output.path
         """The file's name."""
-        self.waits_for_reader = self._output.waits_for_reader
-        """Whether the file is a named pipe that nobody had opened for reading at the start."""
 
     @property
     def size(self) -> int:
-        """Bytes in the file."""
-        return self._file.mcap.size
+        """Bytes in the file, without its end."""
+        return self._file.end
 
     @property
-    def index_length(self) -> int:
-        """Bytes of the index after the data, which each flush writes again."""
-        return self._file.mcap.index_length
+    def unflushed_rows(self) -> int:
+        """Rows that wait for a flush."""
+        return sum(len(one) for one in self.unflushed if isinstance(one, Rows))
 
-    @property
-    def unflushed(self) -> Rows:
-        """The rows and events that are not in the file."""
-        return Rows.concat([one.rows for one in self._pending])
+    def write(self, *entries: Entry) -> None:
+        """Write rows and port events; `flush` stores them."""
+        self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
 
-    def write(self, rows: Rows) -> None:
-        """Write rows, each port's in the order of its stream, and events; `flush` stores them.
-
-        Raises FileError if a row has no time that a recording can hold, or writing failed.
-        """
-        self._check()
-        _check_times(rows)
-        if len(rows) or rows.events:
-            self._append(rows)
-
-    def write_metadata(self, metadata: Metadata) -> None:
-        """Write one more metadata record; `flush` stores it."""
-        self._metadata.append(metadata)
+    def write_metadata(self, record: Metadata) -> None:
+        """Write one more metadata record; raises FileError."""
+        encodable = Metadata(record.name, encodable_items(record.metadata))
+        self._append(self._encoder.metadata(encodable, self._file.end))
 
     def flush(self) -> None:
-        """End the chunk and push it to the disk. A kill costs the rows since the last flush.
-
-        Raises FileError if the disk is full or failed; or the file was deleted, moved, replaced or
-        cut off by another program.
-        """
-        self._check()
-        try:
-            if self._pending:
-                known = self._file.early_record()
-                batch = self._batch()
-                self._metadata += [] if known else self._file.early_record()
-                self._file.mcap.write_batch(batch, self._metadata)
-            else:
-                self._file.mcap.write_metadata(self._metadata)
-            self.flushed_events += sum(len(one.rows.events) for one in self._pending)
-            self.flushed_rows = self.rows
-            self._pending, self._metadata = [], []
-            self._output.check()
-        except OSError as error:
-            raise self._stop(error) from error
+        """Write a chunk of all that is pending; raises FileError."""
+        if self.unflushed:
+            self._append(self._encoder.chunk(self.unflushed, self._file.end))
+            self.flushed_rows += self.unflushed_rows
+            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
+            self.unflushed = []
+            self.span_ns = self._encoder.times
 
     def close(self) -> None:
-        """Flush, and close the file. Closing again, or after a failure, does nothing.
-
-        Raises FileError if the last flush failed; the file is closed all the same.
-        """
-        if self._closed:
-            return
+        """Flush, write the summary, and close; raises FileError, and the file is closed then."""
         try:
-            try:
-                if self.failure is None:
-                    self.flush()
-                    self._file.mcap.close()
-            finally:
-                self._closed = True
-                self.identity = self._output.identity
-                self._output.close()  # some network file systems report write errors only now
+            self.flush()
+            self._append(b"", self._encoder.summary(self._file.end))
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Close the file as it is; it has no summary. Closing again does nothing."""
+        if not self._is_closed:
+            self._is_closed = True
+            self.identity = self._output.identity
+            self._output.close()
+
+    def _append(self, data: bytes, end: bytes = END) -> None:
+        try:
+            self._output.check()
+            self._file.append(data, end)
         except OSError as error:
-            raise self._stop(error) from error
+            self.is_gone = isinstance(error, LostDataError)
+            raise stopped_by_error(self.path, error, self.flushed_rows) from error
 
     def __enter__(self) -> Self:
         return self
@@ -235,182 +444,48 @@ class RecordingWriter:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def _check(self) -> None:
-        if self.failure is not None:
-            raise self.failure
-        if self._closed:
-            raise ValueError(f"{self.path} is closed already")
-
-    def _stop(self, error: OSError) -> FileError:
-        self.is_gone = isinstance(error, LostDataError)
-        self.failure = stopped_by_error(self.path, error, self.flushed_rows)
-        return self.failure
-
-    def _append(self, rows: Rows) -> None:
-        floors = self._last_of_port
-        keys = [(max(one.t_ns, floors.get(one.port, 0)), at) for at, one in enumerate(rows.events)]
-        keys.sort()
-        rows = rows.with_columns(events=[rows.events[at] for _, at in keys])
-        events = np.array([t_ns for t_ns, _ in keys], np.int64)
-        times = rows.t_ns.copy()
-        for code in rows.counts("port"):
-            port, own = rows.codebook.ports[code], rows.port == code
-            times[own] = np.maximum.accumulate(np.maximum(times[own], floors.get(port, 0)))
-            floors[port] = int(times[own][-1])
-        known = [] if self.span_ns is None else [self.span_ns]
-        spans = np.concatenate([times, events, *known])
-        self.span_ns = int(spans.min()), int(spans.max())
-        self.rows += len(rows)
-        for event, t_ns in zip(rows.events, events.tolist(), strict=True):
-            floors[event.port] = max(t_ns, floors.get(event.port, 0))
-        self._pending.append(_Pending(rows, *among(times, events)))
-
-    def _batch(self) -> McapBatch:
-        """The messages of all that is pending, sorted by time."""
-        rows = Rows.concat([one.rows for one in self._pending])
-        times = np.concatenate([one.times for one in self._pending])
-        is_event = np.concatenate([one.is_event for one in self._pending])
-        order = times.argsort(kind="stable")
-        number = np.where(is_event, np.cumsum(is_event), np.cumsum(~is_event))[order] - 1
-        is_event = is_event[order]
-        events = tuple(rows.events[at] for at in number[is_event].tolist())
-        rows = rows.select(number[~is_event], events)
-        return self._file.messages(rows, times[order], np.flatnonzero(is_event))
-
-
-def _open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
-    """Open the output of a recording, and the target of its bytes.
-
-    Raises FileError as `OutputPath` and `StreamOutput`.
-    """
-    if is_stream(path):
-        stream = StreamOutput(path)
-        return stream, stream.target
-    output = OutputPath(path, existing)
-    return output, AppendFile(output.descriptor)
-
-
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """Rows and events that wait for the end of their chunk, and the times that sort them."""
-
-    rows: Rows
-    times: Ints
-    """Of rows and events, in their order."""
-    is_event: Bools
-
-
-def among(times: Ints, event_times: Ints) -> tuple[Ints, Bools]:
-    """The times of rows and events, each event before the first later row; which are events."""
-    at = np.searchsorted(np.maximum.accumulate(times), event_times, "right")
-    return np.insert(times, at, event_times), np.insert(np.zeros(len(times), np.bool_), at, True)
-
-
-NamedFacts = tuple[str, Mapping[str, str]]
-"""Name and content of a metadata record."""
-
-CHUNK_ROWS = 32_768
-"""Rows in a chunk: about 3 MB unpacked, so that the cost per chunk is negligible, and the chunk no
-larger than those of other writers."""
-
 
 class BulkWriter:
-    """Writes a recording; an existing file is replaced.
-
-    After an error the only call that is allowed is `abandon`.
-    """
+    """Writes a recording in sequence, for example to a pipe: valid once it is closed."""
 
     def __init__(
-        self, path: Path | int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
+        self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
-        """Create the file; or take the descriptor of an empty one, which is not closed.
+        """Write the head to an open descriptor, which is not closed; raises OSError."""
+        self._descriptor = descriptor
+        self._encoder = Encoder(ports, facts or {})
+        self._pending: list[Entry] = []
+        self._rows = self._end = 0
+        self._write(self._encoder.head)
 
-        Rows of other ports are accepted too. `facts` are further items of the file's first metadata
-        record. Raises OSError if the file cannot be created or written.
-        """
-        keep_freed_memory()
-        self._waiting: list[Rows] = []
-        self._waiting_rows = 0
-        known = {port.name: port for port in ports}
-        if isinstance(path, int):
-            self._descriptor = os.dup(path)
-        else:
-            self._descriptor = os.open(path, open_flags("O_WRONLY", "O_CREAT", "O_TRUNC"), 0o666)
-        try:
-            self._file = RecordingFile(Stream(self._descriptor), list(known.values()), facts or {})
-        except OSError:
-            os.close(self._descriptor)
-            raise
-        self._threads = ThreadPoolExecutor(cores(), "compresses chunks")
-        self._under_way: deque[Future[PackedChunk]] = deque()
-        self._closed = False
+    def write(self, *entries: Entry) -> None:
+        """Write rows and port events; raises OSError."""
+        for one in entries:
+            if isinstance(one, PortEvent):
+                self._pending.append(one)
+                continue
+            for start in range(0, len(one), MOST_ROWS):
+                part = one[start : start + MOST_ROWS]
+                self._pending.append(part)
+                self._rows += len(part)
+                if self._rows >= MOST_ROWS:
+                    self._flush()
 
-    def write(self, batch: Rows) -> None:
-        """Write rows and events; small batches without events share a chunk.
+    def close(self, metadata: Iterable[Metadata] = ()) -> None:
+        """Write the rest, these metadata records, and the summary; raises OSError."""
+        self._flush()
+        for record in metadata:
+            own = Metadata(record.name, encodable_items(record.metadata))
+            self._write(self._encoder.metadata(own, self._end))
+        self._write(self._encoder.summary(self._end))
 
-        Raises FileError if a row has no time, OSError if the file cannot be written.
-        """
-        _check_times(batch)
-        if batch.events:
-            self._write_waiting()
-        if len(batch) or batch.events:
-            self._waiting.append(batch)
-            self._waiting_rows += len(batch)
-        if batch.events or self._waiting_rows >= CHUNK_ROWS:
-            self._write_waiting()
+    def _flush(self) -> None:
+        if self._pending:
+            self._write(self._encoder.chunk(self._pending, self._end))
+            self._pending, self._rows = [], 0
 
-    def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
-        """Write pending rows, further metadata records and the index, and close; raises OSError."""
-        self._write_waiting()
-        while self._under_way:
-            self._write_first()
-        self._threads.shutdown()
-        further = [Metadata(name, encodable_items(facts)) for name, facts in metadata]
-        self._file.mcap.write_metadata([*further, *self._file.early_record()])
-        self._file.mcap.close()
-        self._closed = True
-        os.close(self._descriptor)
-
-    def abandon(self) -> None:
-        """Close the file without writing more; does nothing if it is closed."""
-        if not self._closed:
-            self._closed = True
-            self._threads.shutdown(cancel_futures=True)
-            os.close(self._descriptor)
-
-    def _write_waiting(self) -> None:
-        if self._waiting:
-            batch = Rows.concat(self._waiting)
-            self._waiting, self._waiting_rows = [], 0
-            for chunk in _chunks(batch):
-                event_times = np.array([event.t_ns for event in chunk.events], np.int64)
-                times, is_event = among(chunk.t_ns, event_times)
-                messages = self._file.messages(chunk, times, np.flatnonzero(is_event))
-                while len(self._under_way) > cores():
-                    self._write_first()
-                definitions = self._file.mcap.next_definitions()
-                self._under_way.append(self._threads.submit(packed, definitions, messages))
-
-    def _write_first(self) -> None:
-        self._file.mcap.write_chunk(self._under_way.popleft().result())
-
-
-def _check_times(rows: Rows) -> None:
-    untimed = np.flatnonzero(rows.t_ns < 0)
-    if len(untimed):
-        row = rows[int(untimed[0])]
-        raise FileError(
-            f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs one;"
-            " write another format"
-        )
-
-
-def _chunks(rows: Rows) -> Iterator[Rows]:
-    """The rows of each chunk, with the events until its last row."""
-    events = sorted(rows.events, key=lambda event: event.t_ns)
-    for start in range(0, max(len(rows), 1), CHUNK_ROWS):
-        stop = start + CHUNK_ROWS
-        end_ns = 2**63 if stop >= len(rows) else int(rows.t_ns[stop - 1])
-        own = tuple(event for event in events if event.t_ns <= end_ns)
-        events = events[len(own) :]
-        yield rows.select(slice(start, stop), own)
+    def _write(self, data: bytes) -> None:
+        self._end += len(data)
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._descriptor, view) :]

@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from fte_sniff.capture.clock import Clock, ClockWatch
+from fte_sniff.capture.silence import DEFAULT_SILENCE_S, SilenceWatch
 from fte_sniff.capture.source import Source, SourceEnd, Wiring
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
-from fte_sniff.protocol import Chunk, Direction, Framer, LineErrorMarker, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
+from fte_sniff.protocol import Chunk, Direction, Framer, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_ROWS, Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.recorder import Change, Outcome, Recorder
-from fte_sniff.recording.retention import RecordingOptions
+from fte_sniff.recording.recorder import Change, Outcome, Recorder, RecordingOptions
 from fte_sniff.session.merge import Merge, MergeLane
 
 
@@ -46,6 +46,8 @@ class CapturePlan:
     """End after this many seconds; None or infinity for no limit."""
     count: int | None = None
     """End after this many rows; None for no limit."""
+    silences_s: tuple[float, ...] = (DEFAULT_SILENCE_S,)
+    """Report a wire that was alive when it was silent for these times, seconds."""
 
 
 # Messages from and to the view
@@ -164,7 +166,7 @@ class Outbox:
         with self._changed:
             self._total += len(rows)
             if len(rows):
-                self._rows.append(rows.with_columns(events=()))
+                self._rows.append(rows.replace(()))
                 self._waiting += len(rows)
             while (excess := self._waiting - MOST_WAITING) > 0:
                 oldest = self._rows.popleft()
@@ -222,7 +224,7 @@ class Outbox:
 
     def _batch(self) -> RowsMessage:
         return RowsMessage(
-            Rows.concat(list(self._rows)).with_columns(events=self._events),
+            Rows.concat(list(self._rows)).replace(self._events),
             self._total,
             self._dropped,
             tuple(self._recording),
@@ -256,7 +258,7 @@ class WiringWatch:
         if port in self._quiet:
             return []
         counts = self._counts[port]
-        wanted = rows.framed & (rows.faults == rows.codebook.fault_code(()))
+        wanted = rows.framed & (rows.faults == 0)
         if port in self._own:
             wanted &= rows.directions != _DIRECTIONS.index(self._own[port])
         for code, t_ns in zip(
@@ -307,7 +309,7 @@ REPORTED_LEFTOVER = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
 
 
-DRAIN_EVERY_NS = 50_000_000
+DRAIN_EVERY_NS = 40_000_000
 """Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
 flushed only after a batch."""
 
@@ -332,14 +334,12 @@ def watermark_ns(read_ns: int, now_ns: int, pending_ns: int | None) -> int:
 class Wire:
     """One port, from its chunks to the lane of its rows."""
 
-    def __init__(self, framer: Framer, lane: MergeLane) -> None:
-        self.framer, self._lane = framer, lane
-        self._marker = LineErrorMarker()
+    def __init__(self, framer: Framer, lane: MergeLane, silence: SilenceWatch) -> None:
+        self.framer, self._lane, self.silence = framer, lane, silence
         self._read_ns = self._now_ns = 0
 
     def push(self, chunk: Chunk) -> None:
         """Frame a chunk."""
-        self._marker.observe(chunk)
         self.framer.push(chunk)
         self._now_ns = chunk.t_ns or 0
         if chunk.data:
@@ -347,9 +347,11 @@ class Wire:
 
     def drain(self) -> Rows:
         """Put what was decided into the lane, and return it; move the lane's watermark."""
-        rows = self._marker.mark(self.framer.drain())
+        rows = self.framer.drain()
         if len(rows):
             self._lane.put(rows)
+            if rows.framed.any():
+                self.silence.frame_came()
         next_ns = watermark_ns(self._read_ns, self._now_ns, self.framer.pending_since_ns)
         self._lane.reached = (next_ns - self._lane.uncertainty_ns,)
         return rows
@@ -357,7 +359,7 @@ class Wire:
     def put(self, *events: PortEvent) -> None:
         """Put events that come after what was drained."""
         if events:
-            self._lane.put(NO_ROWS.with_columns(events=events))
+            self._lane.put(NO_ROWS.replace(events))
 
 
 class CaptureLoop:
@@ -377,13 +379,14 @@ class CaptureLoop:
         self._source = source
         self._recorder = recorder
         self._outbox = outbox
-        names, baud, codebook = plan.wiring.names, plan.wiring.settings.baud, Codebook()
+        names, baud = plan.wiring.names, plan.wiring.settings.baud
         self._merge = Merge(marks=True)
         self._wires: dict[str, Wire] = {}
         for name in names:
             lane = MergeLane(source.uncertainty_ns[name])
             self._merge.lanes.append(lane)
-            self._wires[name] = Wire(Framer(name, baud, codebook=codebook), lane)
+            silence = SilenceWatch(name, plan.silences_s)
+            self._wires[name] = Wire(Framer(name, baud), lane, silence)
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
@@ -407,7 +410,7 @@ class CaptureLoop:
                 break
         self._is_ending = True
         for port, wire in self._wires.items():
-            wire.framer.finish()
+            wire.framer.end()
             self._drain_wire(port)
             if self._remaining == 0:
                 wire.put(self._closed(port))
@@ -434,14 +437,16 @@ class CaptureLoop:
         return Ended(None, failure, outcome, self._progress())
 
     def _process_chunk(self, chunk: Chunk) -> None:
-        self._wires[chunk.port].push(chunk)
-        now_ns = chunk.t_ns or 0
+        wire, now_ns = self._wires[chunk.port], chunk.t_ns or 0
+        wire.put(*wire.silence.observe(chunk))
+        wire.push(chunk)
         self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
         if now_ns >= self._drain_ns:
             self._drain_ns = now_ns + DRAIN_EVERY_NS
             self._drain()
+            wire.put(*wire.silence.check(now_ns))
             self._watch_clock(chunk.port, now_ns)
             self._record(lambda recorder: recorder.flush_if_due(now_ns))
 
@@ -477,12 +482,14 @@ class CaptureLoop:
         wire = self._wires[event.port]
         is_break = event.kind in _BREAKS
         if is_break:
-            wire.framer.finish()
+            wire.framer.end()
         self._drain_wire(event.port)  # rows before the event keep their places and times
         if is_break:
             wire.framer.restart()
         if event.kind is PortEventKind.LOST:
             self._lost = event
+        if event.kind in (PortEventKind.LOST, PortEventKind.CLOSED):
+            wire.silence.lost()
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
             wire.framer.set_baud(event.count)
         wire.put(event)
@@ -495,9 +502,9 @@ class CaptureLoop:
             return
         rows = taken.rows
         if self._remaining is not None:
-            rows = rows[: self._remaining].with_columns(events=rows.events)
+            rows = rows[: self._remaining].replace(rows.events)
             self._remaining -= len(rows)
-        self._record(lambda recorder: recorder.write(rows))
+        self._record(lambda recorder: recorder.write(rows, *rows.events))
         self._outbox.put(rows)
 
     def _record(self, do: Callable[[Recorder], None]) -> None:

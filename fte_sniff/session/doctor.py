@@ -30,22 +30,20 @@ from fte_sniff.capture.discovery import (
     stray_adapters,
     text_of,
 )
+from fte_sniff.capture.line_errors import LineErrors, counters_of
 from fte_sniff.capture.port_errors import one_line, permission_fix
 from fte_sniff.capture.serial_port import (
-    SHORT_TIMER_MS,
     USB_SERIAL,
-    LowLatency,
-    PortCapabilities,
     PortSettings,
+    device_of,
     latency_timer_ms,
     open_port,
     reader_of,
-    request_capabilities,
+    request_low_latency,
 )
-from fte_sniff.capture.uart_errors import UNAVAILABLE
 from fte_sniff.errors import PortError, printable
 from fte_sniff.platform import TerminalError
-from fte_sniff.protocol import Direction, LineErrorCounts
+from fte_sniff.protocol import Direction
 
 _ROOT = Path("/")
 
@@ -116,8 +114,11 @@ def check_port(
     if port is not None:
         yield from device_findings(port)
         yield from holder_findings(port)
+        if port.holders:
+            return  # to open it would take bytes from its program
     with LineListener(name, settings) as listener:
-        yield from capability_findings(name, listener.capabilities)
+        yield capability_finding(name, latency_timer_ms(listener.device or name))
+        yield ok(name, listener.errors.description)
         sample = listener.listen(seconds, _ENOUGH_BYTES)
         if sample.line_errors:
             what = f"line errors while listening: {sample.line_errors}"
@@ -223,26 +224,20 @@ def _release_fix(device: str, holder: Holder) -> str:
     return INTERFERING_PROGRAMS.get(holder.name, f"end it there, or: kill {holder.pid}")
 
 
-def capability_findings(device: str, capabilities: PortCapabilities) -> Iterator[Diagnosis]:
-    """Check latency and line errors of an open port's driver."""
-    timer = capabilities.timer_ms
-    if timer is not None and timer > SHORT_TIMER_MS:
-        yield warn(
+SHORT_TIMER_MS = 2
+"""A latency timer up to this is not noticeable, milliseconds."""
+
+
+def capability_finding(device: str, timer_ms: int | None) -> Diagnosis:
+    """Check the latency of an open port's driver, after low latency was requested."""
+    if timer_ms is not None and timer_ms > SHORT_TIMER_MS:
+        return warn(
             device,
-            f"the adapter holds bytes back for up to {timer} ms",
+            f"the adapter holds bytes back for up to {timer_ms} ms",
             f"echo 1 | sudo tee {USB_SERIAL / Path(device).resolve().name}/latency_timer",
         )
-    elif capabilities.low_latency is LowLatency.REFUSED:
-        yield warn(device, str(capabilities.low_latency), f"sudo setserial {device} low_latency")
-    else:
-        delay = "" if timer is None else f", latency timer {timer} ms"
-        yield ok(device, f"{capabilities.low_latency}{delay}")
-    line = capabilities.line.description
-    if capabilities.usb and line == UNAVAILABLE:
-        what = f"{line}: only damaged frames show errors"
-        yield warn(device, what, "use an adapter whose driver reports them (FTDI, CP210x)")
-    else:
-        yield ok(device, line)
+    delay = "no latency timer" if timer_ms is None else f"latency timer {timer_ms} ms"
+    return ok(device, delay)
 
 
 # The line
@@ -253,7 +248,8 @@ class LineSample:
     """What was received while listening to a port."""
 
     data: bytes
-    line_errors: LineErrorCounts
+    line_errors: str
+    """How many errors of each kind the UART counted; empty for none."""
 
 
 _SETTLE_S = 0.05
@@ -269,7 +265,9 @@ class LineListener:
         """Open the port as a capture does; raises PortError if that fails."""
         self._name = name
         self._port = open_port(name, settings)
-        self.capabilities: PortCapabilities = request_capabilities(self._port)
+        self.device = device_of(self._port)
+        self.errors = LineErrors(name, counters_of(self._port))
+        request_low_latency(self._port)
         self._read = reader_of(self._port)
 
     def __enter__(self) -> Self:
@@ -280,9 +278,10 @@ class LineListener:
 
     def listen(self, seconds: float, enough: int) -> LineSample:
         """Read for `seconds`, or until there are `enough` bytes; raises PortError on a loss."""
-        line = self.capabilities.line
-        data = b"".join(line.feed(read)[0] for read in self._reads(seconds, enough))
-        return LineSample(data, line.flush() or LineErrorCounts())
+        data = b"".join(self._reads(seconds, enough))
+        self.errors.spans(data)
+        counted = self.errors.report(0, at_end=True)
+        return LineSample(data, counted[0].detail if counted else "")
 
     def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
         """As `listen`, at another baud, which stays set, and without line errors.
@@ -290,7 +289,6 @@ class LineListener:
         Returns None if the baud cannot be set; raises PortError if the port was lost.
         """
         try:
-            # pyserial also switches the error marks off.
             self._port.baudrate = baud
         except (OSError, ValueError, TerminalError):
             return None

@@ -40,7 +40,8 @@ from fte_sniff.session.worker_process import start_worker
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.rules import Verdict
-    from fte_sniff.recording.reader import Paths, TimeRange
+    from fte_sniff.recording.reader import TimeRange
+    from fte_sniff.session.files import Paths
 Model = TypeVar("Model", bound=RowModel)
 
 
@@ -388,7 +389,7 @@ def stats(paths: Paths, *, executor: Executor | None = None) -> dict[str, Any]:
 def _measured(
     paths: Paths, make: Callable[[], Model], executor: Executor | None
 ) -> tuple[Model, InputReading]:
-    from fte_sniff.recording.reader import recordings_in
+    from fte_sniff.session.files import recordings_in
 
     found = recordings_in(paths)
     if len(found) > 1:  # opened for their first times, and closed: there may be thousands
@@ -409,9 +410,9 @@ _MOST_WAITING: Final = 32
 
 
 def _opened(path: Path) -> Input:
-    from fte_sniff.recording.reader import RecordingReader
+    from fte_sniff.recording.reader import Recording
 
-    return RecordingInput(RecordingReader(path))
+    return RecordingInput(Recording(path))
 
 
 # Worker processes as an executor

@@ -18,8 +18,8 @@ from fte_sniff.protocol import Gap, PortEvent, PortEventKind
 from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
 
 if TYPE_CHECKING:
-    from fte_sniff.protocol.rows import Rows
-    from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
+    from fte_sniff.recording.chunks import ChunkRef
+    from fte_sniff.recording.reader import Recording, TimeRange
 
 POLL_S: Final = 0.1
 
@@ -52,9 +52,9 @@ class Following:
 
         Raises FileError if it cannot be read, or is not a recording.
         """
-        from fte_sniff.recording.reader import RecordingReader
+        from fte_sniff.recording.reader import Recording
 
-        found = FollowedInput(RecordingReader(path, growing=True), self)
+        found = FollowedInput(Recording(path, is_growing=True), self)
         self.name = found.name
         return found
 
@@ -95,7 +95,7 @@ class Following:
 class FollowedInput(RecordingInput):
     """A recording that another program writes; its batches come as they are flushed."""
 
-    def __init__(self, reader: RecordingReader, following: Following) -> None:
+    def __init__(self, reader: Recording, following: Following) -> None:
         super().__init__(reader)
         self._growing, self._following = reader, following
         self._gaps_known = 0
@@ -126,21 +126,23 @@ class FollowedInput(RecordingInput):
 
     def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
         """The rows up to the end of following this file."""
-        from fte_sniff.protocol.rows import Codebook
         from fte_sniff.recording.reader import EVERYTHING
 
-        codebook, following, reader = Codebook(), self._following, self._growing
+        following, reader = self._following, self._growing
         wanted = span or EVERYTHING
         changed_s, named_s = time.monotonic(), None
         yield InputBatch()
+        added = list(reader.contents.chunks)
         while True:
             # Before `grow`: what was flushed before the lock was released is then complete.
             has_writer = reader.has_writer
             following.has_lock |= has_writer
             now_s = time.monotonic()
-            if reader.grow():
+            added += reader.grow()
+            if added:
                 changed_s = now_s
-                yield from self._new(reader.added(codebook, wanted), span)
+                yield from self._new(added, wanted)
+                added = []
             if reader.times and reader.times[1] >= wanted.end_ns:
                 following.ended = TranslatableText("{path}: --to is reached", path=self.name)
                 return
@@ -153,8 +155,7 @@ class FollowedInput(RecordingInput):
             following.is_up_to_date = True
             time.sleep(POLL_S)
         if not has_writer:
-            reader.settle()
-            yield from self._new(reader.added(codebook, wanted), span)
+            yield from self._new(reader.settle(), wanted)
 
     def _is_finished(
         self, has_writer: bool, now_s: float, changed_s: float, named_s: float | None
@@ -166,17 +167,15 @@ class FollowedInput(RecordingInput):
             return True
         return now_s >= changed_s + IDLE_S
 
-    def _new(
-        self, ranges: Iterator[tuple[RowRange, Rows]], span: TimeRange | None
-    ) -> Iterator[InputBatch]:
-        """The batches, with the gaps that the file reports since the last ones."""
-        for passage, rows in ranges:
-            batch = self._batch_of(passage, rows)
+    def _new(self, chunks: list[ChunkRef], span: TimeRange) -> Iterator[InputBatch]:
+        """The batches of new chunks, with the gaps that the file reports since the last ones."""
+        for own in self._growing.batches(span, chunks):
+            batch = self._batch_of(own, span)
             if batch is None:
                 continue
-            self._troubles.update(event.kind for event in rows.events)
-            self._following.observe(rows.events)
-            self._has_rows |= bool(len(rows))
+            self._troubles.update(event.kind for event in batch.rows.events)
+            self._following.observe(batch.rows.events)
+            self._has_rows |= bool(len(batch.rows))
             yield replace(batch, gaps=self._new_gaps(span))
             if self._following.stopped:
                 return

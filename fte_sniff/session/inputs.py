@@ -21,6 +21,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from fte_sniff.analysis.model import GapDetector, StreamChange, Tally, rising_times, shifted
 from fte_sniff.errors import (
     FileError,
@@ -30,8 +32,7 @@ from fte_sniff.errors import (
     UsageError,
     unreadable,
 )
-from fte_sniff.formats.known_files import refuse_binary
-from fte_sniff.formats.log_text import is_text
+from fte_sniff.formats.logs.text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -40,20 +41,23 @@ from fte_sniff.protocol import (
     GapKind,
     PortEvent,
     PortEventKind,
+    Row,
     byte_time_ns,
     iso_time,
 )
 from fte_sniff.protocol.rows import NO_ROWS, Rows
-from fte_sniff.session.framing import rows_of_chunks
+from fte_sniff.session.log_rows import rows_of_chunks, rows_of_log
 from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.facts import Facts
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.log import Log
+    from fte_sniff.formats.logs.reader import LogReader
+    from fte_sniff.formats.parquet import ParquetRows
     from fte_sniff.protocol.rows import Ints
+    from fte_sniff.recording.chunks import ChunkRef
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
-    from fte_sniff.recording.reader import RecordingReader, RowRange, TimeRange
+    from fte_sniff.recording.reader import Batch, Recording, TimeRange
     from fte_sniff.session.merge import Slice, Taken
 
 
@@ -61,6 +65,9 @@ if TYPE_CHECKING:
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
+
+_PARQUET_MAGIC = b"PAR1"
+"""The first bytes of a Parquet file."""
 
 _FIRST = 4096
 """Bytes that show the format of a file."""
@@ -72,6 +79,7 @@ class InputKind(StrEnum):
     MCAP = "mcap"
     RAW = "raw"
     HEX = "hex"
+    PARQUET = "parquet"
 
 
 KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
@@ -84,6 +92,7 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
         ".log": InputKind.HEX,
         ".csv": InputKind.HEX,
         ".jsonl": InputKind.HEX,
+        ".parquet": InputKind.PARQUET,
     }
 )
 """By file name suffix, in lower case."""
@@ -92,18 +101,16 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
 def kind_of_file(path: Path) -> InputKind:
     """Return the format of a file by its suffix, or by its first bytes if it is MCAP or text.
 
-    Raises FileError if it cannot be read, or is known to hold no bytes of the wire; UsageError if
-    its format is unknown.
+    Raises FileError if it cannot be read, UsageError if its format is unknown.
     """
+    named = KIND_OF_SUFFIX.get(path.suffix.lower())
+    if named is not None:
+        return named
     try:
         with path.open("rb") as file:
             first = file.read(_FIRST)
     except OSError as error:
         raise unreadable(path, error) from error
-    refuse_binary(str(path), first)
-    named = KIND_OF_SUFFIX.get(path.suffix.lower())
-    if named is not None:
-        return named
     found = kind_of_content(first)
     if first and found is not InputKind.RAW:
         return found
@@ -117,6 +124,8 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(_MCAP_MAGIC):
         return InputKind.MCAP
+    if first.startswith(_PARQUET_MAGIC):
+        return InputKind.PARQUET
     return InputKind.HEX if is_text(first) else InputKind.RAW
 
 
@@ -193,7 +202,7 @@ class InputBatch:
             return self
         changes = [change for change in self.changes if change.index <= count]
         origin = self.origin if isinstance(self.origin, int) else self.origin[:count]
-        rows = self.rows[:count].with_columns(events=self.rows.events)
+        rows = self.rows[:count].replace(self.rows.events)
         return replace(self, rows=rows, reload=None, changes=changes, origin=origin)
 
 
@@ -283,6 +292,10 @@ class Input(ABC):
         """What could not be read, one line each; complete after reading."""
         return ()
 
+    def explain(self) -> Iterable[str]:
+        """How its content is read, one line each, if that was decided by its content."""
+        return ()
+
     @property
     def ends(self) -> InputEnds:
         """Its ends, as far as it was read; a log continues no other input."""
@@ -321,7 +334,7 @@ class Input(ABC):
             if len(rows) and rows.times is None:
                 raise UsageError(f"{self.name} has no times; set with --start when its bytes began")
             tally.observe(rows)
-            inside = span.select(rows)
+            inside = within(rows, span)
             found += len(inside)
             yield inside
         if not found and tally.first_ns is not None and tally.last_ns is not None:
@@ -329,38 +342,57 @@ class Input(ABC):
             note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
 
 
+def within(rows: Rows, span: TimeRange) -> Rows:
+    """The rows and events in a range of time."""
+    if span.everything:
+        return rows
+    events = tuple(event for event in rows.events if span.contains(event.t_ns))
+    return rows.select(span.mask(rows.t_ns), events)
+
+
 class RecordingInput(Input):
     """A recording."""
 
-    def __init__(self, reader: RecordingReader) -> None:
-        from fte_sniff.recording.metadata import PROGRAM, part_of
+    def __init__(self, reader: Recording) -> None:
+        from fte_sniff.recording.metadata import part_of
 
         super().__init__(str(reader.path))
         self.reader = reader
         self.size, self.count = reader.size, reader.count
-        facts = reader.metadata.get(PROGRAM, {})
-        self.part = part_of(facts)
-        self.facts = {k: v for k, v in facts.items() if not k.startswith(("library", "port."))}
-        self._first: tuple[str, int] | None = None
+        self.part = part_of(reader.facts)
+        self.facts = {
+            k: v for k, v in reader.facts.items() if not k.startswith(("library", "port."))
+        }
+        self._first: Row | None = None
         self._stops: dict[str, int] = {}
 
     @property
     def times(self) -> tuple[int, int] | None:
         """First and last time of its rows; reads some chunks."""
-        from fte_sniff.recording.reader import row_times
+        first, latest_ns = self._first_row(), None
+        for chunk in reversed(self.reader.contents.chunks):
+            found = [rows.span_ns for rows in self._rows_in([chunk]) if len(rows)]
+            latest_ns = max((span[1] for span in found if span), default=None)
+            if latest_ns is not None:
+                break
+        if first is None or first.t_ns is None or latest_ns is None:
+            return None
+        return first.t_ns, max(first.t_ns, latest_ns)
 
-        return row_times(self.reader)
+    def _first_row(self) -> Row | None:
+        """The first row that can be read."""
+        if self._first is None:
+            rows = (batch.rows for batch in self.reader.batches() if len(batch.rows))
+            self._first = next((own[0] for own in rows), None)
+        return self._first
+
+    def _rows_in(self, chunks: list[ChunkRef]) -> Iterator[Rows]:
+        return (item for item in self.reader.read(chunks) if isinstance(item, Rows))
 
     @property
     def first_ns(self) -> int | None:
-        """The first time in the summary; without one, that of the first row that can be read."""
-        if self.reader.times is not None:
-            return self.reader.times[0]
-        try:
-            first = next(iter(self.reader), None)
-        except FileError:
-            return None  # raised again by `batches`
-        return None if first is None else first.t_ns
+        """The first time of its chunks."""
+        return None if self.reader.times is None else self.reader.times[0]
 
     @property
     def ports(self) -> Sequence[PortFacts]:
@@ -370,14 +402,14 @@ class RecordingInput(Input):
     @property
     def losses(self) -> Sequence[str]:
         """What could not be read, one line each; complete after reading."""
-        return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
+        return self.reader.losses
 
     @property
     def ends(self) -> InputEnds:
         """Its ends; reads the first row, unless it was read."""
-        if self._first is None and (first := next(iter(self.reader), None)) is not None:
-            self._first = first.port, first.offset
-        return InputEnds(self.part, self._first, self._stops)
+        first = self._first_row()
+        place = None if first is None else (first.port, first.offset)
+        return InputEnds(self.part, place, self._stops)
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The gaps that a trigger or a write error left in it."""
@@ -396,31 +428,34 @@ class RecordingInput(Input):
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
-        ranges = self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1)
         try:
-            for passage, rows in ranges:
-                if (found := self._batch_of(passage, rows)) is not None:
-                    troubles.update(event.kind for event in rows.events)
-                    some = some or bool(len(rows))
+            for batch in self.reader.batches(span or EVERYTHING):
+                found = self._batch_of(batch, span or EVERYTHING)
+                if found is not None:
+                    troubles.update(event.kind for event in found.rows.events)
+                    some = some or bool(len(found.rows))
                     yield found
         except GeneratorExit:
-            ranges.close()  # with it the reader knows the damage up to here
             self._note_end(None, note, troubles, some=some)
-            if not self.reader.has_summary and not self.reader.ending:
-                note(f"{self.name}: it has no summary, so its end is cut off, or not written yet")
             raise
         self._note_end(span, note, troubles, some=some)
         self.failure = self.reader.nothing_read
 
-    def _batch_of(self, passage: RowRange, rows: Rows) -> InputBatch | None:
+    def _batch_of(self, batch: Batch, span: TimeRange) -> InputBatch | None:
         """The rows as a batch; None if there are none, nor anything to report."""
-        if self._first is None and len(rows) and passage.span.everything:
-            self._first = rows[0].port, rows[0].offset
-        self._stops.update(rows.end_offsets())
-        self.position = max(self.position, passage.stop)
-        if not (len(rows) or rows.events or passage.after_loss):
+        events = [item for _, item in batch.between if isinstance(item, PortEvent)]
+        rows = batch.rows.replace(events)
+        for port in rows.used_ports:
+            last = np.flatnonzero(rows.port == rows.ports.index(port))[-1]
+            self._stops[port] = int(rows.offset[last]) + int(rows.length[last])
+        self.position = max(self.position, batch.chunks[-1].end)
+        after_gap = len(events) < len(batch.between)
+        if not (len(rows) or events or after_gap):
             return None
-        return InputBatch(rows, passage.after_loss, partial(self.reader.read, passage))
+        return InputBatch(rows, after_gap, partial(self._read_again, batch.chunks, span))
+
+    def _read_again(self, chunks: list[ChunkRef], span: TimeRange) -> Rows:
+        return within(Rows.concat([*self._rows_in(chunks)]), span)
 
     def _note_end(
         self, span: TimeRange | None, note: Note, troubles: Counter[PortEventKind], *, some: bool
@@ -449,7 +484,7 @@ class ChunkInput(Input):
         size: int | None = None,
         baud: int = DEFAULT_BAUD,
         *,
-        is_guess: bool = False,
+        waits: bool = False,
     ) -> None:
         """Read nothing yet.
 
@@ -459,11 +494,11 @@ class ChunkInput(Input):
             first_ns: returns the time of the first byte, which it may read separately.
             size: bytes of a file that holds nothing else; None for others.
             baud: bits per second.
-            is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
+            waits: whether the next chunk has to be waited for, so that rows come at once.
         """
         super().__init__(name)
         self._chunks, self._first_ns, self.size = chunks, first_ns, size
-        self._baud, self._is_guess = baud, is_guess
+        self._baud, self._waits = baud, waits
 
     @property
     def first_ns(self) -> int | None:
@@ -488,63 +523,47 @@ class ChunkInput(Input):
 
         return [PortFacts(self.name)]
 
+    def explain(self) -> Iterable[str]:
+        """That there is nothing to decide."""
+        return ["raw bytes"]
+
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        rows = self._checked(rows_of_chunks(self._counted(self._chunks), note, self._baud))
+        chunks = self._counted(self._chunks)
+        rows = rows_of_chunks(chunks, self.name, note, self._baud, waits=self._waits)
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
-
-    def _checked(self, batches: Iterable[Rows]) -> Iterator[Rows]:
-        has_frames = not self._is_guess
-        for rows in batches:
-            has_frames = has_frames or bool(rows.framed.any())
-            yield rows
-        if not has_frames:
-            self.failure = FileError(
-                f"{self.name}: has no text and no frame, so these are hardly the bytes of a wire;"
-                " --input raw reads them as such"
-            )
 
     def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         for chunk in chunks:
             self.position += len(chunk.data)
             yield chunk
-        if not self.position:
-            raise FileError(f"{self.name}: is empty; there is nothing to decode")
 
 
 class LogInput(Input):
     """A text log, whose bytes are framed here."""
 
-    def __init__(self, log: Log, again: Callable[[], Log] | None = None) -> None:
-        """A log, and what opens it again; None if it can be read only once."""
+    def __init__(self, log: LogReader) -> None:
         super().__init__(log.name)
-        self._log, self._again = log, again
-        self.size = None if again is None else size_of(Path(log.name))
+        self._log = log
+        self.size = size_of(Path(log.name)) if log.is_file else None
 
     @property
     def first_ns(self) -> int | None:
         """The time of the first row that has one; reads the start of the log."""
-        if self._again is None:
-            return None
         try:
-            times = (chunk.t_ns for chunk in self._again().chunks())
-            return next((t_ns for t_ns in times if t_ns is not None), None)
+            rows = next(rows_of_log(self._log.again()), NO_ROWS)
         except FteSniffError:
             return None  # raised again by `batches`
+        return next((row.t_ns for row in rows if row.t_ns is not None), None)
 
     @property
     def times(self) -> tuple[int, int | None] | None:
         """The times of its rows, which are read for them."""
-        if self._again is None:
-            raise UsageError(
-                f"{self.name} can be read only once, so its first and last time are not known"
-                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
-            )
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
-            for rows in rows_of_chunks(self._again().chunks(), lambda _note: None):
+            for rows in rows_of_log(self._log.again()):
                 tally.observe(rows)
         return tally.times
 
@@ -553,20 +572,60 @@ class LogInput(Input):
         """The ports that its first lines show."""
         from fte_sniff.recording.metadata import PortFacts
 
-        return [PortFacts(name) for name in self._log.ports]
+        return [PortFacts(name) for name in self._log.form.ports(self.name)]
+
+    def explain(self) -> Iterable[str]:
+        """Where it has its bytes, times and directions, one line each.
+
+        Raises InputTextError after the candidates of a log that is refused.
+        """
+        return self._log.explain()
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        rows = rows_of_chunks(self._log.chunks(), note, self._log.options.baud)
-        try:
-            for found in rows if span is None else self._within(span, rows, note):
-                self.position = self._log.position
-                yield InputBatch(found)
-        finally:
-            for text in (*self._log.notes(), *self._log.time_notes()):
-                note(f"{self.name}: {text}")
+        rows = rows_of_log(self._log, note)
+        for found in rows if span is None else self._within(span, rows, note):
+            self.position = self._log.position
+            yield InputBatch(found)
+
+
+class ParquetInput(Input):
+    """A Parquet file that `decode` wrote."""
+
+    def __init__(self, rows: ParquetRows, name: str) -> None:
+        super().__init__(name)
+        self._rows = rows
+        self.size, self.count = size_of(Path(name)), rows.count
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows; reads the column of times."""
+        return self._rows.times()
+
+    @property
+    def first_ns(self) -> int | None:
+        """The time of its first row."""
+        times = self._rows.times()
+        return None if times is None else times[0]
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports of its rows."""
+        from fte_sniff.recording.metadata import PortFacts
+
+        return [PortFacts(name) for name in self._rows.ports()]
+
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
+        """Read its rows; see `Input`."""
+        rows, read = self._rows.batches(), 0
+        for found in rows if span is None else self._within(span, rows, note):
+            read += len(found)
+            self.position = (self.size or 0) * read // max(1, self._rows.count)
+            yield InputBatch(found)
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
@@ -627,7 +686,7 @@ class FactStage:
             events.append(self._events.popleft()[1])
         while self._changes and self._changes[0].index <= self._decided:
             changes.append(self._changes.popleft())
-        found = rows.with_columns(events=events)
+        found = rows.replace(events)
         return InputBatch(found, changes=shifted(changes, -start), origin=self._origin)
 
 

@@ -211,12 +211,12 @@ def _joined(
         (one,) = slices
         rows = one.part.rows
         if len(one) < len(rows) or list(rows.events) != events:
-            rows = rows[one.start : one.stop].with_columns(events=events)
+            rows = rows[one.start : one.stop].replace(events)
     else:
         rows = Rows.concat([one.part.rows[one.start : one.stop] for one in slices])
-        rows = rows.with_columns(events=events)
+        rows = rows.replace(events)
     if marked is not None and marked.any():
-        rows = rows.with_columns(unordered=rows.unordered | marked)
+        rows = rows.replace(unordered=rows.unordered | marked)
     if not is_mixed:
         return Taken(rows, slices, None)
     keys = np.hstack([one.part.keys[:, one.start : one.stop] for one in slices])

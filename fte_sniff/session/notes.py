@@ -214,9 +214,9 @@ def located(rows: Rows, keys: Iterable[RowKey]) -> Iterator[tuple[int, RowKey]]:
     import numpy as np
 
     for key in keys:
-        if key.port not in rows.codebook.ports:
+        if key.port not in rows.ports:
             continue
-        own = rows.port == rows.codebook.ports.index(key.port)
+        own = rows.port == rows.ports.index(key.port)
         own &= (rows.offset <= key.offset) & (key.offset < rows.offset + rows.length)
         if key.t_ns is not None:
             own &= ~rows.timed | (np.abs(rows.t_ns - key.t_ns) < _NEAR_NS)

@@ -13,7 +13,7 @@ from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate
 from fte_sniff.analysis.model import Rate, StreamChange, Tally, shifted
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol.rows import NO_ROWS, Codebook, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 
@@ -254,9 +254,7 @@ class RecordingPages:
         self._reloads: list[Callable[[], Rows]] = []
         self._starts: list[int] = []
         self._rows = 0
-        self._batch = lru_cache(MAX_CACHED)(
-            lambda number, codebook: self._reloads[number]().recoded(codebook)
-        )
+        self._batch = lru_cache(MAX_CACHED)(lambda number: self._reloads[number]())
 
     def append(self, reload: Callable[[], Rows], rows: int) -> None:
         """Append the next batch of `rows` rows, which `reload` reads again."""
@@ -266,17 +264,17 @@ class RecordingPages:
             self._starts.append(self._rows)
             self._rows += rows
 
-    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
+    def load(self, start: int, count: int) -> Rows:
         """The rows from index `start` on; see `BlockSource`.
 
         Raises FileError if the file changed, or cannot be read any more.
         """
-        # A copy, so that a block does not keep whole batches in memory.
-        rows, done = Rows.allocate(codebook, count), 0
+        parts, done = list[Rows](), 0
         while done < count:
             number = bisect_right(self._starts, start + done) - 1
             first = start + done - self._starts[number]
-            part = self._batch(number, codebook)[first : first + count - done]
-            rows.assign(done, part)
+            part = self._batch(number)[first : first + count - done]
+            parts.append(part)
             done += len(part)
-        return rows
+        # A copy, so that a block does not keep whole batches in memory.
+        return Rows.concat([*parts, NO_ROWS])

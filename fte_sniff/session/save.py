@@ -25,7 +25,7 @@ from fte_sniff.formats.writers import (
 )
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol import Gap
-from fte_sniff.protocol.rows import FEW, Rows
+from fte_sniff.protocol.rows import Rows
 
 if TYPE_CHECKING:
     import polars as pl
@@ -130,18 +130,19 @@ class _TextSink:
 
 _FEWEST: Final = 100
 """Rows for which polars is slower although it is loaded."""
+_FEW: Final = 20_000
+"""Rows for which polars is not loaded."""
 
 
 def write_rows(writer: RowWriter, rows: Rows, so_far: int) -> None:
     """Write rows, as columns if the format allows it; `so_far` counts them and all before them.
 
-    A DataFrame has no readings. Polars is not loaded for a few rows.
+    Polars is not loaded for a few rows.
     """
-    is_few = len(rows) < _FEWEST or (so_far <= FEW and "polars" not in sys.modules)
+    is_few = len(rows) < _FEWEST or (so_far <= _FEW and "polars" not in sys.modules)
     if (
         is_few
         or not isinstance(writer, FrameWriter)
-        or rows.readings
         or (writer.shows_order and rows.unordered.any())
     ):
         writer.write(rows)
@@ -174,7 +175,7 @@ class RawSink(_BytesSink):
 
     def write(self, rows: Rows) -> None:
         """See `Sink`."""
-        self.ports.update(rows.ports())
+        self.ports.update(rows.used_ports)
         self._stream.write(rows.tobytes())
 
 
@@ -541,17 +542,32 @@ class _RecordingSink:
         ports = [PortFacts(port, source.bauds.get(port)) for port in source.ports]
         facts = {name: fact for name, fact in source.facts.items() if name not in PART_FACTS}
         self._source = source
-        self._writer = BulkWriter(path, ports, facts)
+        self._file = open(path, "wb", buffering=0, closefd=not isinstance(path, int))  # noqa: SIM115
+        try:
+            self._writer = BulkWriter(self._file.fileno(), ports, facts)
+        except OSError:
+            self._file.close()
+            raise
 
     def write(self, rows: Rows) -> None:
-        self._writer.write(rows)
+        for row in rows.select(rows.t_ns < 0)[:1]:
+            raise FileError(
+                f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs"
+                " one; write another format"
+            )
+        self._writer.write(rows, *rows.events)
 
     def close(self) -> None:
+        from mcap.records import Metadata
+
         from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata
 
-        gaps = [(LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in self._source.gaps]
-        selections = [(SELECTION_NAME, one.to_metadata()) for one in self._source.selections]
+        gaps = [Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in self._source.gaps]
+        selections = [
+            Metadata(SELECTION_NAME, one.to_metadata()) for one in self._source.selections
+        ]
         self._writer.close([*gaps, *selections])
+        self._file.close()
 
     def abandon(self) -> None:
-        self._writer.abandon()
+        self._file.close()

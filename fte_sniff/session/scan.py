@@ -18,15 +18,9 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.facts import DEADLINE_NS
 from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.reader import (
-    FileVersion,
-    Paths,
-    RecordingReader,
-    TimeRange,
-    file_version,
-    recordings_in,
-)
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording.reader import Recording, TimeRange
+from fte_sniff.session.files import Paths, recordings_in
 from fte_sniff.session.inputs import InputReading, RecordingInput, by_first_time
 
 _TIME = "time"
@@ -125,7 +119,7 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
         RecordingWarning: a file is damaged, and rows may be missing; one line for each file says
             what is lost, as `decode` does. Chunks and files that the query skips are not checked.
     """
-    files = [_ScannedFile.of(reader) for reader in map(RecordingReader, recordings_in(paths))]
+    files = [_ScannedFile.of(reader) for reader in map(Recording, recordings_in(paths))]
     files.sort(key=attrgetter("start"))
     added = _added_columns([one.path for one in files], file_column=file_column, hive=hive)
 
@@ -149,7 +143,7 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
             span = TimeRange(first_ns, min(last_ns, _EVER[1] - 1) + 1)
             if facts:  # they depend on rows before and after; the filter itself drops those
                 span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS))
-            for columns in _first(_columns([RecordingReader(one.path)], span, facts=facts), left):
+            for columns in _first(_columns([Recording(one.path)], span, facts=facts), left):
                 left = None if left is None else left - len(columns)
                 yield make(columns)
             if left == 0:
@@ -168,25 +162,25 @@ class _ScannedFile:
     """No row is before the first or after the second, nanoseconds since 1970 UTC."""
     ports: tuple[str, ...]
     """Empty if the summary does not show them."""
-    version: FileVersion
+    version: tuple[int, int, int, int]
     """That of the file whose summary this is."""
 
     @classmethod
-    def of(cls, reader: RecordingReader) -> _ScannedFile:
-        start = by_first_time(RecordingInput(reader))
-        if reader.span_ns is None:
-            return cls(reader.path, start, _EVER, (), reader.version)
+    def of(cls, reader: Recording) -> _ScannedFile:
+        start, version = by_first_time(RecordingInput(reader)), _version_of(reader.path)
+        if reader.times is None or not reader.has_summary:
+            return cls(reader.path, start, _EVER, (), version)
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
-        return cls(reader.path, start, reader.span_ns, tuple(ports), reader.version)
+        return cls(reader.path, start, reader.times, tuple(ports), version)
 
     def current(self) -> _ScannedFile:
         """This file with the summary that it has now; raises FileError if it is not there."""
         try:
-            if file_version(self.path.stat()) == self.version:
+            if _version_of(self.path) == self.version:
                 return self
         except OSError as error:
             raise unreadable(self.path, error) from error
-        return _ScannedFile.of(RecordingReader(self.path))
+        return _ScannedFile.of(Recording(self.path))
 
     def is_skipped(
         self, wanted: pl.Expr | None, first_ns: int, last_ns: int, added: pl.DataFrame
@@ -201,6 +195,12 @@ class _ScannedFile:
             ports = pl.DataFrame({"port": self.ports})
             known = ports if not added.width else ports.join(added, how="cross")
         return bool(known.width) and _excludes(wanted, known)
+
+
+def _version_of(path: Path) -> tuple[int, int, int, int]:
+    """Device, inode, size and time of the last change of a file."""
+    found = path.stat()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _excludes(wanted: pl.Expr, known: pl.DataFrame) -> bool:
@@ -256,7 +256,7 @@ def read(paths: Paths) -> pl.DataFrame:
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
     Takes the `paths` of `scan`, and raises and warns as it does.
     """
-    inputs = [RecordingInput(RecordingReader(path)) for path in recordings_in(paths)]
+    inputs = [RecordingInput(Recording(path)) for path in recordings_in(paths)]
     readers = [one.reader for one in sorted(inputs, key=by_first_time)]
     frames = list(map(table_frame, _whole(readers)))
     if not frames:
@@ -264,21 +264,21 @@ def read(paths: Paths) -> pl.DataFrame:
     return pl.concat(frames, rechunk=False)
 
 
-def _columns(readers: Sequence[RecordingReader], span: TimeRange, *, facts: bool) -> Iterator[Rows]:
-    codebook = Codebook()
+def _columns(readers: Sequence[Recording], span: TimeRange, *, facts: bool) -> Iterator[Rows]:
     for reader in readers:
-        batches = _with_facts(reader, span) if facts else reader.batches(codebook, span)
+        plain = (batch.rows for batch in reader.batches(span))
+        batches = _with_facts(reader, span) if facts else plain
         yield from (columns for columns in batches if len(columns))
         _warn_of(reader)
 
 
-def _with_facts(reader: RecordingReader, span: TimeRange) -> Iterator[Rows]:
+def _with_facts(reader: Recording, span: TimeRange) -> Iterator[Rows]:
     """The rows with their facts, which do not span a gap."""
     reading = InputReading([RecordingInput(reader)], span, facts=True)
     return (batch.rows for batch in reading.batches_of(reading.inputs[0]))
 
 
-def _whole(readers: Sequence[RecordingReader]) -> Iterator[Rows]:
+def _whole(readers: Sequence[Recording]) -> Iterator[Rows]:
     yield from _first(_columns(readers, TimeRange(), facts=True), None)
 
 
@@ -293,8 +293,8 @@ def _first(batches: Iterator[Rows], limit: int | None) -> Iterator[Rows]:
         left -= len(columns)
 
 
-def _warn_of(reader: RecordingReader) -> None:
-    lost = [loss for loss in (*reader.losses, reader.ending) if loss]
+def _warn_of(reader: Recording) -> None:
+    lost = reader.losses
     if len(lost) > _MOST_LOSSES:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
     if lost:

@@ -29,7 +29,6 @@ from fte_sniff.protocol import (
     Column,
     ColumnType,
     Field,
-    Frame,
     FrameKind,
     Gap,
     PortEvent,
@@ -87,7 +86,7 @@ def first_fitting(texts: Iterable[str], width: int) -> str:
 
 def is_raised(row: Row) -> bool:
     """Whether a flag byte of the row differs from its default."""
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind
     return kind is not None and kind.raised(row.raw)
 
 

@@ -18,7 +18,7 @@ from fte_sniff.session.user_state import START, Place
 from fte_sniff.tui.cells import Delta, TableView
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
 
 
 SHARES: Final = range(10, 86)
@@ -78,7 +78,7 @@ class StartOptions:
 
     leave_at_end: bool = False
     row_filter: RowFilter | None = None
-    alert: Alert | None = None
+    alert: Alert | SilenceAlert | None = None
     colors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Styles of rows by the filter that they match; the first that matches wins."""
     notes: Notes | None = None

@@ -38,7 +38,6 @@ from fte_sniff.protocol import (
     VALUE_FIELDS,
     Direction,
     Field,
-    Frame,
     Row,
     Rows,
     Status,
@@ -141,7 +140,7 @@ class Palette:
 
     def of_bytes(self, row: Row) -> Sequence[Style]:
         """The style of each byte: that of its field; of bytes with a fault, that of the fault."""
-        kind = row.kind if isinstance(row, Frame) else None
+        kind = row.kind
         if kind is None:
             return self._of_damage(row)
         styles: Sequence[Style] = self._sound[kind.name]
@@ -174,12 +173,12 @@ class Palette:
 
     def of_kind(self, row: Row) -> Style:
         """The style of the row's kind."""
-        kind = row.kind if isinstance(row, Frame) else None
+        kind = row.kind
         return PLAIN if kind is None else self.kinds[kind.name]
 
     def of_values(self, row: Row) -> Style:
         """The style of the row's numbers."""
-        command = isinstance(row, Frame) and row.direction is Direction.CONTROL
+        command = row.direction is Direction.CONTROL
         return BOLD if command else PLAIN
 
 
@@ -353,7 +352,7 @@ class ColorRules:
         """The styles of rows with their indices; those of the previous call are known."""
         new = [(index, row) for index, row in rows if index not in self._styles]
         found = [PLAIN] * len(new)
-        batch = Rows.from_rows(row for _, row in new)
+        batch = Rows.of(row for _, row in new)
         for row_filter, style in reversed(self._rules if new else ()):
             for number in row_filter.matches(batch).nonzero()[0].tolist():
                 found[number] = style
@@ -515,7 +514,7 @@ class Painter:
     def row(self, cell: RowCell, line: Style) -> Strip:
         """The row, over the style of its line."""
         row, columns = cell.row, self._columns
-        is_damaged = not isinstance(row, Frame) or row.kind is None
+        is_damaged = row.kind is None
         spanned: Sequence[int] = self._spanned if is_damaged else ()
         runs = [self._mark(row), (cell.sign.value, self.palette.signs)]
         values = record(row) if self._needs_record else {}
@@ -621,7 +620,7 @@ class Painter:
             case "delta":
                 return [(column.cell(cell.delta_ns), self.palette.muted)]
             case "kind":
-                kind = row.kind if isinstance(row, Frame) else None
+                kind = row.kind
                 return [(column.cell(kind.name if kind else None), self.palette.of_kind(row))]
             case "port":
                 return [(column.cell(row.port), self.palette.muted)]
@@ -640,7 +639,7 @@ class Painter:
     def _value_style(self, field: Field, cell: RowCell) -> Style:
         """The style of a value: as its bytes, bold in commands."""
         row, palette = cell.row, self.palette
-        kind = row.kind if isinstance(row, Frame) else None
+        kind = row.kind
         own = _OWN_FIELDS.get((kind.name, field.name)) if kind else None
         if own is None:
             return PLAIN
@@ -659,7 +658,7 @@ class Painter:
             faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
             runs.append((faults, self.palette.statuses[row.status]))
             left -= len(faults)
-        kind = row.kind if isinstance(row, Frame) else None
+        kind = row.kind
         for text, field in value_parts(kind, row.raw, left) if kind else ():
             text = text[:left]
             runs += [(text, self._value_style(field, cell)), (_SPACE[0][: left - len(text)], PLAIN)]

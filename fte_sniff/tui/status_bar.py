@@ -529,6 +529,9 @@ class NoticeLine(Vertical):
                 for kind in _LASTING:
                     self.unpin((event.port, kind))
                 self.report(text)
+            case kinds.BYTES_AGAIN:
+                self.unpin((event.port, kinds.SILENT))
+                self.report(text)
             case kinds.CLOSED | kinds.BAUD_CHANGED:
                 self.report(text)
             case kind if kind in _LASTING:
@@ -587,6 +590,8 @@ _LASTING = frozenset(
         PortEventKind.OVERRUN,
         PortEventKind.NOT_PASSED_ON,
         PortEventKind.WIRING,
+        PortEventKind.SHARED,
+        PortEventKind.SILENT,
     }
 )
 """Events whose problem lasts."""

@@ -27,7 +27,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search, find_fault, find_raised, find_unanswered
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
-from fte_sniff.protocol import Frame, Row
+from fte_sniff.protocol import Row
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.cells import (
     DELTA,
@@ -473,7 +473,7 @@ class RowTable(ScrollView):
                     sign,
                     None if row.t_ns is None or zero_ns is None else row.t_ns - zero_ns,
                     (row.t_ns or 0) - (before_ns or 0) if known else None,
-                    past.ages if past and view.changes and isinstance(row, Frame) else None,
+                    past.ages if past and view.changes and row.framed else None,
                     field,
                     style,
                 ),

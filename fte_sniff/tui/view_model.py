@@ -24,7 +24,7 @@ from fte_sniff.tui.status_bar import StatusCounters
 from fte_sniff.tui.table import RowTable, Viewport
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
 
 
 ROUTINE_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
@@ -55,7 +55,11 @@ class ViewModel:
     """A feed, the store of its rows, and counts over them."""
 
     def __init__(
-        self, feed: Feed, row_filter: RowFilter | None, store: RowStore, alert: Alert | None = None
+        self,
+        feed: Feed,
+        row_filter: RowFilter | None,
+        store: RowStore,
+        alert: Alert | SilenceAlert | None = None,
     ) -> None:
         self.store = store
         self.alert = alert
@@ -95,7 +99,7 @@ class ViewModel:
         self._fill(self._facts.feed(update.rows, update.changes))
         if ended:
             self._fill(self._facts.interrupt())
-        rings = self.state.live and self._rings(update.rows, now_ns)
+        rings = self.state.live and self._rings(update.rows, now_ns, update.events)
         for event in update.events:
             self._events[event.kind] += 1
             if event.kind is PortEventKind.LINE_ERROR:
@@ -151,8 +155,8 @@ class ViewModel:
             self._events_played += 1
         return self._file_events[start : self._events_played]
 
-    def _rings(self, rows: Rows, now_ns: int) -> bool:
-        return self.alert is not None and self.alert.observe(rows, now_ns / 1e9)
+    def _rings(self, rows: Rows, now_ns: int, events: Sequence[PortEvent] = ()) -> bool:
+        return self.alert is not None and self.alert.observe(rows, now_ns / 1e9, events)
 
     def _update_recording(self, now_ns: int) -> None:
         state = self.state

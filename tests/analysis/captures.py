@@ -10,8 +10,8 @@ from fte_sniff.analysis.model import BaudChange
 from fte_sniff.analysis.whole.segments import Item, Segments
 from fte_sniff.analysis.whole.table import Table
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
-from fte_sniff.protocol.table import Row, Rows
 
 MS = 1_000_000
 SECOND = 1_000_000_000

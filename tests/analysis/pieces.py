@@ -10,17 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.model import BaudChange, StreamChange
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Damage,
-    Fault,
-    Frame,
-    FrameKind,
-    Gap,
-    GapKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, Fault, FrameKind, Gap, GapKind, Row, encode
 from fte_sniff.protocol.rows import Rows
 
 MS = 1_000_000
@@ -48,11 +38,11 @@ _FRAMES = st.one_of(
 )
 
 
-def _row(kind: str, values: dict[str, int], port: str, t_ns: int | None, offset: int) -> Frame:
+def _row(kind: str, values: dict[str, int], port: str, t_ns: int | None, offset: int) -> Row:
     fields = {field.name for field in KIND_BY_NAME[kind].fields}
     known = {name: value for name, value in values.items() if name in fields}
     raw = encode(KIND_BY_NAME[kind], dict.fromkeys(fields, 1) | known)
-    return Frame(port, offset, raw, t_ns)
+    return Row(port, offset, raw, t_ns)
 
 
 @st.composite
@@ -68,7 +58,7 @@ def captures(draw: st.DrawFn) -> list[Step]:
         if what == "frame":
             steps.append(_row(*draw(_FRAMES), port, at, 10 * number))
         elif what == "damage":
-            steps.append(Damage(port, 10 * number, b"\x01\x02", at, (Fault.NOISE,)))
+            steps.append(Row(port, 10 * number, b"\x01\x02", at, (Fault.NOISE,), framed=False))
         elif what == "gap":
             kind = draw(st.sampled_from([GapKind.PORT, GapKind.OTHER_RECORDING]))
             steps.append(Gap(kind, port=draw(st.sampled_from([None, *PORTS]))))
@@ -93,7 +83,7 @@ def observe(model: Any, steps: Sequence[Step]) -> None:
             rows.append(step)
         else:
             changes.append(StreamChange(len(rows), step))
-    model.observe(Rows.from_rows(rows), changes)
+    model.observe(Rows.of(rows), changes)
 
 
 def bauds_after(steps: Sequence[Step]) -> list[Step]:

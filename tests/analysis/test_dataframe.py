@@ -8,24 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.dataframe import SCHEMA, column_dtype, row_frame
-from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
-    COLUMNS,
-    ColumnType,
-    Damage,
-    Fault,
-    Frame,
-    Row,
-    record,
-)
+from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType, Fault, Row, record
 from fte_sniff.protocol.rows import Rows
 
-ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+ROWS = st.lists(st.from_type(Row), max_size=12)
 
 
 @given(ROWS)
 def test_a_frame_has_the_values_of_the_records(rows: list[Row]) -> None:
-    plain = row_frame(Rows.from_rows(rows)).with_columns(
+    plain = row_frame(Rows.of(rows)).with_columns(
         pl.col("time").cast(pl.Int64),
         *(
             pl.col(column.name).cast(pl.String)
@@ -38,16 +29,14 @@ def test_a_frame_has_the_values_of_the_records(rows: list[Row]) -> None:
 
 @given(ROWS)
 def test_a_frame_has_the_types_of_the_contract(rows: list[Row]) -> None:
-    assert dict(row_frame(Rows.from_rows(rows)).schema) == SCHEMA
+    assert dict(row_frame(Rows.of(rows)).schema) == SCHEMA
     assert list(SCHEMA) == list(COLUMN_BY_NAME)
 
 
 @given(ROWS, st.sets(st.sampled_from(list(COLUMN_BY_NAME)), min_size=1))
 def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[str]) -> None:
     wanted = [name for name in COLUMN_BY_NAME if name in names]
-    assert row_frame(Rows.from_rows(rows), names).equals(
-        row_frame(Rows.from_rows(rows)).select(wanted)
-    )
+    assert row_frame(Rows.of(rows), names).equals(row_frame(Rows.of(rows)).select(wanted))
 
 
 @pytest.mark.parametrize(
@@ -66,7 +55,7 @@ def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.Dat
 
 
 def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:
-    frame = row_frame(Rows.from_rows([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))]))
+    frame = row_frame(Rows.of([Row("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,), framed=False)]))
     assert frame["port"].to_list() == ["/dev/?"]
 
 

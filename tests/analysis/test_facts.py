@@ -14,43 +14,32 @@ from fte_sniff.analysis.facts import ANSWERABLE, DEADLINE_NS, MOST_HELD, Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    MOTORS,
-    Damage,
-    Direction,
-    Fault,
-    Frame,
-    Gap,
-    GapKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Direction, Fault, Gap, GapKind, Row, encode
 from fte_sniff.protocol.rows import FACTS, Rows
 from tests.analysis.pieces import Step, captures
 
 MS = 1_000_000
 
 
-def frame(kind: str, motor: int, t_ms: float | None) -> Frame:
+def frame(kind: str, motor: int, t_ms: float | None) -> Row:
     values = {one.name: 0 for one in KIND_BY_NAME[kind].fields if one.default is None}
     if "motor" in values:
         values["motor"] = motor
-    return Frame(
-        "p", 0, encode(KIND_BY_NAME[kind], values), None if t_ms is None else int(t_ms * MS)
-    )
+    return Row("p", 0, encode(KIND_BY_NAME[kind], values), None if t_ms is None else int(t_ms * MS))
 
 
-def command(motor: int, t_ms: float | None) -> Frame:
+def command(motor: int, t_ms: float | None) -> Row:
     return frame("speed", motor, t_ms)
 
 
-def answer(motor: int, t_ms: float | None) -> Frame:
+def answer(motor: int, t_ms: float | None) -> Row:
     return frame("speed_feedback", motor, t_ms)
 
 
-def damage(raw: str, t_ms: float | None, fault: Fault = Fault.TRUNCATED) -> Damage:
-    return Damage("p", 0, bytes.fromhex(raw), None if t_ms is None else int(t_ms * MS), (fault,))
+def damage(raw: str, t_ms: float | None, fault: Fault = Fault.TRUNCATED) -> Row:
+    return Row(
+        "p", 0, bytes.fromhex(raw), None if t_ms is None else int(t_ms * MS), (fault,), framed=False
+    )
 
 
 def batches(steps: Sequence[Step], cuts: Sequence[int]) -> list[tuple[Rows, list[StreamChange]]]:
@@ -60,11 +49,11 @@ def batches(steps: Sequence[Step], cuts: Sequence[int]) -> list[tuple[Rows, list
     for start, end in pairwise(edges):
         rows, changes = list[Row](), list[StreamChange]()
         for step in steps[start:end]:
-            if isinstance(step, Frame | Damage):
+            if isinstance(step, Row):
                 rows.append(step)
             else:
                 changes.append(StreamChange(len(rows), step))
-        found.append((Rows.from_rows(rows), changes))
+        found.append((Rows.of(rows), changes))
     return found
 
 
@@ -82,19 +71,19 @@ def facts_of(rows: Sequence[Row]) -> list[tuple[object, ...]]:
 @given(captures(), st.lists(st.integers(0, 60), max_size=6))
 def test_any_division_into_batches_gives_the_same_facts(steps: list[Step], cuts: list[int]) -> None:
     whole = fed(steps)
-    assert whole == [one for one in steps if isinstance(one, Frame | Damage)]
+    assert whole == [one for one in steps if isinstance(one, Row)]
     assert facts_of(fed(steps, cuts)) == facts_of(whole)
 
 
 def previous_by_hand(steps: Sequence[Step], field: str) -> list[int | None]:
     """The field in the frame before of the same port, motor and kind, which no gap is after."""
-    found, last = list[int | None](), dict[object, Frame]()
+    found, last = list[int | None](), dict[object, Row]()
     for step in steps:
         if isinstance(step, Gap):
             last.clear()
-        if not isinstance(step, Frame | Damage):
+        if not isinstance(step, Row):
             continue
-        if not isinstance(step, Frame) or step.kind is None:
+        if not step.framed or step.kind is None:
             found.append(None)
             continue
         key = step.port, step.kind.name, step.values.get("motor")
@@ -105,14 +94,14 @@ def previous_by_hand(steps: Sequence[Step], field: str) -> list[int | None]:
 
 def jumps(steps: Sequence[Step], field: str) -> list[bool]:
     """The rows for which `abs(field - previous(field)) > 0`."""
-    own = [one for one in steps if isinstance(one, Frame | Damage)]
-    values = [one.values.get(field) if isinstance(one, Frame) else None for one in own]
+    own = [one for one in steps if isinstance(one, Row)]
+    values = [one.values.get(field) if one.framed else None for one in own]
     pairs = zip(values, previous_by_hand(steps, field), strict=True)
     return [None not in pair and pair[0] != pair[1] for pair in pairs]
 
 
 MOVING = st.builds(
-    lambda kind, motor, rpm, port: Frame(
+    lambda kind, motor, rpm, port: Row(
         port,
         0,
         encode(
@@ -149,7 +138,7 @@ def test_previous_is_that_of_the_frame_before_for_any_division(
     stream = wanted.stream()
     live = [stream.matches(*batch).tolist() for batch in batches(steps, cuts)]
     assert [one for some in live for one in some] == expected
-    whole = Rows.from_rows(fed(steps, cuts))
+    whole = Rows.of(fed(steps, cuts))
     assert wanted.matches(whole).tolist() == expected
     unknown = RowFilter.parse(f"previous({field}) IS NULL").matches(whole).tolist()
     assert unknown == [one is None for one in previous_by_hand(steps, field)]
@@ -181,14 +170,14 @@ def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None
     """`answer_ns` and `unanswered` of every row, by the text of docs/stats.md."""
     found, lost, covered = list[tuple[int | None, bool | None]](), False, False
     for at, row in enumerate(steps):
-        if not isinstance(row, Frame | Damage):
+        if not isinstance(row, Row):
             if isinstance(row, Gap):
                 lost = lost if row.port_lost is None else row.port_lost
                 covered = covered and row.kind is not GapKind.OTHER_RECORDING
             continue
-        covered |= isinstance(row, Frame) and row.direction is Direction.FEEDBACK
+        covered |= row.framed and row.direction is Direction.FEEDBACK
         if (
-            not isinstance(row, Frame)
+            not row.framed
             or row.kind is None
             or row.direction is not Direction.CONTROL
             or row.cmd not in ANSWERABLE
@@ -209,19 +198,19 @@ def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None
 
 
 def answer_by_hand(
-    steps: Sequence[Step], at: int, asked: Frame, motor: int
+    steps: Sequence[Step], at: int, asked: Row, motor: int
 ) -> tuple[bool | None, int | None]:
     """Whether a motor answered, None if that is not known; and after how many nanoseconds."""
     for row in steps[at + 1 :]:
         if isinstance(row, Gap):
             return None, None
-        if not isinstance(row, Frame | Damage):
+        if not isinstance(row, Row):
             continue
         timed = row.t_ns is not None and asked.t_ns is not None
         delay = row.t_ns - asked.t_ns if timed else None  # type: ignore[operator]
         if delay is not None and delay > DEADLINE_NS:
             return False, None
-        if not isinstance(row, Frame) or row.kind is None:
+        if not row.framed or row.kind is None:
             continue
         if row.direction is Direction.CONTROL:
             if not row.kind.names_motor or row.values["motor"] == motor:
@@ -285,7 +274,7 @@ def test_nothing_is_unanswered_before_the_first_feedback_of_a_recording() -> Non
 
 def test_a_command_to_all_motors_has_the_slowest_answer() -> None:
     answers = [frame("speed_feedback", motor, motor) for motor in MOTORS]
-    answers = [Frame("p", 0, one.raw[:1] + b"\3" + one.raw[2:], one.t_ns) for one in answers]
+    answers = [Row("p", 0, one.raw[:1] + b"\3" + one.raw[2:], one.t_ns) for one in answers]
     assert fed([frame("mecanum", 0, 0), *answers])[0].answer_ns == 4 * MS
     assert fed([frame("mecanum", 0, 0), *answers[:3]])[0].unanswered is None
     late = [answer(4, -5), frame("mecanum", 0, 0), *answers[:3], answer(1, 2000)]
@@ -300,7 +289,7 @@ def test_nothing_is_unanswered_while_a_port_is_lost() -> None:
 
 
 def test_rows_without_times_wait_for_a_bounded_number_of_rows() -> None:
-    rows = Rows.from_rows([command(1, None), *[answer(2, None)] * (MOST_HELD + 1)])
+    rows = Rows.of([command(1, None), *[answer(2, None)] * (MOST_HELD + 1)])
     decided = Facts().feed(rows)
     assert len(decided) == len(rows)
     assert decided[0].unanswered is None
@@ -344,13 +333,13 @@ def test_damage_has_the_motor_that_its_bytes_or_neighbours_name(
     rows: list[Row], hint: int | None
 ) -> None:
     found = fed(rows)
-    assert [one.motor_hint for one in found if isinstance(one, Damage)] == [hint]
-    assert all(one.motor_hint is None for one in found if isinstance(one, Frame))
+    assert [one.motor_hint for one in found if not one.framed] == [hint]
+    assert all(one.motor_hint is None for one in found if one.framed)
 
 
 def test_rows_wait_at_most_the_deadline() -> None:
     facts = Facts()
-    rows = Rows.from_rows([command(1 + at % 4, at * 2) for at in range(3000)])
+    rows = Rows.of([command(1 + at % 4, at * 2) for at in range(3000)])
     waiting = []
     for start in range(0, len(rows), 100):
         facts.feed(rows[start : start + 100])

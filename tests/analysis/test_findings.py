@@ -28,18 +28,8 @@ from fte_sniff.analysis.events import MOST_WINDOWS, Events
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.findings import Cause, Finding, Findings, spans_of
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Damage,
-    Fault,
-    Frame,
-    Gap,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
-from fte_sniff.protocol.rows import NO_TIME, Rows
+from fte_sniff.protocol import KIND_BY_NAME, Fault, Gap, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol.rows import NO_TIME, Rows, fault_bits
 from tests.analysis import pieces
 
 COMMAND = bytes.fromhex("AA0101000000000000EE")
@@ -104,7 +94,7 @@ def test_a_finding_names_the_numbers_of_answers_and_commands() -> None:
 
 def polled(seconds: int, changes: Callable[[int, int], dict[str, int]]) -> Rows:
     """Feedback of four motors, 20 times a second; `changes` are values by number and motor."""
-    return Rows.from_rows(
+    return Rows.of(
         feedback(n * SECOND // 20 + motor, motor, **changes(n, motor))
         for n in range(20 * seconds)
         for motor in (1, 2, 3, 4)
@@ -180,22 +170,20 @@ def test_a_host_that_leaves_a_motor_out_is_not_silence() -> None:
 def test_damage_names_a_direction_only_where_its_rows_have_one() -> None:
     raw = bytes.fromhex("5501")
     some = [
-        Damage("bus", n, raw, START_NS + n * SECOND // 20, (Fault.TRUNCATED,))
+        Row("bus", n, raw, START_NS + n * SECOND // 20, (Fault.TRUNCATED,), framed=False)
         if n % 2 and 2000 < n < 4000
         else feedback(n * SECOND // 20)
         for n in range(6000)
     ]
-    (found,) = find(Rows.from_rows(some))
+    (found,) = find(Rows.of(some))
     assert found.text.endswith("mostly truncated")
     assert found.motor == 1
     wrong = bytes.fromhex("550109000000000000EE")
     framed = [
-        Frame("bus", one.offset, wrong, one.t_ns, (Fault.BAD_MOTOR,))
-        if isinstance(one, Damage)
-        else one
+        Row("bus", one.offset, wrong, one.t_ns, (Fault.BAD_MOTOR,)) if not one.framed else one
         for one in some
     ]
-    (found,) = find(Rows.from_rows(framed))
+    (found,) = find(Rows.of(framed))
     assert found.text.endswith("mostly bad_motor, feedback")
     assert found.motor == 1
 
@@ -207,10 +195,10 @@ def _damaged_now_and_then(motors: tuple[int, ...]) -> Rows:
         motor, t_ns = n % 4 + 1, n * SECOND // 20
         if 3600 <= n < 4800 and motor in motors and n // 4 % 20 == 0:
             raw = bytes.fromhex(f"5501{motor:02X}")
-            rows.append(Damage("bus", n, raw, START_NS + t_ns, (Fault.TRUNCATED,)))
+            rows.append(Row("bus", n, raw, START_NS + t_ns, (Fault.TRUNCATED,), framed=False))
         else:
             rows.append(feedback(t_ns, motor=motor))
-    return Rows.from_rows(rows)
+    return Rows.of(rows)
 
 
 def test_damage_explains_no_more_late_answers_than_it_can() -> None:
@@ -220,8 +208,8 @@ def test_damage_explains_no_more_late_answers_than_it_can() -> None:
     hit = np.flatnonzero(inside)[::25]
     framed, length, faults = rows.framed.copy(), rows.length.copy(), rows.faults.copy()
     framed[hit], length[hit] = False, 4
-    faults[hit] = rows.codebook.fault_code((Fault.TRUNCATED,))
-    found = find(rows.with_columns(framed=framed, length=length, faults=faults))
+    faults[hit] = fault_bits([Fault.TRUNCATED])
+    found = find(rows.replace(framed=framed, length=length, faults=faults))
     causes = {(one.cause, one.motor) for one in found}
     assert causes >= {(Cause.LATE, what.motor), (Cause.DAMAGE, what.motor)}
 
@@ -256,7 +244,7 @@ def test_errors_of_a_port_are_a_finding_with_their_times(
     times = [START_NS + 100 * SECOND + n * SECOND // 3 for n in range(count)]
     model = Findings()
     events = [PortEvent(t_ns, "bus", kind, "") for t_ns in times]
-    model.observe(rows.with_columns(events=events))
+    model.observe(rows.replace(events))
     found = [(one.cause, one.events, one.first_ns, one.last_ns) for one in model.found()]
     assert found == [(Cause.PORT, count, times[0], times[-1])] * is_wrong
 
@@ -296,7 +284,7 @@ def test_any_parts_merge_to_the_events_of_a_single_pass(
 
 @given(st.lists(st.booleans(), min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=4))
 def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], cuts: list[int]) -> None:
-    rows = Rows.from_rows(
+    rows = Rows.of(
         feedback(n * SECOND // 3, error=4 * is_raised) for n, is_raised in enumerate(raised)
     )
     merged = Findings()
@@ -320,8 +308,8 @@ def counts_in(events: Events) -> dict[tuple[str, Keep, str], list[list[int]]]:
     return found
 
 
-def feedback(at_ns: int, motor: int = 1, error: int = 0, online: int = 15) -> Frame:
-    return Frame("bus", 0, feedback_bytes(motor, error, online), START_NS + at_ns)
+def feedback(at_ns: int, motor: int = 1, error: int = 0, online: int = 15) -> Row:
+    return Row("bus", 0, feedback_bytes(motor, error, online), START_NS + at_ns)
 
 
 @cache
@@ -352,7 +340,7 @@ def test_a_lost_port_explains_what_happens_while_it_is_lost() -> None:
         PortEvent(end, "bus", PortEventKind.FOUND_AGAIN, ""),
     ]
     model = Findings()
-    model.observe(rows.with_columns(events=events))
+    model.observe(rows.replace(events))
     assert [(one.cause, one.port) for one in model.found()] == [(Cause.PORT, "bus")]
 
 
@@ -368,9 +356,8 @@ def test_one_wire_leaves_answers_unexamined() -> None:
 
 def test_commands_on_several_ports_leave_answers_unexamined() -> None:
     rows, _ = rows_with("lost")
-    for name in "abcd":
-        rows.codebook.port_code(name)
-    several = rows.with_columns(port=np.arange(len(rows), dtype=np.uint16) % 4)
+    columns = {**rows.columns, "port": np.arange(len(rows), dtype=np.uint16) % 4}
+    several = Rows(columns, tuple("abcd"))
     model = findings_in(several)
     assert not {one.cause for one in model.found()} & {Cause.UNANSWERED, Cause.LATE, Cause.SILENCE}
     assert Cause.UNANSWERED in model.not_covered()
@@ -382,13 +369,8 @@ def test_damage_on_one_of_four_ports_is_named_with_its_port() -> None:
         recording(np.random.default_rng(20 + number), 400, what if number == 2 else None)
         for number in range(4)
     ]
-    codebook = several[0].codebook
-    codes = [codebook.port_code(name) for name in "abcd"]
     rows = Rows.concat(
-        [
-            one.recoded(codebook).with_columns(port=np.full(len(one), code, np.uint16))
-            for one, code in zip(several, codes, strict=True)
-        ]
+        [Rows(one.columns, (name,)) for one, name in zip(several, "abcd", strict=True)]
     )
     model = findings_in(rows.select(np.argsort(rows.t_ns, kind="stable")))
     (found,) = model.found()
@@ -400,11 +382,8 @@ def test_damage_on_one_of_four_ports_is_named_with_its_port() -> None:
 
 def test_captures_of_other_ports_at_other_times_are_examined() -> None:
     rows, what = rows_with("lost")
-    rows.codebook.port_code("other")
-    later = recording(np.random.default_rng(9), 300, None).recoded(rows.codebook)
-    later = later.with_columns(
-        t_ns=later.t_ns + 3600 * SECOND, port=np.full(len(later), 1, np.uint16)
-    )
+    later = recording(np.random.default_rng(9), 300, None)
+    later = Rows({**later.columns, "t_ns": later.t_ns + 3600 * SECOND}, ("other",))
     model = findings_in(rows)
     model.merge(findings_in(later))
     assert model.not_covered() == {}
@@ -415,15 +394,21 @@ def test_captures_of_other_ports_at_other_times_are_examined() -> None:
     ("rows", "text"),
     [
         ([], "nothing could be examined: the input has no rows"),
-        ([Frame("p", 0, COMMAND, START_NS)], "only one wire was recorded"),
-        ([Frame("p", 0, COMMAND, None)] * 50, "no row has a time"),
-        ([Damage("p", n, b"\x01", START_NS + n, (Fault.NOISE,)) for n in range(500)], "is a frame"),
-        ([Damage("p", n, b"\x01", None, (Fault.NOISE,)) for n in range(500)], "is a frame"),
+        ([Row("p", 0, COMMAND, START_NS)], "only one wire was recorded"),
+        ([Row("p", 0, COMMAND, None)] * 50, "no row has a time"),
+        (
+            [Row("p", n, b"\x01", START_NS + n, (Fault.NOISE,), framed=False) for n in range(500)],
+            "is a frame",
+        ),
+        (
+            [Row("p", n, b"\x01", None, (Fault.NOISE,), framed=False) for n in range(500)],
+            "is a frame",
+        ),
     ],
     ids=["no row", "one row", "no times", "noise", "noise without times"],
 )
-def test_rows_that_show_nothing_have_no_findings(rows: list[Frame | Damage], text: str) -> None:
-    model = findings_in(Rows.from_rows(rows))
+def test_rows_that_show_nothing_have_no_findings(rows: list[Row], text: str) -> None:
+    model = findings_in(Rows.of(rows))
     assert model.found() == []
     assert model.not_covered()
     assert any(text in line for line in model.coverage([]))
@@ -433,10 +418,10 @@ def test_times_that_fall_invent_nothing() -> None:
     rows = recording(np.random.default_rng(7), 600, None)
     fallen = rows.t_ns.copy()
     fallen[len(rows) // 2 :] -= 400 * SECOND
-    assert find(rows.with_columns(t_ns=fallen)) == []
+    assert find(rows.replace(t_ns=fallen)) == []
     some = rows.t_ns.copy()
     some[::7] = NO_TIME
-    assert not {one.cause for one in find(rows.with_columns(t_ns=some))} & {
+    assert not {one.cause for one in find(rows.replace(t_ns=some))} & {
         Cause.PORT,
         Cause.SILENCE,
     }
@@ -445,8 +430,9 @@ def test_times_that_fall_invent_nothing() -> None:
 def test_windows_are_bounded_and_lose_no_event() -> None:
     events, count = Events(), 3 * MOST_WINDOWS
     raw = bytes.fromhex("1234")
-    rows = Rows.from_rows(
-        Damage("p", n, raw, START_NS + n * SECOND * 2, (Fault.NOISE,)) for n in range(count)
+    rows = Rows.of(
+        Row("p", n, raw, START_NS + n * SECOND * 2, (Fault.NOISE,), framed=False)
+        for n in range(count)
     )
     for start in range(0, count, 1000):
         events.observe(rows[start : start + 1000])
@@ -490,8 +476,8 @@ def test_what_is_counted_is_reported_where_there_is_no_finding() -> None:
 
     rows = list(polled(60, changes))
     for at in range(0, len(rows), 80):
-        rows[at] = Damage(rows[at].port, at, b"\x01", rows[at].t_ns, (Fault.NOISE,))
-    model = findings_in(Rows.from_rows(rows))
+        rows[at] = Row(rows[at].port, at, b"\x01", rows[at].t_ns, (Fault.NOISE,), framed=False)
+    model = findings_in(Rows.of(rows))
     assert model.found() == []
     (line,) = [line for line in model.coverage([]) if "for a finding" in line]
     assert line.endswith(

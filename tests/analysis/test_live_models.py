@@ -18,7 +18,6 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Direction,
-    Frame,
     Gap,
     GapKind,
     PortEvent,
@@ -26,7 +25,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows
 
 MILLISECOND = 1_000_000
 
@@ -36,13 +35,13 @@ def _rows(count: int) -> list[Row]:
     for number in range(count):
         kind = KIND_BY_NAME["speed" if number % 3 == 0 else "speed_feedback"]
         raw = encode(kind, {"motor": 1 + number % 4, "rpm": number})
-        rows.append(Frame("p", 10 * number, raw, number * MILLISECOND))
+        rows.append(Row("p", 10 * number, raw, number * MILLISECOND))
     return rows
 
 
 def _motors(rows: Sequence[Row]) -> Motors:
     motors = Motors()
-    motors.observe(Rows.from_rows(rows))
+    motors.observe(Rows.of(rows))
     return motors
 
 
@@ -60,7 +59,7 @@ def test_the_state_at_a_row_equals_that_after_all_rows_up_to_it(
     store = RowStore(1000, block_rows)
     following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 7):
-        store.append(Rows.from_rows(rows[start : start + 7]))
+        store.append(Rows.of(rows[start : start + 7]))
         following.step(budget)
     while not following.step(budget):
         pass
@@ -77,7 +76,7 @@ def test_the_state_at_a_row_equals_that_after_all_rows_up_to_it(
 def test_rows_that_leave_before_they_are_observed_are_counted() -> None:
     store = RowStore(100, 32)
     following = LiveModels(store, LineSetup(), 32)
-    store.append(Rows.from_rows(_rows(250)))
+    store.append(Rows.of(_rows(250)))
     assert following.pending == 100
     assert following.step(1000)
     assert following.missed == 150
@@ -88,7 +87,7 @@ def test_rows_that_leave_before_they_are_observed_are_counted() -> None:
 def test_rows_that_were_not_observed_have_no_state() -> None:
     store = RowStore()
     following = LiveModels(store, LineSetup())
-    store.append(Rows.from_rows(_rows(50)))
+    store.append(Rows.of(_rows(50)))
     assert not following.step(20)
     assert following.motors_at(20) is None
     assert following.motors_at(19) is following.motors
@@ -99,7 +98,7 @@ def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     rows = _rows(2000)
     store = RowStore(5000, 64)
     following = LiveModels(store, LineSetup(), 128)
-    store.append(Rows.from_rows(rows))
+    store.append(Rows.of(rows))
     following.step(10**6)
     index = 1000
     end = index * MILLISECOND
@@ -109,7 +108,7 @@ def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     inside = [
         row.values["rpm"]
         for row in rows[: index + 1]
-        if isinstance(row, Frame)
+        if row.framed
         and row.direction is Direction.FEEDBACK
         and row.values["motor"] == 2
         and row.t_ns is not None
@@ -139,7 +138,7 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
         following.add(
             changes=[StreamChange(at, Gap(GapKind.PORT, port_lost=lost[at])) for at in gaps]
         )
-        store.append(Rows.from_rows(rows[start : start + 9]))
+        store.append(Rows.of(rows[start : start + 9]))
         following.step(budget)
     while not following.step(budget):
         pass
@@ -147,11 +146,11 @@ def test_no_measurement_spans_a_gap_or_a_lost_port(
     (port,) = following.statistics.ports()
     assert port.silences.count == count - 1 - len(inside)
     if look < count:
-        expected, codebook = Motors(), Codebook()
+        expected = Motors()
         for row in range(look + 1):
             if row in places:
                 expected.interrupt(Gap(GapKind.PORT, port_lost=lost[row]))
-            expected.observe(Rows.from_rows(rows[row : row + 1], codebook))
+            expected.observe(Rows.of(rows[row : row + 1]))
         motors = following.motors_at(look)
         assert motors is not None
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)
@@ -161,10 +160,10 @@ def test_missed_rows_are_not_silence() -> None:
     store = RowStore(10, 5)
     following = LiveModels(store, LineSetup())
     rows = _rows(100)
-    store.append(Rows.from_rows(rows[:5]))
+    store.append(Rows.of(rows[:5]))
     while not following.step(100):
         pass
-    store.append(Rows.from_rows(rows[5:]))
+    store.append(Rows.of(rows[5:]))
     while not following.step(100):
         pass
     assert following.missed == 85
@@ -177,10 +176,10 @@ def test_utilization_uses_the_recorded_baud() -> None:
     following = LiveModels(store, LineSetup())
     bauds = [(0, 9600), (3, 57_600)]
     following.add(changes=[StreamChange(at, BaudChange("p", baud)) for at, baud in bauds])
-    store.append(Rows.from_rows(_rows(3)))
+    store.append(Rows.of(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 9600
-    store.append(Rows.from_rows(_rows(3)))
+    store.append(Rows.of(_rows(3)))
     following.step(100)
     assert following.statistics.ports()[0].baud == 57_600
 
@@ -188,7 +187,7 @@ def test_utilization_uses_the_recorded_baud() -> None:
 def test_port_events_need_no_rows_after_them() -> None:
     store = RowStore(100)
     following = LiveModels(store, LineSetup())
-    store.append(Rows.from_rows(_rows(3)))
+    store.append(Rows.of(_rows(3)))
     following.step(100)
     following.add([PortEvent(2 * MILLISECOND, "p", PortEventKind.LOST, "")])
     assert following.copy_findings().events.lost == [("p", 2 * MILLISECOND, None)]
@@ -202,8 +201,8 @@ def test_flags_on_both_sides_of_missed_rows_are_not_in_a_row() -> None:
     following = LiveModels(store, LineSetup())
     raised = [True, True, *[False] * 5, True, *[False] * 4]
     kind = KIND_BY_NAME["speed_feedback"]
-    rows = Rows.from_rows(
-        Frame("p", 10 * at, encode(kind, {"motor": 1, "rpm": 0, "error": one}), at * MILLISECOND)
+    rows = Rows.of(
+        Row("p", 10 * at, encode(kind, {"motor": 1, "rpm": 0, "error": one}), at * MILLISECOND)
         for at, one in enumerate(raised)
     )
     for part in (rows[:2], rows[2:]):

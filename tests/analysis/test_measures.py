@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.facts import DEADLINE_NS
 from fte_sniff.analysis.measures import MEASURES, OPERATORS, RowPosition
 from fte_sniff.analysis.rules import RuleCheck, RuleResult, Verdict, parse_rule
-from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
+from fte_sniff.protocol import Direction, Gap, GapKind, Row
 from fte_sniff.protocol.rows import NO_TIME, Rows
 from tests.analysis.pieces import MS, Step, captures, observe, pieces_of, state_of
 from tests.analysis.test_statistics import SECOND, frame
@@ -100,7 +100,7 @@ def runs_of(steps: Sequence[Step]) -> Iterator[list[Row]]:
 @given(captures())
 def test_counts_shares_rates_and_fields_equal_a_count_by_hand(steps: list[Step]) -> None:
     rows = rows_of(steps)
-    own = [row for row in rows if isinstance(row, Frame) and row.values.get("motor") == 1]
+    own = [row for row in rows if row.framed and row.values.get("motor") == 1]
     times = [row.t_ns for row in rows if row.t_ns is not None]
     duration = (max(times) - min(times)) / SECOND if len(times) > 1 else None
     assert measured(steps, "duration()") == duration
@@ -111,19 +111,19 @@ def test_counts_shares_rates_and_fields_equal_a_count_by_hand(steps: list[Step])
         assert rate == (pytest.approx(len(own) / duration) if duration else None)
     else:
         assert rate == (0 if rows else None)
-    rpm = [row.values["rpm"] for row in rows if isinstance(row, Frame) and "rpm" in row.values]
+    rpm = [row.values["rpm"] for row in rows if row.framed and "rpm" in row.values]
     assert measured(steps, "min(rpm)") == min(rpm, default=None)
     assert measured(steps, "max(rpm)") == max(rpm, default=None)
     assert measured(steps, "mean(rpm)") == (sum(rpm) / len(rpm) if rpm else None)
     assert measured(steps, "max(offset)") == max((row.offset for row in rows), default=None)
-    cmds = [row.raw[1] for row in rows if isinstance(row, Frame)]
+    cmds = [row.raw[1] for row in rows if row.framed]
     assert measured(steps, "min(cmd)") == min(cmds, default=None)
 
 
 def _silences(run: Sequence[Row], kind: str) -> Iterator[int]:
     timed = [row for row in run if row.t_ns is not None]
     if timed:
-        marks = [row.t_ns for row in timed if isinstance(row, Frame) and row.kind.name == kind]
+        marks = [row.t_ns for row in timed if row.framed and row.kind.name == kind]
         marks = [timed[0].t_ns, *marks, timed[-1].t_ns]
         yield from (after - before for before, after in itertools.pairwise(marks))
 
@@ -131,9 +131,7 @@ def _silences(run: Sequence[Row], kind: str) -> Iterator[int]:
 @given(captures())
 def test_the_longest_gap_includes_both_ends_of_each_run(steps: list[Step]) -> None:
     expected = None
-    matching = [
-        row for row in rows_of(steps) if isinstance(row, Frame) and row.kind.name == "speed"
-    ]
+    matching = [row for row in rows_of(steps) if row.framed and row.kind.name == "speed"]
     if sum(row.t_ns is not None for row in matching) > 1:
         gaps = [gap for run in runs_of(steps) for gap in _silences(run, "speed")]
         expected = max(0, *gaps, 0) / SECOND
@@ -151,7 +149,7 @@ def covered(steps: Sequence[Step]) -> set[int]:
     for step in steps:
         if isinstance(step, Gap):
             has_feedback = has_feedback and step.kind is not GapKind.OTHER_RECORDING
-        elif isinstance(step, Frame):
+        elif step.framed:
             has_feedback |= step.direction is Direction.FEEDBACK
         if has_feedback:
             found.add(id(step))
@@ -163,18 +161,18 @@ def test_answers_equal_a_count_by_hand(steps: list[Step], only: int | None) -> N
     delays, rows, known = [], rows_of(steps), covered(steps)
     found, answered = {True: 0, False: 0}, 0
 
-    def miss(command: Frame | None, motor: int) -> None:
+    def miss(command: Row | None, motor: int) -> None:
         if command is not None and only in (None, motor):
             found[id(command) in known] += 1
 
     for run in runs_of(steps):
         for motor in (1, 2, 3, 4):
-            waiting: Frame | None = None
+            waiting: Row | None = None
             for row in run:
                 if waiting is not None and _is_late(waiting, row):
                     miss(waiting, motor)
                     waiting = None
-                if not isinstance(row, Frame) or row.values.get("motor", motor) != motor:
+                if not row.framed or row.values.get("motor", motor) != motor:
                     continue
                 if row.direction is Direction.CONTROL:
                     miss(waiting, motor)
@@ -200,7 +198,7 @@ def test_the_online_share_equals_a_count_by_hand(steps: list[Step], motor: int) 
     on = known = 0
     frames = []
     for run in runs_of(steps):
-        own = [row for row in run if isinstance(row, Frame) and "online" in row.values]
+        own = [row for row in run if row.framed and "online" in row.values]
         frames += own
         timed = [row for row in own if row.t_ns is not None]
         for before, after in itertools.pairwise(timed):
@@ -221,7 +219,7 @@ def verdict(text: str, *rows: Row) -> Verdict:
 
 def speeds(*rpm_at_ms: tuple[int, int]) -> list[Row]:
     return [
-        Frame("p", 10 * at, frame("speed", 0, motor=1, rpm=rpm).raw, ms * MS)
+        Row("p", 10 * at, frame("speed", 0, motor=1, rpm=rpm).raw, ms * MS)
         for at, (ms, rpm) in enumerate(rpm_at_ms)
     ]
 
@@ -303,7 +301,7 @@ def test_a_rate_of_matching_rows_fails_without_two_different_times(
         rule = parse_rule(f"rate(motor = 1) {sign} {number}", may_be_uncovered=True)
         parts = [RuleCheck([rule]) for _ in rows]
         for part, row in zip(parts, rows, strict=True):
-            part.observe(Rows.from_rows([row]))
+            part.observe(Rows.of([row]))
         whole, *rest = parts
         for part in rest:
             whole.merge(part)
@@ -336,7 +334,7 @@ def test_without_the_rows_nothing_is_covered(text: str, steps: Sequence[Step]) -
 
 def test_a_rule_may_be_uncovered() -> None:
     check = RuleCheck([parse_rule("delay(p95) < 20", may_be_uncovered=True)])
-    check.observe(Rows.from_rows(THREE))
+    check.observe(Rows.of(THREE))
     (found,) = check.verdicts()
     assert (found.result, found.refuses) == (RuleResult.NOT_COVERED, False)
 
@@ -355,9 +353,9 @@ def test_the_first_row_keeps_its_file_when_files_merge(text: str) -> None:
     early.begin("early")
     feedback = frame("speed_feedback", 0, motor=2, rpm=5, online=15)
     rows = [feedback, commands[0]] if "unanswered" in text else commands[:1]
-    early.observe(Rows.from_rows(rows))  # its verdict comes with the next row
+    early.observe(Rows.of(rows))  # its verdict comes with the next row
     late.begin("late")
-    late.observe(Rows.from_rows(commands[1:]))
+    late.observe(Rows.of(commands[1:]))
     early.merge(pickle.loads(pickle.dumps(late)))
     (found,) = early.verdicts()
     assert found.row is not None

@@ -22,17 +22,7 @@ from fte_sniff.analysis.model import (
     Tally,
     shifted,
 )
-from fte_sniff.protocol import (
-    Damage,
-    Fault,
-    Frame,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    Row,
-    Status,
-)
+from fte_sniff.protocol import Fault, Gap, GapKind, PortEvent, PortEventKind, Row, Status
 from fte_sniff.protocol import rows as rows_module
 from fte_sniff.protocol.rows import Rows
 
@@ -43,7 +33,7 @@ GAPS = st.lists(st.tuples(st.integers(0, 50), st.integers(0, 9)), max_size=4)
 
 
 def rows_at(times: list[int]) -> list[Row]:
-    return [Frame("p", 10 * at, RAW, t_ns) for at, t_ns in enumerate(times)]
+    return [Row("p", 10 * at, RAW, t_ns) for at, t_ns in enumerate(times)]
 
 
 @given(TIMES, GAPS, st.integers(0, 30))
@@ -54,8 +44,8 @@ def test_a_gap_separates_the_rows_before_it_from_those_after(
     reported = [Gap(GapKind.LEFT_OUT, 1, first, first + length) for first, length in gaps]
     assert detector.begin({}, reported) == []
     rows = rows_at(times)
-    found: list[StreamChange] = list(detector.changes(Rows.from_rows(rows[:cut])))
-    found += shifted(detector.changes(Rows.from_rows(rows[cut:])), len(rows[:cut]))
+    found: list[StreamChange] = list(detector.changes(Rows.of(rows[:cut])))
+    found += shifted(detector.changes(Rows.of(rows[cut:])), len(rows[:cut]))
     places = {change.index for change in found}
     for first, length in gaps:
         behind = [at for at, t_ns in enumerate(times) if t_ns > first + length]
@@ -80,7 +70,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(25, "q", PortEventKind.BAUD_CHANGED, "", 1200),
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
-    assert detector.changes(Rows.from_rows(rows_at([10, 20, 30]), events=events)) == [
+    assert detector.changes(Rows.of(rows_at([10, 20, 30]), events=events)) == [
         StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p", port_lost=True)),
         StreamChange(2, BaudChange("p", 1200)),
         StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p", port_lost=True)),
@@ -88,7 +78,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
     found = [PortEvent(95, name, PortEventKind.FOUND_AGAIN, "") for name in "qp"]
     assert [
         change.what.port_lost
-        for change in detector.changes(Rows.from_rows(rows_at([99]), events=found))
+        for change in detector.changes(Rows.of(rows_at([99]), events=found))
         if isinstance(change.what, Gap)
     ] == [True, False]
     assert (detector.lost, detector.found) == (set(), {"q"})
@@ -96,11 +86,11 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
 
 def test_rows_that_a_slow_view_missed_are_a_gap_before_the_next_batch() -> None:
     detector = GapDetector()
-    assert detector.changes(Rows.from_rows(rows_at([1, 2]))) == []
-    assert detector.changes(Rows.from_rows(rows_at([8, 9])), not_shown=5) == [
+    assert detector.changes(Rows.of(rows_at([1, 2]))) == []
+    assert detector.changes(Rows.of(rows_at([8, 9])), not_shown=5) == [
         StreamChange(0, Gap(GapKind.NOT_SHOWN, 5))
     ]
-    assert detector.changes(Rows.from_rows(rows_at([10])), not_shown=5) == []
+    assert detector.changes(Rows.of(rows_at([10])), not_shown=5) == []
 
 
 def test_an_interruption_is_a_gap_once_the_rows_on_both_sides_have_times() -> None:
@@ -125,7 +115,7 @@ def test_a_clipped_gap_has_an_unknown_number_of_rows() -> None:
     assert gap.within(21, None) is None
 
 
-ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+ROWS = st.lists(st.from_type(Row), max_size=12)
 
 
 def count_by_hand(rows: list[Row]) -> RowCount:
@@ -143,12 +133,12 @@ def test_a_tally_equals_a_count_by_hand(
     monkeypatch.setattr(rows_module, "FEW", few)
     monkeypatch.setattr(rows_module, "_FEWEST", few)
     tally, later = Tally(), Tally()
-    tally.observe(Rows.from_rows(rows[:cut]))
-    later.observe(Rows.from_rows(rows[cut:]).select(slice(None)))
+    tally.observe(Rows.of(rows[:cut]))
+    later.observe(Rows.of(rows[cut:]).select(slice(None)))
     tally.merge(later)
     assert type(tally.bytes) is int  # which JSON can hold
     assert vars(count_by_hand(rows)).items() <= vars(tally).items()
-    assert tally.frames == sum(isinstance(row, Frame) for row in rows)
+    assert tally.frames == sum(row.framed for row in rows)
     assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
     assert tally.ports == tuple(dict.fromkeys(row.port for row in rows))
     for port in (None, *tally.ports):
@@ -166,9 +156,9 @@ def test_a_tally_equals_a_count_by_hand(
 def test_the_malformed_share_is_of_all_rows() -> None:
     tally = Tally()
     assert tally.malformed_share == 0
-    noise = Damage("port", 0, b"\0", None, (Fault.NOISE,))
-    suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
-    tally.observe(Rows.from_rows([noise, suspect, suspect, suspect]))
+    noise = Row("port", 0, b"\0", None, (Fault.NOISE,), framed=False)
+    suspect = Row("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
+    tally.observe(Rows.of([noise, suspect, suspect, suspect]))
     assert tally.malformed_share == 0.25
 
 

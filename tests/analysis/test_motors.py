@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.facts import ANSWERABLE, Facts, Pairing, motor_rows
 from fte_sniff.analysis.motors import Health, MotorEvent, MotorEvents, Motors, MotorState
-from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol import KIND_BY_NAME, KINDS, Direction, Fault, Row, encode
+from fte_sniff.protocol.rows import Rows
 
 SECOND = 1_000_000_000
 SMALL = st.integers(-300, 300)
@@ -27,10 +27,10 @@ def _frame(draw: st.DrawFn, t_ns: int | None) -> Row:
     }
     raw = encode(kind, values, draw(st.sampled_from(kind.cmds)))
     if draw(st.integers(0, 9)) == 0:
-        return Damage("p", 0, raw[:-1], t_ns, (Fault.TRUNCATED,))
+        return Row("p", 0, raw[:-1], t_ns, (Fault.TRUNCATED,), framed=False)
     if draw(st.integers(0, 9)) == 0:
         raw = raw[:2] + draw(st.sampled_from([b"\x00", b"\x09"])) + raw[3:]
-    return Frame("p", 0, raw, t_ns)
+    return Row("p", 0, raw, t_ns)
 
 
 @st.composite
@@ -45,10 +45,10 @@ def row_lists(draw: st.DrawFn) -> list[Row]:
 
 
 def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> list[MotorState]:
-    motors, codebook = Motors(), Codebook()
+    motors = Motors()
     edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
     for start, end in pairwise(edges):
-        motors.observe(Rows.from_rows(rows[start:end], codebook))
+        motors.observe(Rows.of(rows[start:end]))
     return motors.states(now_ns)
 
 
@@ -61,7 +61,7 @@ def test_batches_of_any_size_give_the_same_states(rows: list[Row], cuts: list[in
 @pytest.mark.parametrize("speeds", [*product((100, 200), repeat=4)])
 def test_a_target_is_as_old_as_its_first_command(speeds: tuple[int, ...], cut: int) -> None:
     rows: list[Row] = [
-        Frame("p", 10 * at, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}), at, ())
+        Row("p", 10 * at, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}), at, ())
         for at, rpm in enumerate(speeds)
     ]
     target = states_of(rows, [cut])[0].target
@@ -71,7 +71,7 @@ def test_a_target_is_as_old_as_its_first_command(speeds: tuple[int, ...], cut: i
 
 
 def _commands(row: Row, motor: int) -> bool:
-    if not isinstance(row, Frame) or row.kind is None:
+    if not row.framed or row.kind is None:
         return False
     if row.direction is not Direction.CONTROL:
         return False
@@ -80,7 +80,7 @@ def _commands(row: Row, motor: int) -> bool:
 
 def _tells(row: Row, motor: int) -> bool:
     return (
-        isinstance(row, Frame)
+        row.framed
         and row.direction is Direction.FEEDBACK
         and row.kind is not None
         and row.values["motor"] == motor
@@ -125,7 +125,7 @@ def _check_flags(state: MotorState, feedback: list[Row]) -> None:
 
 
 def _row(name: str, t_ns: int | None, **values: int) -> Row:
-    return Frame("p", 0, encode(KIND_BY_NAME[name], values), t_ns)
+    return Row("p", 0, encode(KIND_BY_NAME[name], values), t_ns)
 
 
 def test_a_motor_without_frames_has_no_values() -> None:
@@ -179,12 +179,12 @@ def exchanges(draw: st.DrawFn) -> list[Row]:
         values = {one.name: 0 for one in kind.fields if one.default is None}
         if kind.names_motor:
             values["motor"] = draw(st.sampled_from([1, 1, 2]))
-        rows.append(Frame("p", 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), t_ns))
+        rows.append(Row("p", 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), t_ns))
     return rows
 
 
 def observe(pairing: Pairing, rows: list[Row], motor: int = 1) -> None:
-    batch = Rows.from_rows(rows)
+    batch = Rows.of(rows)
     pairing.observe(batch, motor_rows(batch), motor)
 
 
@@ -196,7 +196,7 @@ def paired_by_hand(rows: list[Row]) -> tuple[list[int], int, int, bool]:
     covered = False
     asked: tuple[int, int, bool] | None = None
     for t_ns, row in enumerate(rows):
-        covered |= isinstance(row, Frame) and row.direction is Direction.FEEDBACK
+        covered |= row.framed and row.direction is Direction.FEEDBACK
         if _commands(row, 1):
             if asked is not None:
                 unanswered[asked[2]] += 1
@@ -240,7 +240,7 @@ SECOND_NS = 1_000_000_000
 
 
 def row(name: str, at_ms: float, **values: int) -> Row:
-    return Frame("p", 0, encode(KIND_BY_NAME[name], values), round(at_ms * 1_000_000))
+    return Row("p", 0, encode(KIND_BY_NAME[name], values), round(at_ms * 1_000_000))
 
 
 def session() -> list[Row]:
@@ -259,7 +259,7 @@ def session() -> list[Row]:
 def test_events_are_the_same_however_rows_are_divided(every: int) -> None:
     facts, motors, events, rows = Facts(), Motors(), MotorEvents(), session()
     for start in range(0, len(rows), every):
-        batch = Rows.from_rows(rows[start : start + every])
+        batch = Rows.of(rows[start : start + every])
         motors.observe(batch)
         events.observe(batch, motors)
         events.observe_facts(facts.feed(batch))
@@ -284,9 +284,7 @@ def test_events_are_the_same_however_rows_are_divided(every: int) -> None:
 
 def test_nothing_is_known_of_rows_without_a_time_or_without_commands() -> None:
     events, motors = MotorEvents(), Motors()
-    rows = Rows.from_rows(
-        [Frame("p", 0, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 0}), None)] * 3
-    )
+    rows = Rows.of([Row("p", 0, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 0}), None)] * 3)
     motors.observe(rows)
     events.observe(rows, motors)
     assert events.health((0, SECOND_NS)) == {}
@@ -295,7 +293,7 @@ def test_nothing_is_known_of_rows_without_a_time_or_without_commands() -> None:
 
 def test_motors_are_not_called_silent_where_no_feedback_was_recorded() -> None:
     events, motors = MotorEvents(), Motors()
-    rows = Rows.from_rows([row("speed", 20 * number, motor=1, rpm=5) for number in range(50)])
+    rows = Rows.of([row("speed", 20 * number, motor=1, rpm=5) for number in range(50)])
     motors.observe(rows)
     events.observe(rows, motors)
     assert events.counts(1, (0, SECOND_NS)).asked == 0

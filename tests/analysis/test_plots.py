@@ -8,18 +8,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.plots import ALL_MOTORS, Points, Timeline, limits, medians, points_of_median
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    KINDS,
-    MOTORS,
-    Direction,
-    Frame,
-    Gap,
-    GapKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, KINDS, MOTORS, Direction, Gap, GapKind, Row, encode
 from fte_sniff.protocol.rows import Rows
+from tests.analysis import conftest
 from tests.analysis.pieces import PORTS
 
 VALUES = st.integers(-(2**31), 2**31 - 1)
@@ -67,7 +58,7 @@ def expected(rows: list[Row], kind: str, motor: int, name: str) -> list[tuple[in
         (
             (row.t_ns, row.values[name] if name else 0)
             for row in rows
-            if isinstance(row, Frame) and row.t_ns is not None
+            if row.framed and row.t_ns is not None
             if row.kind is not None and row.kind.name == kind
             if motor in (ALL_MOTORS, row.values.get("motor"))
         ),
@@ -75,17 +66,17 @@ def expected(rows: list[Row], kind: str, motor: int, name: str) -> list[tuple[in
     )
 
 
-@given(st.lists(st.from_type(Frame), max_size=40), st.integers(1, 10))
+@given(st.lists(conftest.FRAMES, max_size=40), st.integers(1, 10))
 def test_every_row_with_a_time_is_in_its_series(rows: list[Row], size: int) -> None:
     timeline = Timeline()
     for start in range(0, len(rows), size):
-        timeline.observe(Rows.from_rows(rows[start : start + size]))
+        timeline.observe(Rows.of(rows[start : start + size]))
     for trace, series in timeline.traces.items():
         assert pairs(series) == expected(rows, trace.kind.name, trace.motor, trace.field)
     known = {
         (row.kind.name, row.values.get("motor", ALL_MOTORS))
         for row in rows
-        if isinstance(row, Frame) and row.t_ns is not None and row.kind is not None
+        if row.framed and row.t_ns is not None and row.kind is not None
         if not row.kind.names_motor or row.values["motor"] in MOTORS
     }
     assert {(trace.kind.name, trace.motor) for trace in timeline.traces} == known
@@ -106,11 +97,11 @@ def test_every_row_with_a_time_is_in_its_series(rows: list[Row], size: int) -> N
 
 def test_kinds_have_the_fields_of_the_frame_table() -> None:
     frames = [
-        Frame(PORTS[0], 0, bytes([kind.header, kind.cmds[0], 1, *bytes(6), 0xEE]), 7, (), 0)
+        Row(PORTS[0], 0, bytes([kind.header, kind.cmds[0], 1, *bytes(6), 0xEE]), 7, (), 0)
         for kind in KINDS
     ]
     timeline = Timeline()
-    timeline.observe(Rows.from_rows(frames))
+    timeline.observe(Rows.of(frames))
     for kind in KINDS:
         fields = {trace.field for trace in timeline.traces if trace.kind is kind}
         if kind.names_motor:
@@ -128,10 +119,10 @@ def test_memory_is_bounded_and_the_spike_stays() -> None:
     spike = bytes([0x55, 0x01, 0x01, 0x0B, 0xB8, 0, 0, 0x00, 0x0F, 0xEE])
     for start in range(0, 100_000, 10_000):
         rows = [
-            Frame("a", 10 * at, spike if at == 54_321 else frame, at * 1000, (), 0)
+            Row("a", 10 * at, spike if at == 54_321 else frame, at * 1000, (), 0)
             for at in range(start, start + 10_000)
         ]
-        timeline.observe(Rows.from_rows(rows))
+        timeline.observe(Rows.of(rows))
     (series,) = timeline.traces.values()
     found = pairs(series)
     assert timeline.thinned
@@ -145,23 +136,21 @@ def test_all_points_are_kept_up_to_the_limit() -> None:
     for at in range(61):
         assert not timeline.thinned
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at})
-        timeline.observe(Rows.from_rows([Frame("a", 10 * at, raw, at * 1000, (), 0)]))
+        timeline.observe(Rows.of([Row("a", 10 * at, raw, at * 1000, (), 0)]))
     assert timeline.thinned
 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=30), st.integers(1, 7))
 def test_a_break_is_at_the_last_row_before_each_gap(gaps: list[bool], size: int) -> None:
     rows = [
-        Frame(
-            "a", 10 * number, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5}), 1000 + number
-        )
+        Row("a", 10 * number, encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5}), 1000 + number)
         for number in range(len(gaps))
     ]
     timeline, gap = Timeline(), Gap(GapKind.PORT)
     for start in range(0, len(rows), size):
         part = gaps[start : start + size]
         changes = [StreamChange(at, gap) for at, ends in enumerate(part) if ends]
-        timeline.observe(Rows.from_rows(rows[start : start + size]), changes)
+        timeline.observe(Rows.of(rows[start : start + size]), changes)
     assert timeline.breaks == [999 + at for at, ends in enumerate(gaps) if ends and at]
 
 

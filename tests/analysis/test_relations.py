@@ -28,10 +28,8 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     KINDS,
     MOTORS,
-    Damage,
     Direction,
     Fault,
-    Frame,
     Gap,
     GapKind,
     Row,
@@ -49,11 +47,11 @@ def some_row(draw: st.DrawFn) -> Row:
     port = draw(st.sampled_from(PORTS))
     kind = draw(st.sampled_from([None, *KINDS]))
     if kind is None:
-        return Damage(port, 0, b"\x01\x02", None, (Fault.NOISE,))
+        return Row(port, 0, b"\x01\x02", None, (Fault.NOISE,), framed=False)
     values = {field.name: draw(VALUES) for field in kind.fields if field.unit}
     if kind.names_motor:
         values["motor"] = draw(st.sampled_from(MOTORS))
-    return Frame(port, 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), None)
+    return Row(port, 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), None)
 
 
 ROWS = st.lists(some_row(), max_size=60).map(
@@ -62,7 +60,7 @@ ROWS = st.lists(some_row(), max_size=60).map(
 
 
 def stream_of(row: Row) -> tuple[object, ...] | None:
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind if row.framed else None
     if kind is None:
         return None
     return row.port, kind.name, row.raw[2] if kind.names_motor else None
@@ -76,13 +74,13 @@ def before_of(rows: list[Row], number: int) -> int:
 
 @given(ROWS)
 def test_the_frame_before_is_the_last_one_of_its_stream(rows: list[Row]) -> None:
-    found = frames_before(Rows.from_rows(rows))
+    found = frames_before(Rows.of(rows))
     assert found.tolist() == [before_of(rows, number) for number in range(len(rows))]
 
 
 @given(ROWS)
 def test_the_age_of_a_byte_counts_the_frames_since_it_changed(rows: list[Row]) -> None:
-    batch = Rows.from_rows(rows)
+    batch = Rows.of(rows)
     ages = change_ages(batch.raw, frames_before(batch))
     for number, row in enumerate(rows):
         for at in range(min(10, len(row.raw))):
@@ -99,21 +97,21 @@ def test_the_age_of_a_byte_counts_the_frames_since_it_changed(rows: list[Row]) -
 
 
 def is_to(row: Row, motor: int) -> bool:
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind if row.framed else None
     named = kind is not None and kind.names_motor
     is_command = kind is not None and kind.direction is Direction.CONTROL
     return is_command and (not named or row.raw[2] == motor)
 
 
 def is_from(row: Row, motor: int) -> bool:
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind if row.framed else None
     return kind is not None and kind.direction is Direction.FEEDBACK and row.raw[2] == motor
 
 
 def store_of(rows: list[Row], gaps: Mapping[int, bool] = MappingProxyType({})) -> RowStore:
     """A store of the rows and their facts; by index, gaps and whether a port is lost from there."""
     store, facts = RowStore(block_rows=7), Facts()
-    batch = Rows.from_rows(rows)
+    batch = Rows.of(rows)
     store.append(batch)
     changes = [StreamChange(at, Gap(GapKind.PORT, port_lost=lost)) for at, lost in gaps.items()]
     store.landmarks.add([], changes)
@@ -159,7 +157,7 @@ def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], lost: dict[in
 
 @given(ROWS)
 def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> None:
-    relations, pairs = RowRelations(store_of(rows)), answer_pairs(Rows.from_rows(rows))
+    relations, pairs = RowRelations(store_of(rows)), answer_pairs(Rows.of(rows))
     found = [one for number in range(len(rows)) for one in relations.answers(number)]
     wanted = {(one.command, one.answer) for one in found if one.answer is not None}
     assert set(zip(*(own.tolist() for own in pairs), strict=True)) == wanted
@@ -167,7 +165,7 @@ def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> No
 
 @given(ROWS, st.sets(st.integers(0, 59), max_size=20))
 def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown: set[int]) -> None:
-    batch = Rows.from_rows(rows)
+    batch = Rows.of(rows)
     ages = change_ages(batch.raw, frames_before(batch))
     indices = sorted(index for index in shown if index < len(rows))
     relations = RowRelations(store_of(rows))
@@ -184,10 +182,8 @@ def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown:
 def test_a_frame_before_is_found_far_away(away: int, found: bool) -> None:
     store = RowStore()
     first, second = (encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in (5, 6))
-    noise = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
-    store.append(
-        Rows.from_rows([Frame("p", 0, first, 7), *[noise] * away, Frame("p", 0, second, 8)])
-    )
+    noise = Row("p", 10, b"\x01", 0, (Fault.NOISE,), framed=False)
+    store.append(Rows.of([Row("p", 0, first, 7), *[noise] * away, Row("p", 0, second, 8)]))
     past = RowRelations(store).pasts([store.next - 1])[store.next - 1]
     assert past.frame_ns == (7 if found else None)
     assert past.ages == bytes([UNCHANGED] * 4 + [0 if found else UNCHANGED] + [UNCHANGED] * 5)
@@ -196,8 +192,8 @@ def test_a_frame_before_is_found_far_away(away: int, found: bool) -> None:
 def test_a_search_ends_after_many_rows() -> None:
     command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     answer = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
-    other = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
-    rows = [Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)]
+    other = Row("p", 10, b"\x01", 0, (Fault.NOISE,), framed=False)
+    rows = [Row("p", 0, command, 0), *[other] * MOST_SEARCHED, Row("p", 0, answer, 1)]
     store = store_of(rows)
     [found] = RowRelations(store).answers(0)
     assert found.state is AnswerState.UNKNOWN
@@ -207,10 +203,10 @@ def test_a_search_ends_after_many_rows() -> None:
 def test_command_waits_until_its_facts_are_known() -> None:
     """On the screen those of the last second are not known yet."""
     answer, command = (
-        Frame("p", 0, encode(KIND_BY_NAME[kind], {"motor": 1, "rpm": 5}), 0)
+        Row("p", 0, encode(KIND_BY_NAME[kind], {"motor": 1, "rpm": 5}), 0)
         for kind in ("speed_feedback", "speed")
     )
-    store, facts, batch = RowStore(), Facts(), Rows.from_rows([answer, command, command])
+    store, facts, batch = RowStore(), Facts(), Rows.of([answer, command, command])
     store.append(batch)
     relations = RowRelations(store)
     assert relations.answers(1)[0].state is AnswerState.WAITING
@@ -226,7 +222,7 @@ def test_a_row_that_is_not_in_the_store_has_no_relation(index: int) -> None:
 
 
 def test_no_rows_have_no_relations() -> None:
-    none = Rows.from_rows([])
+    none = Rows.of([])
     before = frames_before(none)
     assert len(before) == len(change_ages(none.raw, before)) == len(answer_pairs(none)[1]) == 0
     assert change_ages(np.zeros((1, 10), np.uint8), np.array([-1])).tolist() == [[UNCHANGED] * 10]

@@ -24,9 +24,7 @@ from fte_sniff.analysis.search import (
 )
 from fte_sniff.protocol import (
     KIND_BY_NAME,
-    Damage,
     Fault,
-    Frame,
     Gap,
     GapKind,
     PortEvent,
@@ -34,10 +32,10 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows
 from tests.examples import examples
 
-ROW = st.from_type(Frame) | st.from_type(Damage)
+ROW = st.from_type(Row)
 FILTERS = [
     RowFilter.parse(text)
     for text in ("malformed", "TRUE", "FALSE", "length > 10", "raw LIKE '%_0'")
@@ -51,9 +49,9 @@ class Again:
         self.rows = rows
         self.loads = 0
 
-    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
+    def load(self, start: int, count: int) -> Rows:
         self.loads += 1
-        return Rows.from_rows(self.rows[start : start + count], codebook)
+        return Rows.of(self.rows[start : start + count])
 
 
 class StoreMachine(RuleBasedStateMachine):
@@ -72,7 +70,7 @@ class StoreMachine(RuleBasedStateMachine):
     @rule(rows=st.lists(ROW, max_size=20))
     def append(self, rows: list[Row]) -> None:
         self.all += rows
-        self.store.append(Rows.from_rows(rows))
+        self.store.append(Rows.of(rows))
 
     @rule(row_filter=st.none() | st.sampled_from(FILTERS), near=st.none() | st.integers(-3, 40))
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
@@ -102,7 +100,7 @@ class StoreMachine(RuleBasedStateMachine):
         wanted = [
             index
             for index in range(store.first, store.next)
-            if self.filter is None or self.filter.select(Rows.from_rows([self.all[index]]))
+            if self.filter is None or self.filter.select(Rows.of([self.all[index]]))
         ]
         shown = [store.view.index(position) for position in range(store.view.count)]
         if store.view.pending:
@@ -157,7 +155,7 @@ class StoreMachine(RuleBasedStateMachine):
                 assert onward > at
                 found, at = [*found, *rows], onward
             kept = self.all[store.first :]
-            batch = Rows.from_rows(kept)
+            batch = Rows.of(kept)
             assert found == list(batch if row_filter is None else row_filter.select(batch))
 
 
@@ -180,7 +178,7 @@ test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
 def test_a_new_filter_starts_near_the_given_row() -> None:
     store = RowStore(1_000, block_rows=10)
     store.append(
-        Rows.from_rows([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
+        Rows.of([Row("port", at, b"\0", None, (Fault.NOISE,), framed=False) for at in range(100)])
     )
     store.view.set_filter(RowFilter.parse("noise"), near=42)
     assert not store.view.filter_step(1)
@@ -189,11 +187,12 @@ def test_a_new_filter_starts_near_the_given_row() -> None:
 
 def test_dropped_blocks_are_loaded_again_when_needed() -> None:
     rows: list[Row] = [
-        Damage("port", at, bytes(1 + at % 20), None, (Fault.NOISE,)) for at in range(1000)
+        Row("port", at, bytes(1 + at % 20), None, (Fault.NOISE,), framed=False)
+        for at in range(1000)
     ]
     source = Again(rows)
     store = RowStore(1000, 10, source, most_blocks=3)
-    store.append(Rows.from_rows(rows))
+    store.append(Rows.of(rows))
     assert source.loads == 0
     assert store.rows(970, 1000) == rows[970:]
     assert source.loads == 0
@@ -213,10 +212,12 @@ def test_dropped_blocks_are_loaded_again_when_needed() -> None:
 
 
 def test_a_source_that_loads_other_rows_is_refused() -> None:
-    rows: list[Row] = [Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)]
+    rows: list[Row] = [
+        Row("port", at, b"\0", None, (Fault.NOISE,), framed=False) for at in range(100)
+    ]
     source = Again(rows)
     store = RowStore(1000, 10, source, most_blocks=1)
-    store.append(Rows.from_rows(rows))
+    store.append(Rows.of(rows))
     source.rows = rows[:5]
     with pytest.raises(ValueError, match="5 rows came back of 10"):
         store.rows(0, 10)
@@ -226,7 +227,7 @@ def test_a_source_that_loads_other_rows_is_refused() -> None:
 def test_a_position_that_does_not_exist_is_an_error(position: int) -> None:
     store = RowStore()
     store.append(
-        Rows.from_rows([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
+        Rows.of([Row("port", at, b"\0", None, (Fault.NOISE,), framed=False) for at in range(3)])
     )
     with pytest.raises(IndexError):
         store.view.row(position)
@@ -243,11 +244,11 @@ def test_sizes_out_of_range_are_refused(bound: int, block_rows: int) -> None:
 @given(st.integers(0, 60), st.integers(0, 60), st.booleans())
 def test_a_limit_hides_rows_as_if_they_had_not_come(count: int, limit: int, filtered: bool) -> None:
     raws = [encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": 7}) for motor in (1, 2)]
-    rows = [Frame("p", 10 * number, raws[number % 3 // 2], number) for number in range(count)]
+    rows = [Row("p", 10 * number, raws[number % 3 // 2], number) for number in range(count)]
     whole, short = RowStore(block_rows=7), RowStore(block_rows=7)
-    whole.append(Rows.from_rows(rows))
+    whole.append(Rows.of(rows))
     whole.limit = limit
-    short.append(Rows.from_rows(rows[:limit]))
+    short.append(Rows.of(rows[:limit]))
     for store in (whole, short):
         store.view.set_filter(RowFilter.parse("motor = 2") if filtered else None)
         store.view.filter_step()
@@ -281,7 +282,7 @@ def commands_without_answer() -> Rows:
     """Feedback, after which a command is known to be unanswered, and commands to two motors."""
     raws = [bytes.fromhex(f"AA010{1 + n % 2}000000000000EE") for n in range(1, 40)]
     raws.insert(0, bytes.fromhex("550101000000000000EE"))
-    return Rows.from_rows(Frame("p", 10 * n, raw, n * 10**6) for n, raw in enumerate(raws))
+    return Rows.of(Row("p", 10 * n, raw, n * 10**6) for n, raw in enumerate(raws))
 
 
 @pytest.mark.parametrize("cut", [0, 1, 17, 40])
@@ -305,11 +306,11 @@ SOUND = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
 COMMAND = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
 RAISED = encode(KIND_BY_NAME["speed_feedback"], {"motor": 2, "rpm": 5, "error": 4})
 EXAMPLES: dict[RowNote, Row] = {
-    RowNote.NONE: Frame("p", 0, SOUND, 0),
-    RowNote.RAISED: Frame("p", 0, RAISED, 0),
-    RowNote.UNANSWERED: Frame("p", 0, COMMAND, 0, unanswered=True),
-    RowNote.SUSPECT: Frame("p", 0, SOUND, 0, (Fault.AMBIGUOUS,)),
-    RowNote.MALFORMED: Damage("p", 0, b"\x01", 0, (Fault.NOISE,)),
+    RowNote.NONE: Row("p", 0, SOUND, 0),
+    RowNote.RAISED: Row("p", 0, RAISED, 0),
+    RowNote.UNANSWERED: Row("p", 0, COMMAND, 0, unanswered=True),
+    RowNote.SUSPECT: Row("p", 0, SOUND, 0, (Fault.AMBIGUOUS,)),
+    RowNote.MALFORMED: Row("p", 0, b"\x01", 0, (Fault.NOISE,), framed=False),
 }
 FILLED = 17
 """Rows whose facts become known at once."""
@@ -326,7 +327,7 @@ def test_cells_show_the_worst_rows_of_their_share(
         store.view.set_filter(RowFilter.parse("motor = 1"))
     overview = Overview(store)
     for note in notes:
-        row = Rows.from_rows([EXAMPLES[note]])
+        row = Rows.of([EXAMPLES[note]])
         store.append(row)
         store.fill(row)
     shown = notes[-bound:]
@@ -355,7 +356,7 @@ def test_cells_are_those_of_the_rows_that_are_played_and_whose_facts_are_known(
     store = RowStore(block_rows=64)
     if filtered:
         store.view.set_filter(RowFilter.parse("motor = 1"))
-    rows = Rows.from_rows([EXAMPLES[note] for note in notes])
+    rows = Rows.of([EXAMPLES[note] for note in notes])
     store.append(rows)
     overview = Overview(store)
     for limit in (None, *limits):
@@ -367,7 +368,7 @@ def test_cells_are_those_of_the_rows_that_are_played_and_whose_facts_are_known(
 
 def store_of(count: int) -> RowStore:
     store = RowStore()
-    store.append(Rows.from_rows([Frame("p", 10 * n, SOUND, 1000 * n) for n in range(count)]))
+    store.append(Rows.of([Row("p", 10 * n, SOUND, 1000 * n) for n in range(count)]))
     return store
 
 
@@ -407,9 +408,9 @@ def test_a_gap_is_a_landmark_unless_an_event_reports_it_or_nothing_is_before_it(
 def test_landmarks_leave_with_their_rows() -> None:
     store = RowStore(bound=5, block_rows=2)
     landmarks = store.landmarks
-    store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))
+    store.append(Rows.of([Row("p", 0, SOUND, 0)] * 4))
     landmarks.add([], [StreamChange(2, Gap(GapKind.DAMAGE))])
-    store.append(Rows.from_rows([Frame("p", 0, SOUND, 0)] * 4))
+    store.append(Rows.of([Row("p", 0, SOUND, 0)] * 4))
     landmarks.add([], [StreamChange(7, Gap(GapKind.DAMAGE))])
     assert landmarks.gaps == [7]
     assert [one.index for one in landmarks.between(0, 99)] == [7]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.measures import MEASURES, OPERATORS
 from fte_sniff.analysis.rules import FIELDS, RuleCheck, RuleResult, parse_rule, rules_of_toml
 from fte_sniff.errors import InputTextError
-from fte_sniff.protocol import COLUMNS, KINDS, Column, Frame, encode
+from fte_sniff.protocol import COLUMNS, KINDS, Column, Row, encode
 from fte_sniff.protocol.rows import Rows
 
 
@@ -62,7 +62,7 @@ def test_every_column_is_measured_or_refused(column: Column) -> None:
         return
     check = RuleCheck([parse_rule(text)])
     raws = [encode(kind, {field.name: 3 for field in kind.fields}) for kind in KINDS]
-    check.observe(Rows.from_rows([Frame("a", 3, raw, None) for raw in raws]))
+    check.observe(Rows.of([Row("a", 3, raw, None) for raw in raws]))
     (verdict,) = check.verdicts()
     wanted = RuleResult.NOT_COVERED if column.derived else RuleResult.PASS
     assert verdict.result is wanted

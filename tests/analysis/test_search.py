@@ -21,38 +21,28 @@ from fte_sniff.analysis.search import (
     find_unanswered,
 )
 from fte_sniff.errors import InputTextError
-from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
-    KIND_BY_NAME,
-    KINDS,
-    Damage,
-    Fault,
-    Frame,
-    Row,
-    encode,
-    spaced_hex,
-)
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol import COLUMN_BY_NAME, KIND_BY_NAME, KINDS, Fault, Row, encode, spaced_hex
+from fte_sniff.protocol.rows import Rows
 
 NOON_NS = 1_769_860_800_000_000_000
 
 
 def frame(name: str, **values: int) -> Row:
     kind = next(kind for kind in KINDS if kind.name == name)
-    return Frame("/dev/ttyUSB0", 1230, encode(kind, values), NOON_NS + 435_000)
+    return Row("/dev/ttyUSB0", 1230, encode(kind, values), NOON_NS + 435_000)
 
 
 ROWS: Sequence[Row] = (
     frame("speed", motor=1, rpm=1000),
     frame("speed_feedback", motor=2, rpm=-7, error=4, online=15),
     frame("mecanum", vx_cm_s=1, vy_cm_s=-2, wz_mrad_s=3),
-    Damage("COM7", 9, bytes.fromhex("0102"), None, (Fault.NOISE, Fault.LINE_ERROR)),
-    Damage("COM7", 11, bytes(range(256)), NOON_NS, (Fault.NOISE,)),
+    Row("COM7", 9, bytes.fromhex("0102"), None, (Fault.NOISE, Fault.LINE_ERROR), framed=False),
+    Row("COM7", 11, bytes(range(256)), NOON_NS, (Fault.NOISE,), framed=False),
 )
 
 
 def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
-    mask = Search.parse(typed).matches(Rows.from_rows(rows))
+    mask = Search.parse(typed).matches(Rows.of(rows))
     return [int(at) for at in np.flatnonzero(mask)]
 
 
@@ -105,7 +95,7 @@ def test_displayed_texts_are_found(typed: str, rows: list[int]) -> None:
     ],
 )
 def test_hidden_columns_are_not_searched(typed: str, column: str, rows: list[int]) -> None:
-    batch = Rows.from_rows(ROWS)
+    batch = Rows.of(ROWS)
     search = Search.parse(typed)
     others = set(COLUMN_BY_NAME) - {column}
     assert search.matches(batch, {column}).nonzero()[0].tolist() == rows
@@ -114,7 +104,7 @@ def test_hidden_columns_are_not_searched(typed: str, column: str, rows: list[int
 
 @pytest.mark.parametrize("typed", ["motor=1", "speed", "noise", "aa 01"])
 def test_kind_values_faults_and_bytes_are_always_searched(typed: str) -> None:
-    batch = Rows.from_rows(ROWS)
+    batch = Rows.of(ROWS)
     search = Search.parse(typed)
     assert (search.matches(batch, ()) == search.matches(batch)).all()
 
@@ -131,7 +121,7 @@ def test_bytes_in_sequence_are_found_and_marked(raw: bytes, data: st.DataObject)
     end = data.draw(st.integers(start + 1, len(raw)))
     wanted = raw[start:end]
     search = Search.parse(f"hex:{wanted.hex()}")
-    row = Damage("p", 0, raw, None, (Fault.NOISE,))
+    row = Row("p", 0, raw, None, (Fault.NOISE,), framed=False)
     assert found(search.typed, [row]) == [0]
     shown = spaced_hex(raw)
     assert all(shown[a:b] == spaced_hex(wanted) for a, b in search.spans(shown))
@@ -140,7 +130,7 @@ def test_bytes_in_sequence_are_found_and_marked(raw: bytes, data: st.DataObject)
 
 @given(st.binary(min_size=10, max_size=14), st.binary(min_size=1, max_size=2))
 def test_missing_bytes_are_not_found(raw: bytes, wanted: bytes) -> None:
-    row = Damage("p", 0, raw, None, (Fault.NOISE,))
+    row = Row("p", 0, raw, None, (Fault.NOISE,), framed=False)
     assert bool(found(f"hex:{wanted.hex()}", [row])) == (wanted in raw)
 
 
@@ -164,8 +154,8 @@ def rows_with_faults(faulty: list[bool]) -> list[Row]:
     found: list[Row] = []
     for number, wrong in enumerate(faulty):
         raw = bytes.fromhex("AA0101000100000000EE") if number % 2 == 0 else b"\x01\x02\x03"
-        sort = Frame if number % 2 == 0 else Damage
-        found.append(sort("p", number, raw, number, (Fault.LINE_ERROR,) if wrong else ()))
+        faults = (Fault.LINE_ERROR,) if wrong else ()
+        found.append(Row("p", number, raw, number, faults, framed=len(raw) == 10))
     return found
 
 
@@ -180,7 +170,7 @@ def test_the_nearest_fault_is_found(
     faulty: list[bool], start: int, by: int, filtered: bool, bound: int
 ) -> None:
     store = RowStore(bound, block_rows=8)
-    store.append(Rows.from_rows(rows_with_faults(faulty)))
+    store.append(Rows.of(rows_with_faults(faulty)))
     if filtered:
         store.view.set_filter(TEN_BYTES)
         store.view.filter_step()
@@ -204,13 +194,13 @@ def test_the_nearest_raised_flag_is_found_and_only_in_frames(
     flags: list[tuple[bool, bool]], start: int, by: int, filtered: bool, bound: int
 ) -> None:
     rows: list[Row] = [
-        Frame("p", number, RAW_BY_FLAG[raised], number)
+        Row("p", number, RAW_BY_FLAG[raised], number)
         if framed
-        else Damage("p", number, RAW_BY_FLAG[raised], number, (Fault.NOISE,))
+        else Row("p", number, RAW_BY_FLAG[raised], number, (Fault.NOISE,), framed=False)
         for number, (framed, raised) in enumerate(flags)
     ]
     store = RowStore(bound, block_rows=8)
-    store.append(Rows.from_rows(rows))
+    store.append(Rows.of(rows))
     if filtered:
         store.view.set_filter(RowFilter.parse("kind = 'speed_feedback'"))
         store.view.filter_step()
@@ -232,11 +222,8 @@ def test_the_nearest_unanswered_command_is_found_among_those_known(
     missed: list[bool | None], known: int, start: int, by: int
 ) -> None:
     store = RowStore(block_rows=8)
-    rows = Rows.from_rows(
-        [
-            Frame("p", 9 * at, RAW_BY_FLAG[False], at, unanswered=one)
-            for at, one in enumerate(missed)
-        ]
+    rows = Rows.of(
+        [Row("p", 9 * at, RAW_BY_FLAG[False], at, unanswered=one) for at, one in enumerate(missed)]
     )
     store.append(rows)
     store.fill(rows[:known])
@@ -248,7 +235,7 @@ def test_the_nearest_unanswered_command_is_found_among_those_known(
 def rows_between(start: int, stop: int) -> Sequence[Row]:
     kind = KIND_BY_NAME["speed"]
     raws = (encode(kind, {"motor": 1 + at % 4, "rpm": at}) for at in range(start, stop))
-    return [Frame("p", 10 * at, raw, at) for at, raw in enumerate(raws, start)]
+    return [Row("p", 10 * at, raw, at) for at, raw in enumerate(raws, start)]
 
 
 def third(rows: Rows) -> npt.NDArray[np.bool_]:
@@ -276,7 +263,7 @@ def test_hit_positions_equal_a_count_by_hand(row_filter: str | None, bound: int)
     store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
     hits = HitCounter(store, third)
     for start in range(0, 120, 7):
-        store.append(Rows.from_rows(rows_between(start, start + 7)))
+        store.append(Rows.of(rows_between(start, start + 7)))
         while hits.step():
             pass
         for index in range(store.first, store.next):
@@ -285,14 +272,14 @@ def test_hit_positions_equal_a_count_by_hand(row_filter: str | None, bound: int)
 
 def test_the_total_grows_with_every_step() -> None:
     store = RowStore(1000, block_rows=16)
-    store.append(Rows.from_rows(rows_between(0, 40)))
+    store.append(Rows.of(rows_between(0, 40)))
     hits = HitCounter(store, third)
     assert hits.position(3) == HitPosition(None, 0)
     assert hits.step()
     assert hits.position(3) == HitPosition(2, 6)
     while hits.step():
         pass
-    store.append(Rows.from_rows(rows_between(40, 45)))
+    store.append(Rows.of(rows_between(40, 45)))
     assert hits.position(3) == HitPosition(2, 14)
 
 
@@ -300,7 +287,7 @@ def test_the_total_grows_with_every_step() -> None:
 def test_hits_that_are_hidden_again_are_not_counted(row_filter: str | None) -> None:
     store = RowStore(1000, block_rows=16)
     store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
-    store.append(Rows.from_rows(rows_between(0, 40)))
+    store.append(Rows.of(rows_between(0, 40)))
     hits = counter_of(store)
     for limit in (0, 20, 5, 33, None):
         store.limit = limit
@@ -312,19 +299,19 @@ def test_hits_that_are_hidden_again_are_not_counted(row_filter: str | None) -> N
 
 
 class Again:
-    def load(self, start: int, count: int, codebook: Codebook) -> Rows:
-        return Rows.from_rows(rows_between(start, start + count), codebook)
+    def load(self, start: int, count: int) -> Rows:
+        return Rows.of(rows_between(start, start + count))
 
 
 def test_rows_that_left_memory_before_they_were_counted_are_skipped() -> None:
     store = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
-    store.append(Rows.from_rows(rows_between(0, 64)))
+    store.append(Rows.of(rows_between(0, 64)))
     late = counter_of(store)
     assert late.position(63) == HitPosition(11, 11)
     early = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
     hits = HitCounter(early, third)
     for start in range(0, 64, 16):
-        early.append(Rows.from_rows(rows_between(start, start + 16)))
+        early.append(Rows.of(rows_between(start, start + 16)))
         while hits.step():
             pass
     assert hits.position(63) == HitPosition(22, 22)

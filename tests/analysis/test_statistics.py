@@ -19,10 +19,8 @@ from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
     MOTORS,
-    Damage,
     Direction,
     Fault,
-    Frame,
     Gap,
     GapKind,
     PortEvent,
@@ -32,25 +30,25 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows
 from tests.analysis.pieces import Step, bauds_after, captures, observe, pieces_of, state_of
 
 SECOND = 1_000_000_000
-ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
+ROWS = st.lists(st.from_type(Row), max_size=15)
 SETUP = LineSetup()
 
 
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
-    found, codebook = Statistics(SETUP), Codebook()
+    found = Statistics(SETUP)
     for part in (rows[:cut], rows[cut:]):
-        found.observe(Rows.from_rows(part, codebook))
+        found.observe(Rows.of(part))
     return found
 
 
 @given(ROWS)
 def test_counts_equal_a_count_by_hand(rows: list[Row]) -> None:
     found = statistics_of(rows)
-    ports = {numbers.port: numbers for numbers in found.ports()}
+    ports = {numbers.port: numbers for numbers in found.used_ports}
     assert {name: numbers.rows for name, numbers in ports.items()} == Counter(
         row.port for row in rows
     )
@@ -64,9 +62,7 @@ def test_counts_equal_a_count_by_hand(rows: list[Row]) -> None:
     streams = Counter(
         (row.port, row.kind.name, row.values.get("motor"))
         for row in rows
-        if isinstance(row, Frame)
-        and row.kind
-        and (not row.kind.names_motor or row.values["motor"] in MOTORS)
+        if row.framed and row.kind and (not row.kind.names_motor or row.values["motor"] in MOTORS)
     )
     assert streams == {
         (one.port, one.kind.name, one.motor): one.count for one in found.streams(None)
@@ -80,7 +76,7 @@ def _rising(steps: list[int]) -> list[Row]:
         t_ns += step
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 2, "rpm": 5})
         time = None if number % 7 == 3 else t_ns
-        rows.append(Frame("pq"[number % 3 == 0], 10 * number, raw, time))
+        rows.append(Row("pq"[number % 3 == 0], 10 * number, raw, time))
     return rows
 
 
@@ -105,7 +101,7 @@ def test_batches_of_any_size_give_the_same_statistics(steps: list[int], cut: int
 
 def _periodic(count: int, step: int) -> list[Row]:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 2, "rpm": 5})
-    return [Frame("p", FRAME_LENGTH * number, raw, number * step) for number in range(count)]
+    return [Row("p", FRAME_LENGTH * number, raw, number * step) for number in range(count)]
 
 
 def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
@@ -117,7 +113,7 @@ def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
     assert stream.lately_per_s == pytest.approx(100)
     assert stream.periods.percentile_ns(50) == pytest.approx(SECOND / 100, rel=0.0005)
     assert stream.jitter_ns == 0
-    (port,) = found.ports()
+    (port,) = found.used_ports
     taken = FRAME_LENGTH * byte_time_ns(SETUP.baud)
     assert port.share == pytest.approx(101 * taken / (SECOND + taken))
     assert port.silences.longest_ns == SECOND // 100 - taken
@@ -138,17 +134,19 @@ def test_rows_back_to_back_fill_the_line() -> None:
 
 def test_without_times_there_is_no_rate_and_no_share() -> None:
     raw = encode(KIND_BY_NAME["reset"], {})
-    found = statistics_of([Frame("p", 0, raw, None), Damage("p", 10, b"x", None, (Fault.NOISE,))])
+    found = statistics_of(
+        [Row("p", 0, raw, None), Row("p", 10, b"x", None, (Fault.NOISE,), framed=False)]
+    )
     (stream,) = found.streams(None)
     assert (stream.motor, stream.count, stream.per_s, stream.jitter_ns) == (None, 1, None, None)
-    assert found.ports()[0].share is None
+    assert found.used_ports[0].share is None
 
 
 def test_port_events_are_counted_also_before_the_first_row() -> None:
     found = Statistics(SETUP)
     found.observe_events([PortEvent(1, "p", PortEventKind.OPENED, "")])
     found.observe_events([PortEvent(2, "p", PortEventKind.LINE_ERROR, "parity")] * 2)
-    (port,) = found.ports()
+    (port,) = found.used_ports
     assert [(event.kind, event.count, event.last_ns) for event in port.events] == [
         (PortEventKind.OPENED, 1, 1),
         (PortEventKind.LINE_ERROR, 2, 2),
@@ -168,12 +166,12 @@ def summary_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummar
     summary = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
         summary.begin(f"{number}.mcap")
-        summary.observe(Rows.from_rows(rows))
+        summary.observe(Rows.of(rows))
     return summary
 
 
-def frame(kind: str, t_ns: int | None, *, port: str = "p", **values: int) -> Frame:
-    return Frame(port, 0, encode(KIND_BY_NAME[kind], values), t_ns)
+def frame(kind: str, t_ns: int | None, *, port: str = "p", **values: int) -> Row:
+    return Row(port, 0, encode(KIND_BY_NAME[kind], values), t_ns)
 
 
 @given(ROWS, ROWS)
@@ -201,7 +199,7 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
     detector = GapDetector()
     detector.begin({}, gaps)
     for part in (rows[:cut], rows[cut:]):
-        summary.observe(Rows.from_rows(part), detector.changes(Rows.from_rows(part)))
+        summary.observe(Rows.of(part), detector.changes(Rows.of(part)))
     (port,), (stream,) = summary.statistics.ports(), summary.statistics.streams(None)
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
@@ -218,7 +216,7 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
 @given(ROWS)
 def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
     summary = summary_of(rows)
-    frames = [row for row in rows if isinstance(row, Frame)]
+    frames = [row for row in rows if row.framed]
     for port in summary.statistics.ports():
         for direction in Direction:
             own = [f for f in frames if f.port == port.port and f.direction is direction]
@@ -241,7 +239,7 @@ def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
 def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> None:
     summary = summary_of(rows[:cut], rows[cut:])
     motors = Motors()
-    motors.observe(Rows.from_rows(rows))
+    motors.observe(Rows.of(rows))
     for found, state in zip(summary.answers.stats(), motors.states(None), strict=True):
         assert (
             found.motor,
@@ -263,7 +261,7 @@ def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> N
 
 def _resets(rows: list[Row]) -> int:
     """Commands to every motor that no feedback can answer."""
-    return sum(isinstance(row, Frame) and row.kind is KIND_BY_NAME["reset"] for row in rows)
+    return sum(row.framed and row.kind is KIND_BY_NAME["reset"] for row in rows)
 
 
 def test_delays_cover_all_answers_and_have_the_time_of_the_longest() -> None:
@@ -327,7 +325,7 @@ def test_utilization_follows_a_baud_change() -> None:
             summary.begin(name)
             # The second file of a capture names the baud of its beginning too.
             changes = detector.begin({"p": 115_200})
-            observed = Rows.from_rows(part, events=events)
+            observed = Rows.of(part, events=events)
             summary.observe(observed, changes + detector.changes(observed))
         (port,) = summary.statistics.ports()
         assert port.share == pytest.approx(expected), cut
@@ -340,7 +338,7 @@ def test_the_baud_of_the_user_has_priority() -> None:
     summary.begin("a")
     rows = [frame("reset", at * SECOND) for at in range(2)]
     events = [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)]
-    observed = Rows.from_rows(rows, events=events)
+    observed = Rows.of(rows, events=events)
     summary.observe(observed, GapDetector().changes(observed))
     assert summary.statistics.ports()[0].baud == 1200
 

@@ -7,14 +7,12 @@ import struct
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import Bridge, speed_of
-from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.port_source import open_source
+from fte_sniff.capture.bridge import Bridge
 from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Chunk, PortEvent
 from tests.beside import Work, server_socket
+from tests.capture.seen import CLOCK, Seen, opened
 from tests.rfc2217_server import (
     DTR_OFF,
     DTR_ON,
@@ -27,9 +25,8 @@ from tests.rfc2217_server import (
     serving,
 )
 from tests.slow import crossed
+from tests.support.speeds import speed_of
 from tests.waiting import BOUND_S
-
-CLOCK = Clock.tied()
 
 
 @pytest.fixture
@@ -38,22 +35,13 @@ def server(pty):
         yield made
 
 
-def taken(source, count):
-    """The bytes of a source until so many have come; then it is stopped."""
-    found = b""
-    for item in source:
-        found += item.data if isinstance(item, Chunk) else b""
-        if len(found) >= count:
-            source.stop()
-    return found
-
-
 def test_every_byte_of_the_far_line_arrives(server, pty):
-    sent = random.Random(1).randbytes(100_000) + bytes(range(256)) + b"\xff" * 1000
-    with open_source(server.url, PortSettings(), CLOCK) as source:
+    sent = random.Random(1).randbytes(50_000) + bytes(range(256)) + b"\xff" * 1000
+    with Seen(opened(server.url)) as seen:
         Work(pty.send, sent)
-        assert taken(source, len(sent)) == sent
-    assert source.end is SourceEnd.STOPPED
+        seen.wait(lambda s: len(s.data()) == len(sent))
+    assert seen.data() == sent
+    assert seen.source.end is SourceEnd.STOPPED
     assert server.data == b""
 
 
@@ -66,25 +54,35 @@ def test_the_servers_port_has_the_baud_that_was_asked_for(server, pty, baud):
 @pytest.mark.parametrize("dtr", [ControlLine.ON, ControlLine.OFF])
 @pytest.mark.parametrize("rts", [ControlLine.ON, ControlLine.OFF])
 def test_dtr_and_rts_are_as_asked_for_and_never_anything_else(server, dtr, rts):
-    with open_source(server.url, PortSettings(dtr=dtr, rts=rts), CLOCK) as source:
-        source.stop()
-        list(source)
+    opened(server.url, dtr=dtr, rts=rts).close()
     asked = {DTR_ON if dtr is ControlLine.ON else DTR_OFF, RTS_ON if rts == "on" else RTS_OFF}
     assert {c for c in server.controls if c in (DTR_ON, DTR_OFF, RTS_ON, RTS_OFF)} == asked
     assert server.data == b""
 
 
-def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty, until):
-    source = open_source(server.url, PortSettings(), CLOCK)
+def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty):
     sent = random.Random(2).randbytes(5000)
+    seen = Seen(opened(server.url))
     pty.send(sent)
-    until(lambda: source.bytes_read == len(sent))
+    seen.wait(lambda s: s.data())
     server.hang_up()
-    items = list(source)
-    assert b"".join(item.data for item in items if isinstance(item, Chunk)) == sent
-    assert [item.kind.value for item in items if isinstance(item, PortEvent)] == ["opened", "lost"]
-    assert "hung up" in items[-1].detail
-    assert source.end is SourceEnd.LOST
+    seen.ended()
+    assert sent.startswith(seen.data())
+    assert seen.kinds() == ["opened", "lost"]
+    assert "hung up" in seen.events()[-1].detail
+    assert seen.source.end is SourceEnd.LOST
+
+
+def test_bytes_that_came_before_a_loss_are_read(server, pty, until):
+    port = open_port(server.url)
+    pty.send(b"x" * 500)
+    until(lambda: port.in_waiting == 500)
+    server.hang_up()
+    until(lambda: not port._thread.is_alive())
+    assert port.read(1000) == b"x" * 500
+    with pytest.raises(serial.SerialException, match="hung up"):
+        port.read(1)
+    port.close()
 
 
 def test_a_server_that_does_not_speak_rfc2217_is_refused():
@@ -108,9 +106,9 @@ def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
     server.greeting = b"".join(
         answer_to(command, value) for command in range(156) for value in (b"", b"\xff\x00\x00\x01")
     )
-    with open_source(server.url, PortSettings(), CLOCK) as source:
+    with Seen(opened(server.url)) as seen:
         pty.send(b"bytes")
-        assert taken(source, 5) == b"bytes"
+        seen.wait(lambda s: s.data() == b"bytes")
 
 
 OPTIONS = {SET_BAUDRATE: "baudrate", SET_DATASIZE: "datasize", SET_CONTROL: "control"}
@@ -152,13 +150,13 @@ def test_a_socket_is_bridged_both_ways():
             assert host.read(4) == b"back"
 
 
-def test_an_rfc2217_port_is_bridged_both_ways_and_its_baud_follows(server, pty, until):
+def test_an_rfc2217_port_is_bridged_both_ways(server, pty, until):
     with (
         Bridge(server.url).open(CLOCK) as bridge,
         serial.Serial(bridge.device, 19200, timeout=BOUND_S) as host,
     ):
         host.write(b"\xfe\xff\xff\x00")
         until(lambda: server.data == b"\xfe\xff\xff\x00")
-        until(lambda: speed_of(pty.near) == 19200)
+        assert speed_of(pty.near) == 115200
         pty.send(b"\xffback")
         assert host.read(5) == b"\xffback"

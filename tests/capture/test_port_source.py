@@ -1,161 +1,110 @@
-"""Several sources as one: simulated lines and real pseudo-terminals on one time line."""
+"""Ports that are read: simulated lines, servers and real pseudo-terminals, one or two at a time."""
+
+from __future__ import annotations
 
 import itertools
 import os
 import signal
-import threading
+import socket
+import subprocess
+import termios
 
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.port_source import PortGroup, PortSource, open_source
-from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.port_source import PortGroup
+from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.capture.source import ChunkQueue, SourceEnd
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
-from tests.beside import Work, held, server_socket
-
-CLOCK = Clock.tied()
-
-
-@pytest.fixture
-def source_of():
-    """Open sources; all are closed in the end."""
-    sources = []
-
-    def opens(name, **settings):
-        source = open_source(name, PortSettings(**settings), CLOCK)
-        sources.append(source)
-        return source
-
-    yield opens
-    for source in sources:
-        source.close()
+from fte_sniff.protocol import Chunk, PortEventKind
+from tests.beside import Work, held, running, server_socket
+from tests.capture.seen import CLOCK, Seen, opened
 
 
-def data_of(items):
-    return b"".join(item.data for item in items if isinstance(item, Chunk))
-
-
-def events_of(items):
-    return [item.kind.value for item in items if isinstance(item, PortEvent)]
-
-
-def bytes_taken(items, count, source=None):
-    """Items until so many bytes have come; then their source is stopped."""
-    source = source or items
-    got = 0
-    for item in items:
-        yield item
-        got += len(item.data) if isinstance(item, Chunk) else 0
-        if got >= count:
-            source.stop()
-
-
-def test_all_that_comes_is_yielded_in_order_between_opened_and_closed(pty, source_of):
-    source = source_of(pty.device)
+def test_all_that_comes_is_yielded_in_order_and_nothing_is_written(pty) -> None:
     sent = os.urandom(20_000)
-    Work(pty.send, sent)
-    items = list(bytes_taken(source, len(sent)))
-    assert data_of(items) == sent
-    assert events_of(items) == ["opened", "closed"]
-    assert isinstance(items[0], PortEvent)
-    assert isinstance(items[-1], PortEvent)
-    assert {item.port for item in items} == {pty.device}
-    assert source.end is SourceEnd.STOPPED
+    with Seen(opened(pty.device)) as seen:
+        Work(pty.send, sent)
+        seen.wait(lambda s: len(s.data()) == len(sent))
+    assert seen.data() == sent
+    assert seen.kinds() == ["opened", "closed"]
+    assert {item.port for item in seen.items} == {pty.device}
+    assert seen.source.end is SourceEnd.STOPPED
     assert pty.arrived() == b""
 
 
-def test_items_carry_the_clocks_time_and_it_never_falls(pty, source_of):
+def test_items_have_the_time_of_the_clock_which_never_falls(pty) -> None:
     before_ns = CLOCK.now_ns()
-    source = source_of(pty.device)
-    pty.send(b"x" * 100)
-    times = [item.t_ns for item in bytes_taken(source, 100)]
+    with Seen(opened(pty.device)) as seen:
+        pty.send(b"x" * 100)
+        seen.wait(lambda s: len(s.data()) == 100)
+    times = seen.times(pty.device)
     assert times == sorted(times)
     assert before_ns <= times[0] <= times[-1] <= CLOCK.now_ns()
 
 
 @pytest.mark.parametrize("name", ["pty", "sim://?host=off&rate=1", "loop://"])
-def test_silence_is_reported_about_every_ten_milliseconds(pty, source_of, name):
-    source = source_of(pty.device if name == "pty" else name)
-    source.stop_at(CLOCK.now_ns() + 60 * 10**9)
-    beats = (item for item in source if isinstance(item, Chunk))
-    # A busy machine makes any beat late, but none early.
-    gaps_ms = ((b.t_ns - a.t_ns) / 1e6 for a, b in itertools.pairwise(beats))
-    timely = list(itertools.islice((gap for gap in gaps_ms if gap < 30), 10))
-    assert len(timely) == 10
-    assert min(timely) > 5
+def test_silence_is_reported_about_every_ten_milliseconds(pty, name: str) -> None:
+    with Seen(opened(pty.device if name == "pty" else name)) as seen:
+        seen.wait(lambda s: len(s.items) > 30)
+    beats = [item.t_ns or 0 for item in seen.items if isinstance(item, Chunk)]
+    # A busy machine makes any beat late, but none early, except the last.
+    gaps_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(beats[:-1])]
+    assert sorted(gaps_ms)[2] > 5
 
 
-def test_an_unplugged_port_ends_with_lost_after_all_that_was_read(pty, source_of, until):
-    source = source_of(pty.device)
-    sent = os.urandom(3000)
-    pty.send(sent)
-    taken = bytearray()
-    items = iter(source)
-    until(lambda: taken.extend(data_of([next(items)])) or len(taken) == len(sent))
+def test_unplugged_port_is_lost_after_all_that_was_read(pty) -> None:
+    seen = Seen(opened(pty.device))
     pty.send(b"last words")
-    # Not before they were read: what the system has not handed over, it drops with the line.
-    until(lambda: source.bytes_read == len(sent) + 10)
+    # Not before they were read: what the system has not delivered, it drops with the line.
+    seen.wait(lambda s: s.data() == b"last words")
     pty.unplug()
-    rest = list(items)
-    assert bytes(taken) + data_of(rest) == sent + b"last words"
-    assert events_of(rest) == ["lost"]
-    assert isinstance(rest[-1], PortEvent)
-    assert source.end is SourceEnd.LOST
-    assert list(source) == []
+    seen.ended()
+    assert seen.kinds() == ["opened", "lost"]
+    assert seen.source.end is SourceEnd.LOST
 
 
-def test_a_server_that_sends_and_hangs_up_loses_nothing(source_of):
+def test_server_that_sends_and_hangs_up_loses_nothing() -> None:
     sent = os.urandom(300_000)
 
-    def serve(server):
+    def serve(server: socket.socket) -> None:
         connection, _ = server.accept()
         with connection:
             connection.sendall(sent)
 
     with server_socket() as server:
         Work(serve, server)
-        items = list(source_of(f"socket://127.0.0.1:{server.getsockname()[1]}"))
-    assert data_of(items) == sent
-    assert events_of(items) == ["opened", "lost"]
+        seen = Seen(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
+        seen.ended()
+    assert seen.data() == sent
+    assert seen.kinds() == ["opened", "lost"]
 
 
-def test_a_simulated_port_is_read_to_its_end(source_of):
-    items = list(source_of("sim://?seed=2&rate=1000&frames=100&drop=0.2&noise=0.2"))
+def test_server_is_asked_whether_it_is_still_there() -> None:
+    with server_socket() as server:
+        port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        connection = port._socket
+        assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 5
+        port.close()
+
+
+def test_simulated_port_is_read_to_its_end_and_no_frame_is_cut() -> None:
+    seen = Seen(opened("sim://?seed=2&rate=1000&frames=100&drop=0.2&noise=0.2"))
+    seen.ended()
     asked = SimulationParameters(seed=2, rate=1000, frames=100, drop=0.2, noise=0.2)
-    assert data_of(items) == b"".join(item.data for item in Simulation(asked))
-    assert events_of(items) == ["opened", "lost"]
-    assert "unplugged" in items[-1].detail
+    assert seen.data() == b"".join(item.data for item in Simulation(asked))
+    assert seen.kinds() == ["opened", "lost"]
+    assert "unplugged" in seen.events()[-1].detail
+    whole = Seen(opened("sim://?seed=2&frames=40"))
+    whole.ended()
+    assert {len(chunk.data) % 10 for chunk in whole.chunks()} == {0}
 
 
-def test_a_simulated_frame_is_never_cut_into_two_chunks(source_of):
-    items = list(source_of("sim://?seed=2&rate=200&frames=40"))
-    lengths = [len(item.data) for item in items if isinstance(item, Chunk) and item.data]
-    assert sum(lengths) == 400
-    # Frames come together only where the machine stalls for a while.
-    assert all(length % 10 == 0 for length in lengths)
-
-
-def test_what_loops_back_is_read(source_of):
-    port = open_port("loop://")
-    source = PortSource(port, "loop", CLOCK)
-    port.write(bytes(range(256)))
-    assert data_of(bytes_taken(source, 256)) == bytes(range(256))
-
-
-def test_stop_from_another_thread_yields_what_had_arrived(pty, source_of):
-    source = source_of(pty.device)
+def test_stop_from_a_signal_handler_yields_what_has_arrived(pty) -> None:
+    source = opened(pty.device)
     pty.send(b"just in time")
-    Work(source.stop)
-    items = list(source)
-    assert data_of(items) == b"just in time"
-    assert events_of(items) == ["opened", "closed"]
-
-
-def test_stop_from_a_signal_handler_ends_a_consumer_that_waits(pty, source_of):
-    source = source_of(pty.device)
     before = signal.signal(signal.SIGUSR1, lambda *_: source.stop())
     try:
         items = []
@@ -165,163 +114,52 @@ def test_stop_from_a_signal_handler_ends_a_consumer_that_waits(pty, source_of):
                 os.kill(os.getpid(), signal.SIGUSR1)
     finally:
         signal.signal(signal.SIGUSR1, before)
-    assert events_of(items) == ["opened", "closed"]
+    assert b"".join(i.data for i in items if isinstance(i, Chunk)) == b"just in time"
     assert source.end is SourceEnd.STOPPED
 
 
-def test_closing_ends_the_thread_and_frees_the_port(pty):
-    for _ in range(3):
-        with open_source(pty.device, PortSettings(), CLOCK) as source:
-            source.stop()
-            source.stop()
-        source.close()
-        assert data_of(source) == b""
-    assert not [t for t in threading.enumerate() if t.name.startswith("reads")]
+def test_consumer_that_breaks_off_leaves_all_ports_free(new_pty) -> None:
+    ptys = [new_pty(), new_pty()]
+    items = iter(opened(*(pty.device for pty in ptys)))
+    next(items)
+    items.close()  # type: ignore[attr-defined]
+    for pty in ptys:
+        open_port(pty.device).close()
 
 
-def test_a_consumer_that_breaks_off_leaves_the_port_free(pty):
-    source = open_source(pty.device, PortSettings(), CLOCK)
-    items = iter(source)
-    assert next(items).kind is PortEventKind.OPENED
-    items.close()
-    open_port(pty.device).close()
-
-
-def test_an_overrun_is_reported_where_it_happened_and_reading_goes_on(pty, until):
-    source = PortSource(
-        open_port(pty.device), "slow", CLOCK, queue=ChunkQueue("slow", capacity=2000)
-    )
-    pty.send(b"a" * 1000)
-    until(lambda: source.bytes_read == 1000)
-    pty.send(b"c" * 3000)
-    until(lambda: source.bytes_read == 4000)
-    items = iter(source)
-    reported = []
-    while reported[-1:] != [b"a"]:
-        reported += told_by(next(items))
-    # There is room again, and what is sent now is kept.
-    pty.send(b"b" * 10)
-    reported += itertools.chain.from_iterable(
-        told_by(item) for item in bytes_taken(items, 10, source)
-    )
-    assert [word for word in reported if word != b"c"] == [
-        "opened",
-        b"a",
-        "overrun",
-        b"b",
-        "closed",
-    ]
-
-
-def test_the_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty, until):
-    source = PortSource(open_port(pty.device), "slow", CLOCK)
+def test_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty) -> None:
+    source = opened(pty.device)
     pty.send(b"in time")
-    until(lambda: source.bytes_read == 7)
-    source.stop_at(CLOCK.now_ns())
-    until(lambda: source.end is SourceEnd.STOPPED)
+    with source:
+        while source.waiting < 7:
+            pass
+        source.stop_at(CLOCK.now_ns())
+        while source.end is None:
+            pass
     assert source.waiting == 7
-    assert [told_by(item) for item in source] == [["opened"], [b"i"], ["closed"]]
+    assert [one.data for one in source if isinstance(one, Chunk) and one.data] == [b"in time"]
 
 
-def told_by(item):
-    """An event's kind, or the first byte of a chunk that has one."""
-    if isinstance(item, PortEvent):
-        return [item.kind.value]
-    return [item.data[:1]] if item.data else []
-
-
-def test_another_program_at_the_port_is_pointed_out(pty, source_of):
-    with held(pty.near) as other:
-        detail = next(iter(source_of(pty.device))).detail
-    assert detail.startswith("115200 baud 8N1, DTR off, RTS off; ")
-    assert f"sleep (pid {other.pid}) has it open too" in detail
-
-
-def opened(*names, reconnect=True):
-    return PortGroup(names, PortSettings(), reconnect=reconnect).open(CLOCK)
-
-
-def data_from(items, port):
-    return b"".join(i.data for i in items if isinstance(i, Chunk) and i.port == port)
-
-
-def kinds_of(items, port):
-    return [i.kind for i in items if isinstance(i, PortEvent) and i.port == port]
-
-
-def test_all_of_two_ports_comes_and_that_of_each_in_order_of_time(new_pty):
+def test_all_of_two_ports_comes_and_that_of_each_in_order_of_time(new_pty) -> None:
     one, two = new_pty(), new_pty()
-    source = opened(one.device, two.device)
-    items, sent = [], {one.device: b"", two.device: b""}
-    turns = itertools.cycle([one, one, two])
-    for item in source:
-        items.append(item)
-        if sum(map(len, sent.values())) < 3000:
-            pty = next(turns)
-            piece = bytes([len(items) % 256]) * 7
-            pty.send(piece)
-            sent[pty.device] += piece
-        elif all(data_from(items, device) == whole for device, whole in sent.items()):
-            source.stop()
-    for device, whole in sent.items():
-        times = [item.t_ns for item in items if item.port == device]
-        assert times == sorted(times)
-        assert data_from(items, device) == whole
-        assert kinds_of(items, device) == [PortEventKind.OPENED, PortEventKind.CLOSED]
-    assert source.end is SourceEnd.STOPPED
+    with Seen(opened(one.device, two.device)) as seen:
+        for number in range(300):
+            (two if number % 3 else one).send(bytes([number % 256]) * 7)
+        seen.wait(lambda s: len(s.data()) == 2100)
+    for pty, numbers in ((one, range(0, 300, 3)), (two, [n for n in range(300) if n % 3])):
+        assert seen.data(pty.device) == b"".join(bytes([n % 256]) * 7 for n in numbers)
+        assert seen.times(pty.device) == sorted(seen.times(pty.device))
+        assert seen.kinds(pty.device) == ["opened", "closed"]
+    assert set(seen.source.uncertainty_ns) == {one.device, two.device}
 
 
-def test_one_that_is_lost_for_good_ends_all(pty):
-    items = []
-    with opened("sim://?frames=20&rate=1000", pty.device) as source:
-        items += source
-    assert kinds_of(items, pty.device) == [PortEventKind.OPENED, PortEventKind.CLOSED]
-    assert items[-1].kind in (PortEventKind.LOST, PortEventKind.CLOSED)
-    assert source.end is SourceEnd.LOST
-    assert list(source) == []
-
-
-def test_one_that_comes_back_ends_none(new_pty, tmp_path):
-    going, staying, again = new_pty(), new_pty(), new_pty()
-    link = tmp_path / "link"
-    link.symlink_to(going.device)
-    source = opened(str(link), staying.device)
-    items = []
-    for item in source:
-        items.append(item)
-        if len(items) == 10:
-            link.unlink()
-            going.unplug()
-        elif isinstance(item, PortEvent) and item.kind is PortEventKind.LOST:
-            staying.send(b"still here")
-            link.symlink_to(again.device)
-        elif isinstance(item, PortEvent) and item.kind is PortEventKind.FOUND_AGAIN:
-            source.stop()
-    assert data_from(items, staying.device) == b"still here"
-    assert source.end is SourceEnd.STOPPED
-
-
-def test_if_one_cannot_be_opened_none_stays_open(pty):
+def test_if_one_cannot_be_opened_none_stays_open(pty) -> None:
     with pytest.raises(PortError, match="no such port"):
         opened(pty.device, "/dev/ttyNOPE")
     open_port(pty.device).close()
 
 
-def test_a_consumer_that_breaks_off_leaves_all_free(new_pty):
-    ptys = [new_pty(), new_pty()]
-    items = iter(opened(*(pty.device for pty in ptys)))
-    next(items)
-    items.close()
-    for pty in ptys:
-        open_port(pty.device).close()
-
-
-def test_each_port_is_as_uncertain_as_it_is(pty):
-    with opened(pty.device, "loop://") as source:
-        assert set(source.uncertainty_ns) == {pty.device, "loop://"}
-
-
-def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
+def test_port_can_be_named_once_only_however_it_is_spelled(tmp_path) -> None:
     with pytest.raises(UsageError, match="named twice"):
         PortGroup(("sim://", "sim://"))
     (tmp_path / "one").touch()
@@ -329,3 +167,88 @@ def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
     for other in (tmp_path / "link", f"{tmp_path}/./one"):
         with pytest.raises(UsageError, match="named twice"):
             PortGroup((str(tmp_path / "one"), str(other)))
+
+
+# Other programs at the port
+
+
+def test_port_that_another_program_holds_is_refused_with_both_fixes(pty) -> None:
+    with held(pty.near) as other:
+        before = pty.attributes()
+        with pytest.raises(PortError) as refused:
+            opened(pty.device)
+        assert pty.attributes() == before
+    message = str(refused.value)
+    assert f"sleep (pid {other.pid}) has it open" in message
+    assert f"`fte-sniff live --attach {pty.device}`" in message
+    assert "--share" in message
+
+
+MAKER = """
+import os, sys, time, tty
+far, near = os.openpty()
+tty.setraw(near)
+if sys.argv[1] == "forks" and os.fork() == 0:
+    time.sleep(600)
+print(os.ttyname(near), flush=True)
+sys.stdin.readline()
+os.write(far, b"from the maker")
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("forks", ["forks", "alone"])
+def test_maker_of_a_pseudo_terminal_does_not_count(forks: str) -> None:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with running(["python3", "-c", MAKER, forks], start_new_session=True, **pipes) as maker:
+        device = maker.stdout.readline().decode().strip()
+        try:
+            with Seen(opened(device)) as seen:
+                maker.stdin.write(b"\n")
+                maker.stdin.flush()
+                seen.wait(lambda s: s.data() == b"from the maker")
+            assert seen.kinds() == ["opened", "closed"]
+        finally:
+            os.killpg(maker.pid, signal.SIGKILL)
+
+
+def test_shared_port_is_read_with_its_settings_and_its_bytes_left_alone(pty) -> None:
+    attributes = pty.attributes()
+    attributes[4] = attributes[5] = termios.B57600
+    attributes[0] |= termios.IXON
+    termios.tcsetattr(pty.near, termios.TCSANOW, attributes)
+    before = pty.attributes()
+    pty.send(b"that waits ")
+    with held(pty.near) as other, Seen(opened(pty.device, share=True)) as seen:
+        event = seen.wait_for("shared")
+        pty.send(b"and that comes")
+        seen.wait(lambda s: s.data() == b"that waits and that comes")
+        assert pty.attributes() == before
+    assert pty.attributes() == before
+    expected = f"sleep (pid {other.pid}) has it open too, and may take bytes away"
+    assert event.detail == expected
+
+
+def test_program_that_opens_the_port_later_is_reported_once(pty) -> None:
+    with Seen(opened(pty.device)) as seen:
+        seen.wait(lambda s: len(s.items) > 10)
+        assert seen.kinds() == ["opened"]
+        with held(pty.near) as first:
+            assert f"(pid {first.pid})" in seen.wait_for("shared").detail
+            with held(pty.near, "tail", "-f", "/dev/null") as second:
+                detail = seen.wait_for("shared", 2).detail
+                assert detail.startswith(f"tail (pid {second.pid}) has")
+    assert seen.kinds() == ["opened", "shared", "shared", "closed"]
+
+
+def test_only_a_device_can_be_shared() -> None:
+    with pytest.raises(UsageError, match="cannot be shared: only a device can"):
+        opened("sim://", share=True)
+
+
+def test_clock_of_all_ports_is_one(pty) -> None:
+    clock = Clock.tied()
+    with Seen(PortGroup((pty.device, "loop://")).open(clock)) as seen:
+        seen.wait(lambda s: len(s.items) > 20)
+    first = [item.t_ns for item in seen.events() if item.kind is PortEventKind.OPENED]
+    assert max(first) - min(first) < 10**9

@@ -135,11 +135,6 @@ def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
     assert message.endswith(f"not speak RFC 2217; if it sends plain bytes, open socket://{where}")
 
 
-def test_control_lines_of_a_port_server_cannot_be_left_alone():
-    settings = PortSettings(dtr=ControlLine.LEAVE)
-    assert "use on or off" in message_of("rfc2217://127.0.0.1:1", settings)
-
-
 @pytest.mark.parametrize("baud", [-1, 0, 49, 12_000_001, 2**40])
 def test_a_baud_out_of_range_is_refused_with_the_range(baud):
     with pytest.raises(ValueRangeError, match=rf"baud {baud} is out of range: 50\.\.12000000"):
@@ -147,8 +142,9 @@ def test_a_baud_out_of_range_is_refused_with_the_range(baud):
 
 
 def test_settings_have_a_text():
-    settings = PortSettings(dtr=ControlLine.ON, rts=ControlLine.LEAVE)
-    assert str(settings) == "115200 baud 8N1, DTR on, RTS leave"
+    settings = PortSettings(dtr=ControlLine.ON)
+    assert str(settings) == "115200 baud 8N1, DTR on, RTS off"
+    assert str(PortSettings(share=True)) == "shared, with the settings of the other program"
 
 
 def test_a_port_can_be_open_once_only(pty):
@@ -164,7 +160,7 @@ def test_a_busy_port_names_who_has_it(pty):
         holder.stdout.readline()
         message = message_of(pty.device)
     assert "is busy: python" in message
-    assert f"(pid {holder.pid}) has it open; close that first" in message
+    assert f"(pid {holder.pid}) has it open; watch that program" in message
     assert f"`fte-sniff live --attach {pty.device}`" in message
     open_port(pty.device).close()
 

@@ -1,106 +1,241 @@
-"""What waits for a consumer: in order, bounded, and with a true count of what is left out."""
+"""Sources of connections whose readers are functions: order, limits, ends, and late bytes."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from itertools import islice, takewhile
-from typing import cast
+import threading
+from collections.abc import Callable, Iterable
 
 import pytest
 
-from fte_sniff.capture.source import ChunkQueue, Item
-from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind, Row
-
-FRAME = bytes.fromhex("55010100000000000FEE")
-OPENED = PortEvent(0, "a", PortEventKind.OPENED, "")
-
-
-def lengths_and_kinds(items: list[Item]) -> list[int | str]:
-    return [len(item.data) if isinstance(item, Chunk) else item.kind.value for item in items]
+from fte_sniff.capture import source as module
+from fte_sniff.capture.source import Connection, Item, Source, SourceEnd
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from tests.capture.seen import CLOCK, Seen
+from tests.waiting import BOUND_S, wait_until
 
 
-def test_what_waits_is_counted_in_bytes() -> None:
-    queue = ChunkQueue("a")
-    queue.put_event(OPENED)
-    queue.put(Chunk("a", 1, b"abc"))
-    queue.put(Chunk("a", 2, b"de"))
-    assert queue.waiting == 5
-    assert len(list(islice(queue, 2))) == 2
-    assert queue.waiting == 2
+class Line:
+    """A connection of one wire, whose reads a test gives."""
+
+    def __init__(self, name: str = "a") -> None:
+        self.name = name
+        self.reads: list[bytes | BaseException] = []
+        self.closed = 0
+        self.refusals: list[Exception] = []
+
+    def connect(self) -> Connection:
+        if self.refusals:
+            raise self.refusals.pop(0)
+        return Connection((self.name,), "", (self._read,), self._close)
+
+    def _close(self) -> None:
+        self.closed += 1
+
+    def _read(self) -> Iterable[Item]:
+        read = self.reads.pop(0) if self.reads else b""
+        if isinstance(read, BaseException):
+            raise read
+        if not read:
+            threading.Event().wait(0.001)
+        return (Chunk(self.name, CLOCK.now_ns(), read),)
 
 
-def test_only_bytes_after_a_pause_of_the_reader_may_be_late() -> None:
-    queue = ChunkQueue("a")
-    times_ms = {0: False, 1: False, 5000: True, 5001: False, 9001: True, 9002: False}
-    for at_ms in (0, 1, 5000, 5001, 9000, 9001, 9002):
-        queue.put(Chunk("a", at_ms * 10**6, b"abc" * (at_ms != 9000)))
-    queue.close()
-    chunks = [item for item in queue if isinstance(item, Chunk)]
-    assert {(chunk.t_ns or 0) // 10**6: chunk.is_late for chunk in chunks} == times_ms
+@pytest.fixture
+def line() -> Line:
+    return Line()
 
 
-def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
-    queue = ChunkQueue("a", capacity=10_000)
-    for t_ns in range(12):
-        queue.put(Chunk("a", t_ns, bytes(744)))
-    assert queue.waiting == 10 * 744
-    items = iter(queue)
-    for taken in range(1, 11):
-        next(items)
-        queue.put(Chunk("a", 100 + taken, bytes(744)))
-        if taken == 6:
-            break
-        assert queue.waiting == (10 - taken) * 744
-    assert queue.waiting == 5 * 744
-    queue.close()
-    assert lengths_and_kinds(list(items)) == [744] * 4 + ["overrun", 744]
+def source_of(*lines: Line, reconnect: bool = False) -> Source:
+    return Source([line.connect for line in lines], CLOCK, reconnect=reconnect)
 
 
-def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
-    queue, framer = ChunkQueue("a", capacity=20_000), Framer("a", 115_200)
-    stream = FRAME * 20_000
-    taking = iter(queue)
-    rows, overruns = [], 0
-
-    def take(count: int) -> None:
-        nonlocal overruns
-        for item in islice(taking, count):
-            if isinstance(item, Chunk):
-                rows.extend(framer.feed(item))
-            else:
-                overruns += 1
-                rows.extend(framer.restart())
-
-    for number, at in enumerate(range(0, len(stream), 997)):
-        queue.put(Chunk("a", number, stream[at : at + 997]))
-        if number % 4 == 3:
-            take(3)
-    queue.close()
-    take(len(stream))
-    rows.extend(framer.flush())
-    damages = [row for row in rows if isinstance(row, Damage)]
-    assert 1 < overruns < 20
-    assert 0 < len(damages) <= 2 * overruns + 1
-    # A frame without its end, and an end without its beginning.
-    assert all(len(row.raw) < len(FRAME) for row in damages)
-    assert {fault for row in damages for fault in row.faults} <= {"truncated", "noise"}
-    assert Counter(type(row).__name__ for row in rows)["Frame"] > 1000
+def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
+    line.reads += [b"one", b"two", b"three"]
+    with Seen(source_of(line)) as seen:
+        seen.wait(lambda s: s.data() == b"onetwothree")
+    assert seen.kinds() == ["opened", "closed"]
+    assert seen.times("a") == sorted(seen.times("a"))
+    assert seen.source.end is SourceEnd.STOPPED
+    assert line.closed == 1
+    assert list(seen.source) == []
 
 
-@pytest.mark.parametrize(
-    ("idle_ms", "is_known"),
-    [(range(10, 1000, 10), True), ((), False), ((995,), False), ((985, 995), True)],
-)
-def test_silence_counts_only_where_the_reader_ran(idle_ms: Sequence[int], is_known: bool) -> None:
-    """A reader that runs reports silence every 10 ms; it may sleep just after a read."""
-    queue, framer, rows = ChunkQueue("a"), Framer("a"), list[Row]()
-    parts = {0: FRAME * 3 + FRAME[:4], **dict.fromkeys(idle_ms, b""), 1000: FRAME[4:] + FRAME}
-    for t_ms, data in parts.items():
-        queue.put(Chunk("a", t_ms * 1_000_000, data))
-        queue.put_event(OPENED)
-        for chunk in takewhile(lambda item: item is not OPENED, queue):
-            rows += framer.feed(cast("Chunk", chunk))
-    rows += framer.flush()
-    damaged = [bool(row.faults) for row in rows]
-    assert damaged == ([*3 * [False], True, True, False] if is_known else 5 * [False])
+def test_source_that_is_never_read_closes_what_it_opened(line: Line) -> None:
+    source_of(line).close()
+    assert line.closed == 1
+
+
+def test_nothing_stays_open_when_one_cannot_connect(line: Line) -> None:
+    other = Line("b")
+    other.refusals = [PortError("absent")]
+    with pytest.raises(PortError, match="absent"):
+        source_of(line, other)
+    assert line.closed == 1
+
+
+def test_loss_of_one_ends_all(line: Line) -> None:
+    other = Line("b")
+    line.reads += [b"last words", OSError("gone")]
+    seen = Seen(source_of(line, other))
+    seen.ended()
+    assert seen.data("a") == b"last words"
+    assert seen.kinds("a") == ["opened", "lost"]
+    assert seen.kinds("b") == ["opened", "closed"]
+    assert seen.source.end is SourceEnd.LOST
+
+
+def test_watched_program_that_ends_is_not_an_error(line: Line) -> None:
+    line.reads.append(EOFError("it ended"))
+    seen = Seen(source_of(line))
+    seen.ended()
+    assert seen.events()[-1].detail == "it ended"
+    assert seen.source.end is SourceEnd.STOPPED
+
+
+def test_lost_connection_is_found_again_and_time_goes_on(line: Line) -> None:
+    line.reads += [b"one", OSError("gone")]
+    with Seen(source_of(line, reconnect=True)) as seen:
+        lost = seen.wait_for("lost")
+        line.reads.append(b"two")
+        found = seen.wait_for("found_again")
+        seen.wait(lambda s: s.data() == b"onetwo")
+    assert lost.detail == "gone; waiting for it to come back"
+    assert found.detail.startswith("after 0.")
+    # No consumer waits for the times of a port that is away.
+    assert any(lost.t_ns < t_ns < found.t_ns for t_ns in seen.times("a"))
+    assert line.closed == 2
+
+
+def test_port_that_comes_back_without_a_byte_is_asked_slowly(line: Line) -> None:
+    line.reads += [b"x", OSError("gone"), OSError("gone"), OSError("gone")]
+    with Seen(source_of(line, reconnect=True)) as seen:
+        seen.wait_for("found_again", 3)
+    events = seen.events()
+    lost = [one.t_ns for one in events if one.kind is PortEventKind.LOST]
+    found = [one.t_ns for one in events if one.kind is PortEventKind.FOUND_AGAIN]
+    waits_s = [(after - before) / 1e9 for before, after in zip(lost, found, strict=True)]
+    assert min(waits_s[1:]) > module.LONGEST_WAIT_S - 0.01
+
+
+def test_refusal_is_reported_once_and_tried_again(line: Line, monkeypatch) -> None:
+    monkeypatch.setattr(module, "LONGEST_WAIT_S", 0.01)
+    monkeypatch.setattr(module, "FIRST_WAIT_S", 0.01)
+    line.reads += [b"x", OSError("gone")]
+    source = source_of(line, reconnect=True)
+    line.refusals = [PortError("away"), *(module.RefusedError("busy") for _ in range(5))]
+    with Seen(source) as seen:
+        seen.wait_for("found_again")
+    assert seen.kinds() == ["opened", "lost", "not_opened", "found_again", "closed"]
+    assert seen.events()[2].detail == "it is back, but busy"
+
+
+def test_file_error_loses_the_connection_for_good(line: Line) -> None:
+    line.reads += [b"x", OSError("gone")]
+    source = source_of(line, reconnect=True)
+    line.refusals = [FileError("the link exists")]
+    seen = Seen(source)
+    seen.ended()
+    assert seen.kinds() == ["opened", "lost", "lost"]
+    assert seen.source.end is SourceEnd.LOST
+
+
+def test_attempt_that_hangs_does_not_hold_up_the_end(line: Line) -> None:
+    hangs, asked = threading.Event(), threading.Event()
+    line.reads.append(OSError("gone"))
+
+    def hang() -> Connection:
+        asked.set()
+        hangs.wait(BOUND_S)
+        raise PortError("no answer")
+
+    with Seen(Source([first_then(line.connect, hang)], CLOCK, reconnect=True)):
+        wait_until(asked.is_set)
+    assert not hangs.is_set()
+    hangs.set()
+
+
+def first_then(
+    first: Callable[[], Connection], later: Callable[[], Connection]
+) -> Callable[[], Connection]:
+    calls = [first]
+    return lambda: (calls.pop() if calls else later)()
+
+
+def test_connection_that_comes_after_the_end_is_closed(line: Line) -> None:
+    asked, may_go_on = threading.Event(), threading.Event()
+    line.reads.append(OSError("gone"))
+    late = Line()
+
+    def slow() -> Connection:
+        asked.set()
+        may_go_on.wait(BOUND_S)
+        return late.connect()
+
+    with Seen(Source([first_then(line.connect, slow)], CLOCK, reconnect=True)):
+        wait_until(asked.is_set)
+    may_go_on.set()
+    wait_until(lambda: late.closed)
+
+
+def test_what_does_not_fit_is_counted_where_it_is_missing(line: Line, monkeypatch) -> None:
+    monkeypatch.setattr(module, "CAPACITY", 2000)
+    source = source_of(line)
+    line.reads += [b"a" * 1000, b"b" * 3000, *(b"c" * 100 for _ in range(10))]
+    with source:
+        wait_until(lambda: not line.reads)
+        items = iter(source)
+        found = [next(items) for _ in range(3)]
+        # There is room again, and what comes now is kept.
+        line.reads.append(b"d" * 10)
+        while found[-1] != Chunk("a", found[-1].t_ns, b"d" * 10):
+            found.append(next(items))
+    sizes = [len(one.data) for one in found if isinstance(one, Chunk) and one.data]
+    lost = [one for one in found if isinstance(one, PortEvent) and one.count]
+    assert sum(sizes) + sum(one.count for one in lost) == 5010
+    assert {one.kind for one in lost} == {PortEventKind.OVERRUN}
+    after = found[found.index(lost[-1]) :]
+    assert [len(one.data) for one in after if isinstance(one, Chunk) and one.data] == [10]
+
+
+@pytest.mark.parametrize("idle_before", [False, True])
+def test_bytes_after_a_pause_of_the_reader_may_be_late(
+    line: Line, monkeypatch, *, idle_before: bool
+) -> None:
+    """After a pause an empty read tells nothing: bytes may have come since."""
+    monkeypatch.setattr(module, "_HELD_UP_NS", 30_000_000)
+    held, go_on = threading.Event(), threading.Event()
+
+    class Read(bytes):
+        def __bool__(self) -> bool:
+            held.set()
+            go_on.wait(BOUND_S)
+            threading.Event().wait(0.04)
+            return len(self) > 0
+
+    line.reads += [b"early", Read(b"" if idle_before else b"late"), b"late" * idle_before]
+    line.reads = [one for one in line.reads if not (one == b"" and type(one) is bytes)]
+    with Seen(source_of(line)) as seen:
+        wait_until(held.is_set)
+        go_on.set()
+        seen.wait(lambda s: s.data() == b"earlylate")
+    assert [chunk.is_late for chunk in seen.chunks()] == [False, True]
+
+
+def test_finish_comes_before_the_last_read(line: Line) -> None:
+    calls = list[str]()
+
+    def connect() -> Connection:
+        def read() -> Iterable[Item]:
+            calls.append("read")
+            threading.Event().wait(0.001)
+            return ()
+
+        return Connection(
+            ("a",), "", (read,), lambda: calls.append("close"), lambda: calls.append("finish")
+        )
+
+    with Seen(Source([connect], CLOCK, reconnect=False)) as seen:
+        wait_until(lambda: len(calls) > 3)
+    assert calls[-3:] == ["finish", "read", "close"]
+    assert seen.kinds() == ["opened", "closed"]

@@ -4,12 +4,10 @@ import itertools
 import math
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
@@ -21,9 +19,10 @@ from fte_sniff.capture.serial_port import open_port, reader_of, writer_of
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.url_handlers import URL_SCHEMES, protocol_sim, protocol_socket
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
-from tests.beside import Work, server_socket
+from fte_sniff.protocol import KIND_BY_NAME, Chunk, Framer, encode
+from tests.beside import server_socket
 from tests.rfc2217_server import serving
+from tests.support.columns import fed
 from tests.waiting import BOUND_S
 
 DATA = bytes(range(256))
@@ -202,7 +201,7 @@ def test_however_it_is_read_the_bytes_are_those_of_the_simulation(opened, sizes)
 
 
 class Clock:
-    """A clock on which time passes only while a condition is waited for."""
+    """A clock on which time passes only in a sleep."""
 
     def __init__(self):
         self.ns = 0
@@ -210,17 +209,14 @@ class Clock:
     def monotonic_ns(self):
         return self.ns
 
+    def sleep(self, seconds):
+        self.ns += math.ceil(seconds * 1e9)
+
 
 @pytest.fixture
 def clock(monkeypatch):
     made = Clock()
-
-    class Condition(threading.Condition):
-        def wait(self, timeout=None):
-            made.ns += math.ceil(timeout * 1e9)
-
     monkeypatch.setattr(protocol_sim, "time", made)
-    monkeypatch.setattr(protocol_sim, "threading", SimpleNamespace(Condition=Condition))
     return made
 
 
@@ -252,30 +248,6 @@ def test_in_waiting_is_what_a_read_gives_at_once(opened, until):
     assert len(port.read(waiting)) == waiting
 
 
-def test_what_is_reset_is_not_read(opened, until):
-    port = opened("rate=200")
-    until(lambda: port.in_waiting >= 20)
-    port.reset_input_buffer()
-    # On a busy machine some more frames came, and were reset too.
-    sent = [item.data for item in itertools.islice(Simulation(SimulationParameters()), 12_000)]
-    assert port.read(10) in sent[2:]
-
-
-@pytest.mark.parametrize("ending", ["cancel_read", "close"])
-def test_a_blocked_read_ends_when_another_thread_cancels_it(opened, ending, until):
-    port = opened("host=off&rate=0.01")
-    got = []
-
-    def read():
-        with suppress(serial.PortNotOpenError):  # it was closed before it could be read
-            got.append(port.read(1))
-
-    reading = Work(read)
-    getattr(port, ending)()
-    reading.ended()
-    assert got in ([b""], [])
-
-
 def test_a_closed_port_can_be_opened_again_once(opened):
     port = opened("")
     port.close()
@@ -299,8 +271,8 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
     framer, speeds = Framer("sim"), {}
 
     def runs():
-        for row in framer.feed(Chunk("sim", time.monotonic_ns(), port.read(port.in_waiting or 1))):
-            assert isinstance(row, Frame)
+        for row in fed(framer, Chunk("sim", time.monotonic_ns(), port.read(port.in_waiting or 1))):
+            assert row.framed
             speeds[row.values["motor"]] = row.values["rpm"]
         return abs(speeds.get(3, 0) - 800) <= 1
 
@@ -331,25 +303,10 @@ def test_a_baud_that_cannot_carry_the_rate_is_refused_while_open(opened):
         port.baudrate = 9600
 
 
-def test_the_lines_of_a_simulated_port_can_be_set_and_asked(opened):
-    port = opened("")
-    port.dtr, port.rts, port.break_condition = True, False, True
-    assert (port.cts, port.dsr, port.ri, port.cd, port.out_waiting) == (True, True, False, True, 0)
-    port.flush()
-    port.reset_output_buffer()
-    port.cancel_write()
-
-
 @pytest.mark.parametrize("frames", [0, 3])
 def test_a_line_where_nobody_is_ever_heard_is_open_and_silent(opened, frames):
     port = opened(f"host=off&wire=control&frames={frames}", timeout=0.02)
     assert (port.read(1), port.in_waiting) == (b"", 0)
     # What is written is obeyed, and not received here either.
     port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100}))
-    assert port.read(1) == b""
-
-
-def test_a_read_of_a_line_where_nobody_is_ever_heard_can_be_cancelled(opened):
-    port = opened("host=off&wire=control", timeout=None)
-    port.cancel_read()
     assert port.read(1) == b""

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fte_sniff.recording.reader import RecordingReader
 from tests.beside import running
 from tests.cli.forked import Running as Process
 from tests.cli.forked import loaded_program, needs_start
+from tests.support.columns import read_rows
 from tests.waiting import BOUND_S, while_waiting
 from tests.waiting import wait_until as wait_until
 
@@ -131,4 +131,4 @@ def stderr_until(process: Process, wanted: str) -> str:
 
 def rows_in(file: Path) -> int:
     """Rows of a recording."""
-    return sum(1 for _ in RecordingReader(file))
+    return sum(1 for _ in read_rows(file))

@@ -12,8 +12,6 @@ from pathlib import Path
 import pytest
 import serial
 
-from fte_sniff.protocol import byte_time_ns
-from fte_sniff.recording.reader import RecordingReader
 from tests.cli.conftest import decoded
 from tests.cli.processes import (
     BOUND_S,
@@ -76,21 +74,6 @@ def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_
     directions = {row["port"]: row["direction"] for row in rows}
     assert directions == {"host": "control", name: "feedback"}
     assert not (tmp_path / "motors").is_symlink()
-
-
-def test_a_change_of_baud_is_reported_and_dates_the_rows_after_it(environment, tmp_path: Path):
-    with (
-        bridged(environment, tmp_path, "--count", "2", "-o", "x.mcap") as (process, far, name),
-        opened(tmp_path, baud=1200) as host,
-    ):
-        talk(host, far)
-        code, _, errors = ended(process)
-    assert code == 0
-    assert f"{name} baud changed: it has 1200 baud now" in errors
-    assert "host baud changed: the host program asks for 1200 baud" in errors
-    rows = list(RecordingReader(tmp_path / "x.mcap"))
-    assert {row.port for row in rows} == {"host", name}
-    assert {row.read_delay_ns for row in rows} == {10 * byte_time_ns(1200)}
 
 
 @pytest.mark.parametrize("number", first(1, [signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))

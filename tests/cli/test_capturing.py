@@ -27,9 +27,9 @@ from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.cli.capture_loop import Observer
 from fte_sniff.cli.capturing import PlainLines, Report, options_from, recording_options
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, Rows
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.retention import RecordingOptions
+from fte_sniff.protocol import PortEvent, PortEventKind, Row, Rows
+from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.recorder import RecordingOptions
 from fte_sniff.session.capture_process import MOST_WAITING, CapturePlan, WriteProgress
 from fte_sniff.session.live_session import END_WITHIN_S, CaptureState, LiveSession
 from tests.beside import running
@@ -50,6 +50,7 @@ from tests.cli.processes import (
 )
 from tests.recording.conftest import file_size_limit
 from tests.slow import first
+from tests.support.columns import read_rows
 from tests.support.recorded_rows import events_in
 from tests.waiting import while_waiting
 
@@ -119,7 +120,7 @@ def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
             process.send_signal(signal.SIGTERM)
             code, _, errors = ended(process)
     assert shown.count("bytes left") == 1
-    rows = len(list(RecordingReader(recording)))
+    rows = len(read_rows(recording))
     if code == 0:
         # All was written before the second signal came: then no row is missing.
         assert f"{rows:,} rows, " in errors
@@ -287,7 +288,7 @@ def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None
         code, _, errors = ended(process)
     assert code == 0, errors
     assert errors.endswith("recorded to x.mcap\n")
-    assert f"{len(list(RecordingReader(tmp_path / 'x.mcap'))):,} rows, " in errors
+    assert f"{len(read_rows(tmp_path / 'x.mcap')):,} rows, " in errors
 
 
 def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Path) -> None:
@@ -306,7 +307,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Pa
     )
     assert found is not None, last
     shown, unrecorded = (int(text.replace(",", "")) for text in (summary.split()[0], found[1]))
-    in_file = len(list(RecordingReader(tmp_path / "x.mcap")))
+    in_file = len(read_rows(tmp_path / "x.mcap"))
     assert unrecorded > 0
     assert shown - unrecorded <= in_file <= shown
 
@@ -550,7 +551,7 @@ def test_a_clock_that_is_set_back_is_noted_and_times_go_on_evenly(
         code, _, errors = ended(process)
     assert code == 0
     assert "port events: clock_set 1" in errors
-    reader = RecordingReader(tmp_path / "x.mcap")
+    reader = Recording(tmp_path / "x.mcap")
     times = [row.t_ns or 0 for row in reader]
     assert times == sorted(times)
     assert times[-1] - times[0] < 600 * 10**9
@@ -581,7 +582,7 @@ def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_p
         code, _, errors = ended(process)
     assert code == 0
     assert "more rows arrived too fast to be printed" in errors
-    assert sum(row.raw == SPEED for row in RecordingReader(file)) == frames
+    assert sum(row.raw == SPEED for row in read_rows(file)) == frames
     # What waits for the view is bounded by rows, each of some hundred bytes.
     assert grown < MOST_WAITING * 1500
 
@@ -609,7 +610,7 @@ class Reporting:
 
     def update(self, state: FeedState, rows: Sequence[Row] = (), **more: Any) -> None:
         for one in self._observers:
-            one.update(FeedUpdate(state, Rows.from_rows(rows), **more), self._session)
+            one.update(FeedUpdate(state, Rows.of(rows), **more), self._session)
 
     def becomes(self, **state: Any) -> None:
         self._session.state = replace(self._session.state, **state)
@@ -648,7 +649,7 @@ def test_failure_is_reported_once_while_the_capture_goes_on(
     reporting = Reporting(PlainLines(None))
     reporting.becomes(error=FileError("recording stopped: full"))
     for number in range(3):
-        reporting.update(FeedState("p"), [Frame("p", 10 * number, FRAME, number)])
+        reporting.update(FeedState("p"), [Row("p", 10 * number, FRAME, number)])
     printed = capsys.readouterr()
     assert printed.err == "recording stopped: full\n"
     assert printed.out.count("\n") == 4
@@ -676,7 +677,7 @@ def test_bytes_that_were_not_decoded_after_the_limit_are_named_so(
     capsys: pytest.CaptureFixture[str], limit: int | None, after: str
 ) -> None:
     reporting = Reporting(count=limit)
-    reporting.update(FeedState("p"), [Frame("p", 10 * number, FRAME, 0) for number in range(3)])
+    reporting.update(FeedState("p"), [Row("p", 10 * number, FRAME, 0) for number in range(3)])
     reporting.becomes(progress=WriteProgress(waiting=20))
     reporting.end()
     assert f"nothing malformed, 20 bytes {after}not decoded" in capsys.readouterr().err
@@ -712,7 +713,7 @@ def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     assert [file.name for file in files][:2] == ["x_00001.mcap", "x_00002.mcap"]
     assert f"recorded to x_00001.mcap to {files[-1].name}\n" in done.stderr
     assert f"{len(files)} files; all of them: fte-sniff decode 'x_*.mcap'" in done.stderr
-    readers = [RecordingReader(file) for file in files]
+    readers = [Recording(file) for file in files]
     rows = [row for reader in readers for row in reader]
     assert all((reader.ending, reader.losses) == ("", ()) for reader in readers)
     assert [row.offset for row in rows] == list(range(0, 10 * len(rows), 10))
@@ -768,7 +769,7 @@ def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_pat
     assert code == 0, errors
     files = sorted(tmp_path.glob("*.mcap"))
     assert files[0].name != "x_00001.mcap"
-    rows = [row for file in files for row in RecordingReader(file)]
+    rows = [row for file in files for row in read_rows(file)]
     first = rows[0].offset
     gone = int(files[0].stem[-5:]) - 1
     assert f"recorded to {files[0].name} to {files[-1].name}; {gone} older file" in errors

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.cells import cell_len
 
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Fault, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.beside import running
@@ -27,7 +27,7 @@ UNCOVERED = "max(rpm, kind IS NULL) < 9"
 
 
 def write(path: Path, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts("a", 115_200)], [Rows.from_rows(rows)], {})
+    write_recording(path, [PortFacts("a", 115_200)], [Rows.of(rows)], {})
     return path
 
 
@@ -58,9 +58,9 @@ def test_an_input_without_rows_covers_nothing(run, tmp_path: Path) -> None:
 FAULTS = dict[str, Callable[[list[Row]], list[Row]]]
 
 
-def feedback(t_ns: int, motor: int, **values: int) -> Frame:
+def feedback(t_ns: int, motor: int, **values: int) -> Row:
     known = {"motor": motor, "rpm": 100, "error": 0, "online": 15} | values
-    return Frame("a", 0, encode(KIND_BY_NAME["speed_feedback"], known), t_ns)
+    return Row("a", 0, encode(KIND_BY_NAME["speed_feedback"], known), t_ns)
 
 
 def a_good_minute() -> list[Row]:
@@ -69,7 +69,7 @@ def a_good_minute() -> list[Row]:
         t_ns = START_NS + at * 25 * MS
         if at % 40 == 0:
             command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
-            rows.append(Frame("a", 0, command, t_ns))
+            rows.append(Row("a", 0, command, t_ns))
         rows += [feedback(t_ns + motor * 2 * MS, motor) for motor in (1, 2, 3, 4)]
     return [_at(row, 10 * number) for number, row in enumerate(rows)]
 
@@ -79,7 +79,7 @@ def _at(row: Row, offset: int) -> Row:
 
 
 def _is_feedback(row: Row, motor: int) -> bool:
-    return isinstance(row, Frame) and row.raw[0] == 0x55 and row.values["motor"] == motor
+    return row.framed and row.raw[0] == 0x55 and row.values["motor"] == motor
 
 
 def _with(rows: list[Row], row: Row) -> list[Row]:
@@ -101,7 +101,7 @@ def _without_answers(rows: list[Row]) -> list[Row]:
 
 
 BROKEN: FAULTS = {
-    "no damage": lambda rows: _with(rows, Damage("a", 0, bytes(10), 0, (Fault.NOISE,))),
+    "no damage": lambda rows: _with(rows, Row("a", 0, bytes(10), 0, (Fault.NOISE,), framed=False)),
     "hardly anything undefined": lambda rows: [
         type(row)(row.port, row.offset, row.raw, row.t_ns, (Fault.RESERVED_NONZERO,))
         if number % 500 == 0 else row

@@ -13,6 +13,7 @@ from pathlib import Path
 import polars
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Metadata
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -23,7 +24,6 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
-    Frame,
     Gap,
     GapKind,
     PortEvent,
@@ -32,17 +32,15 @@ from fte_sniff.protocol import (
     encode,
     iso_time,
 )
-from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
+from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.forked import Program
 from tests.cli.processes import ended, started
 from tests.slow import crossed
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 
 
 def jsonl(text: str) -> list[dict]:
@@ -251,9 +249,7 @@ FACTS = {"start": iso_time(START), "host": "bench"}
 def rows_of(first: int, stop: int, port: str = "p") -> list[Row]:
     """Commands a hundredth of a second apart, whose RPM is their number."""
     raws = [encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at}) for at in range(first, stop)]
-    return [
-        Frame(port, 10 * at, raw, START + at * STEP, (), 0) for at, raw in enumerate(raws, first)
-    ]
+    return [Row(port, 10 * at, raw, START + at * STEP, (), 0) for at, raw in enumerate(raws, first)]
 
 
 def recorded(
@@ -266,25 +262,30 @@ def recorded(
     """A recording with a chunk for every twenty rows."""
     with RecordingWriter(path, [PortFacts("p", baud)], facts or {}) as writer:
         for at in range(0, len(rows), 20):
-            writer.write(in_columns(rows[at : at + 20]))
+            writer.write(*entries(rows[at : at + 20]))
             last_ns = rows[min(at + 20, len(rows)) - 1].t_ns or 0
             while events and events[0].t_ns < last_ns:
-                writer.write(in_columns(events[0]))
+                writer.write(*entries(events[0]))
                 events = events[1:]
             writer.flush()
     return path
 
 
-def triggered(path: Path) -> Path:
-    """A recording of which a trigger kept the rows 0-99, 200-299 and 400-499 of 500."""
-    recorder = Recorder(
-        path,
-        [PortFacts("p")],
-        options=RecordingOptions(trigger_window=TriggerWindow(0, 0)),
-        select=lambda given: given.field("rpm")[0] // 100 % 2 == 0,
-    )
-    recorder.write(in_columns(rows_of(0, 500)))
-    recorder.close()
+LEFT_OUT = "they are outside of what was kept"
+
+
+def with_rows_left_out(path: Path) -> Path:
+    """A recording of 500 rows that has the rows 0-99, 200-299 and 400-499."""
+    rows = rows_of(0, 500)
+    kept = [row for at, row in enumerate(rows) if at // 100 % 2 == 0]
+    gaps = [
+        Metadata(LEFT_OUT_NAME, gap_to_metadata(Gap(GapKind.LEFT_OUT, 100, first, last, LEFT_OUT)))
+        for first, last in ((rows[100].t_ns, rows[199].t_ns), (rows[300].t_ns, rows[399].t_ns))
+    ]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(*entries(kept))
+        for gap in gaps:
+            writer.write_metadata(gap)
     return path
 
 
@@ -369,7 +370,7 @@ def viewed(paths: list[Path]) -> LiveModels:
     """The models of the screen, once it has seen these recordings."""
     store = RowStore()
     models = LiveModels(store, LineSetup())
-    inputs = [RecordingInput(RecordingReader(path)) for path in paths]
+    inputs = [RecordingInput(Recording(path)) for path in paths]
     for read in InputReading(inputs):
         models.add(read.rows.events, shifted(read.changes, store.next))
         store.append(read.rows)
@@ -402,14 +403,14 @@ def test_parts_that_follow_each_other_are_one(run, tmp_path: Path) -> None:
 def test_a_copy_names_the_gaps_between_its_rows(
     run, tmp_path: Path, options: list[str], expected: list[tuple[int | None, int, int]]
 ) -> None:
-    triggered(tmp_path / "a.mcap")
+    with_rows_left_out(tmp_path / "a.mcap")
     done = run("decode", "a.mcap", "-o", "copy.mcap", *options)
     assert done.returncode == 0, done.stderr
     for one, (rows, first, last) in zip(
-        RecordingReader(tmp_path / "copy.mcap").gaps(), expected, strict=True
+        Recording(tmp_path / "copy.mcap").gaps(), expected, strict=True
     ):
         assert one.rows == rows
-        assert one.reason == "they are outside the trigger window"
+        assert one.reason == LEFT_OUT
         assert abs((one.start_ns or 0) - (START + first * STEP)) <= STEP
         assert abs((one.end_ns or 0) - (START + last * STEP)) <= STEP
 
@@ -419,7 +420,7 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
     times = START + 19 * STEP + 1, START + 40 * STEP - 1
     between = Gap(GapKind.LEFT_OUT, None, *times, "another recording begins here")
-    assert RecordingReader(tmp_path / "copy.mcap").gaps() == [between]
+    assert Recording(tmp_path / "copy.mcap").gaps() == [between]
     words = "left out   an unknown number of rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None

@@ -164,12 +164,11 @@ def test_a_dead_wire_is_reported_and_nothing_is_written_to_it(run: Run) -> None:
 
 
 def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None:
-    with wire() as (far, port):
+    with wire() as (_, port):
         near = os.open(port, os.O_RDWR | os.O_NOCTTY)
         with held(near) as other:
             os.close(near)
-            with Line(far, 115_200).sending():
-                code, said = doctor(run, port, "--duration", LONG)
+            code, said = doctor(run, port, "--duration", LONG)
     assert code == 1
     assert said["bad"] == [
         f"sleep (pid {other.pid}) has it open, and takes bytes away -> "
@@ -177,17 +176,16 @@ def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None
     ]
 
 
-def test_a_busy_port_is_reported_with_its_holder_and_exit_code_3(run: Run) -> None:
+def test_a_busy_port_is_reported_with_its_holder(run: Run) -> None:
     code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
     with wire() as (_, port):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with running([sys.executable, "-c", code, port], **pipes) as holder:
             holder.stdout.readline()
             done = run("doctor", port)
-    assert done.returncode == 3
+    assert done.returncode == 1
     assert f"(pid {holder.pid}) has it open, and takes bytes away" in done.stdout
-    assert done.stderr.startswith(f"fte-sniff: {port} is busy:")
-    assert done.stderr.count("\n") == 1
+    assert done.stderr == ""
 
 
 def test_another_capture_is_named(run: Run, environment: dict[str, str], tmp_path: Path) -> None:
@@ -198,7 +196,7 @@ def test_another_capture_is_named(run: Run, environment: dict[str, str], tmp_pat
             done = run("doctor", port)
             capture.terminate()
             ended(capture)
-    assert done.returncode == 3
+    assert done.returncode == 1
     assert f"bad   {port}: fte-sniff (pid " in done.stdout
 
 

@@ -32,7 +32,7 @@ from tests.cli.processes import (
     wire,
 )
 from tests.cli.terminals import terminal
-from tests.support.columns import in_columns
+from tests.support.columns import entries, fed
 
 pytestmark = pytest.mark.program
 
@@ -42,12 +42,12 @@ from pathlib import Path
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.test_follow import made_rows
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 rows = iter(made_rows())
 with RecordingWriter(Path(sys.argv[1]), [PortFacts("p", 115200)]) as writer:
     print("open", flush=True)
     for line in sys.stdin:
-        writer.write(in_columns([next(rows) for _ in range(int(line))]))
+        writer.write(*entries([next(rows) for _ in range(int(line))]))
         writer.flush()
         print("flushed", flush=True)
 """
@@ -58,7 +58,7 @@ def made_rows(count: int = 20) -> list[Row]:
     """Rows of one frame each, a second apart."""
     framer = Framer("p")
     chunks = [Chunk("p", (1 + number) * 10**9, FRAME) for number in range(count)]
-    return [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
+    return [row for chunk in chunks for row in fed(framer, chunk)] + list(framer.finish())
 
 
 @contextmanager
@@ -207,7 +207,7 @@ def recorded(path: Path, frames: int) -> bytes:
     path.unlink(missing_ok=True)
     with RecordingWriter(path, [PortFacts("p", 115200)]) as writer:
         for row in made_rows(frames):
-            writer.write(in_columns([row]))
+            writer.write(*entries([row]))
             writer.flush()
     return path.read_bytes()
 

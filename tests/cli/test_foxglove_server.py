@@ -27,8 +27,8 @@ from fte_sniff.cli.foxglove_server import (
     allows_host,
     allows_origin,
 )
-from fte_sniff.protocol import Damage, Fault, Rows
-from fte_sniff.recording.messages import EVENTS, TOPICS, message_class
+from fte_sniff.protocol import Fault, Row, Rows
+from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT
 from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
@@ -90,8 +90,10 @@ def address_in(text: str) -> str:
 
 
 def noise(count: int) -> Rows:
-    rows = [Damage("p", 10 * n, bytes(10), 1000 * n, (Fault.NOISE,)) for n in range(count)]
-    return Rows.from_rows(rows)
+    rows = [
+        Row("p", 10 * n, bytes(10), 1000 * n, (Fault.NOISE,), framed=False) for n in range(count)
+    ]
+    return Rows.of(rows)
 
 
 def recorded(path: Path) -> dict[tuple[str, int], Any]:

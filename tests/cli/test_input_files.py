@@ -9,11 +9,11 @@ import pytest
 
 from fte_sniff.cli.input_files import time_range
 from fte_sniff.errors import FteSniffError, UsageError
-from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
+from fte_sniff.protocol import PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader, row_times
+from fte_sniff.recording.reader import Recording, row_times
 from fte_sniff.recording.writer import RecordingWriter
-from tests.support.columns import in_columns
+from tests.support.columns import entries, read_rows
 
 SECOND = 10**9
 FIRST = 1_769_860_800 * SECOND + 500_000_000
@@ -144,21 +144,21 @@ def test_the_end_is_the_first_such_time_behind_the_beginning(
 
 def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
     assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).contains(
-        Frame("p", 0, bytes(10), FIRST, (), 0)
+        Row("p", 0, bytes(10), FIRST, (), 0)
     )
 
 
 def _with_events(path: Path, samples: Path) -> list[Row]:
     """A recording whose port was opened long before its first row, and closed long after."""
-    rows = list(RecordingReader(samples / "clean.mcap"))
+    rows = read_rows(samples / "clean.mcap")
     times = [row.t_ns for row in rows if row.t_ns is not None]
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(in_columns([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")]))
+        writer.write(*entries([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")]))
         writer.flush()
         for at in range(0, len(rows), 100):
-            writer.write(in_columns(rows[at : at + 100]))
+            writer.write(*entries(rows[at : at + 100]))
             writer.flush()
-        writer.write(in_columns([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")]))
+        writer.write(*entries([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")]))
     return rows
 
 
@@ -171,7 +171,7 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
     if cut:
         path.write_bytes(path.read_bytes()[:-cut])
     first, last = rows[0].t_ns, rows[-1].t_ns
-    assert row_times(RecordingReader(path)) == (first, last)
+    assert row_times(Recording(path)) == (first, last)
     known = [row.t_ns - first for row in rows]
     for options, count in (
         (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
@@ -188,7 +188,7 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
 def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
     path = tmp_path / "events.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(in_columns([PortEvent(FIRST, "p", PortEventKind.OPENED, "")]))
+        writer.write(*entries([PortEvent(FIRST, "p", PortEventKind.OPENED, "")]))
     done = run("decode", path, "--from", "+1s")
     assert done.returncode == 2
     assert "the input has no times; set with --start when its bytes began, or give" in done.stderr
@@ -201,6 +201,6 @@ def test_relative_times_name_their_start_in_a_damaged_file(
     content[content.index(b"zstd") + 40] ^= 0xFF
     (tmp_path / "x.mcap").write_bytes(content)
     done = run("decode", "x.mcap", "--format", "csv", "--from", "+1s")
-    first, *_ = RecordingReader(tmp_path / "x.mcap")
+    first, *_ = Recording(tmp_path / "x.mcap")
     assert f"relative times count from {iso_time(first.t_ns)} and" in done.stderr
     assert "a chunk that does not unpack" in done.stderr

@@ -17,12 +17,11 @@ from fte_sniff.cli.live_data import (
     datagram,
 )
 from fte_sniff.errors import UsageError
-from fte_sniff.protocol import Damage, Fault, Rows, iso_time
-from fte_sniff.recording.messages import topic_of
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.protocol import Fault, Row, Rows, iso_time
+from fte_sniff.recording.schema import topic_of
 from tests.cli.conftest import decoded
 from tests.recording.conftest import some_rows
-from tests.support.columns import without_facts
+from tests.support.columns import read_rows, without_facts
 from tests.waiting import BOUND_S
 
 pytestmark = pytest.mark.program
@@ -86,7 +85,7 @@ def test_every_row_is_a_datagram_with_the_names_of_the_topics(run, receiver, tmp
     done = run(*words, "--udp", address(receiver))
     assert done.returncode == 0
     assert f"200 rows sent to UDP 127.0.0.1 port {receiver.getsockname()[1]}\n" in done.stderr
-    rows = list(RecordingReader(tmp_path / "x.mcap"))
+    rows = read_rows(tmp_path / "x.mcap")
     rows = [row for row in rows if hasattr(row, "raw")]
     opened = None
     for row in rows:
@@ -128,9 +127,13 @@ def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> Non
 
 
 def test_datagram_that_is_too_large_is_counted(receiver, capsys) -> None:
-    rows = [*some_rows(3), Damage("p", 0, bytes(60_000), 1, (Fault.NOISE,)), *some_rows(2)]
+    rows = [
+        *some_rows(3),
+        Row("p", 0, bytes(60_000), 1, (Fault.NOISE,), framed=False),
+        *some_rows(2),
+    ]
     sender = Datagrams(receiver.getsockname(), None)
-    update = FeedUpdate(None, Rows.from_rows(rows), [], [])  # type: ignore[arg-type]
+    update = FeedUpdate(None, Rows.of(rows), [], [])  # type: ignore[arg-type]
     sender.update(update, None)  # type: ignore[arg-type]
     sender.ended(None)  # type: ignore[arg-type]
     said = capsys.readouterr().err

@@ -24,15 +24,7 @@ import fte_sniff
 from fte_sniff.analysis.plots import Timeline
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.cli.options import install_command
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Frame,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, Gap, GapKind, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
@@ -86,14 +78,14 @@ def emulated(
 
 def feedback(
     number: int, rpm: int, motor: int = 1, *, t_ms: int, port: str = "a", **flags: int
-) -> Frame:
+) -> Row:
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": motor, "rpm": rpm, **flags})
-    return Frame(port, 10 * number, raw, START_NS + t_ms * MS, (), 0)
+    return Row(port, 10 * number, raw, START_NS + t_ms * MS, (), 0)
 
 
-def recorded(path: Path, frames: list[Frame], facts: dict[str, str] | None = None) -> Path:
+def recorded(path: Path, frames: list[Row], facts: dict[str, str] | None = None) -> Path:
     ports = [PortFacts(port) for port in dict.fromkeys(frame.port for frame in frames)]
-    write_recording(path, ports or [PortFacts("a")], [Rows.from_rows(frames)], facts)
+    write_recording(path, ports or [PortFacts("a")], [Rows.of(frames)], facts)
     return path
 
 
@@ -336,9 +328,9 @@ def test_a_value_is_drawn_for_as_long_as_it_is_known(tmp_path, made, browser) ->
     assert names[-5:-2] == ["vx [cm/s]", "vy [cm/s]", "wz [mrad/s]"]
 
 
-def command(number: int, rpm: int, motor: int = 1, *, t_ms: int) -> Frame:
+def command(number: int, rpm: int, motor: int = 1, *, t_ms: int) -> Row:
     raw = encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": rpm})
-    return Frame("a", 10 * number, raw, START_NS + t_ms * MS, (), 0)
+    return Row("a", 10 * number, raw, START_NS + t_ms * MS, (), 0)
 
 
 BREAKS = {500: None, 3000: PortEventKind.LOST, 4000: PortEventKind.OVERRUN}
@@ -368,7 +360,7 @@ def test_lines_end_at_silences_lost_ports_gaps_and_flipped_bits(tmp_path, made, 
         for t_ms, kind in BREAKS.items()
         if kind is not None
     ]
-    writer.write(Rows.from_rows(frames).with_columns(events=events))
+    writer.write(Rows.of(frames), *events)
     start_ns, end_ns = (START_NS + t_ms * MS for t_ms in gap_ms)
     gap = Gap(GapKind.WRITE_ERROR, 30, start_ns, end_ns, "no space is left")
     writer.close([(GAP_NAME, gap_to_metadata(gap))])
@@ -490,7 +482,7 @@ def test_text_from_files_executes_nothing_and_is_not_cut_off_on_paper(
 ) -> None:
     name, port = HOSTILE.replace("/", "_"), f"{HOSTILE}?{'long=1&' * 60}"
     frames = [feedback(number, 5, t_ms=number, port=port) for number in range(9)]
-    broken = Frame(port, 90, bytes.fromhex("55 01 09 00 00 00 00 00 0F EE"), START_NS, (), 0)
+    broken = Row(port, 90, bytes.fromhex("55 01 09 00 00 00 00 00 0F EE"), START_NS, (), 0)
     path = recorded(tmp_path / f"{name}.mcap", [*frames, broken], {HOSTILE: HOSTILE})
     shown(browser, made(path, "--filter", "port != '<script>window.hit=1</script>'"))
     assert browser.execute_script("return window.hit") is None
@@ -560,7 +552,7 @@ def test_a_page_without_every_row_is_marked(tmp_path, most_points: int) -> None:
 
     frames = [feedback(number, 5, t_ms=number) for number in range(10)]
     timeline = Timeline(most_points)
-    timeline.observe(Rows.from_rows(frames))
+    timeline.observe(Rows.of(frames))
     numbers = fte_sniff.stats(recorded(tmp_path / "a.mcap", frames))
     text = page(timeline, numbers, ReportFacts("a", [], {}, [], {}))
     assert ("the minimum and maximum of bins of time" in text) is (most_points == 9)

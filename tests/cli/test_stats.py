@@ -11,19 +11,27 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from mcap.records import Metadata
 from rich.cells import cell_len
 
 import fte_sniff
-from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    byte_time_ns,
+    encode,
+)
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
+from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
+from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
 from tests.slow import crossed
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
@@ -82,33 +90,29 @@ def pieces(run, source: Path, folder: Path) -> list[Path]:
 
 
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
-    write_recording(path, [port], [Rows.from_rows(rows, events=events)], {})
+    write_recording(path, [port], [Rows.of(rows, events=events)], {})
 
 
-def speed(port: str, at: int, t: int) -> fte_sniff.Frame:
+def speed(port: str, at: int, t: int) -> fte_sniff.Row:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
-    return fte_sniff.Frame(port, 10 * at, raw, t, (), 0)
+    return fte_sniff.Row(port, 10 * at, raw, t)
 
 
 def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
-    """A recording of which a trigger kept the rows that bear an even hundred of rpm."""
-    around = TriggerWindow(0, 0)
-    recorder = Recorder(
-        path,
-        [PortFacts("p")],
-        options=RecordingOptions(trigger_window=around),
-        select=lambda given: given.field("rpm")[0] // 100 % 2 == 0,
-    )
-    recorder.write(in_columns(rows))
-    recorder.close()
+    """A recording without the rows whose hundred of rpm is odd."""
+    kept = [row for row in rows if row.values["rpm"] // 100 % 2 == 0]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(*entries(kept))
+        for first in (100, 300):
+            own = rows[first].t_ns, rows[first + 99].t_ns
+            gap = gap_to_metadata(Gap(GapKind.LEFT_OUT, 100, *own, "they were left out"))
+            writer.write_metadata(Metadata(LEFT_OUT_NAME, gap))
 
 
 def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> None:
     start, step = 10**18, SECOND // 100
     raws = [encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at}) for at in range(500)]
-    rows = [
-        fte_sniff.Frame("p", 10 * at, raw, start + at * step, (), 0) for at, raw in enumerate(raws)
-    ]
+    rows = [fte_sniff.Row("p", 10 * at, raw, start + at * step) for at, raw in enumerate(raws)]
     with_gaps(tmp_path / "a.mcap", rows)
     reported = numbers(run, "a.mcap")
     assert [
@@ -127,7 +131,7 @@ def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> No
     # The wire of the answers was not recorded.
     assert (motor["commands"], motor["unanswered"], motor["neither"]) == (300, None, 300)
     text = run("stats", "a.mcap").stdout
-    assert "left out   200 rows in 2 places: they are outside the trigger window\n" in text
+    assert "left out   200 rows in 2 places: they were left out\n" in text
     assert "200 rows in 2 places left out when recorded" in run("decode", "a.mcap").stderr
     some = numbers(run, "a.mcap", "--from", "+2.5s", "--filter", "rpm > 250")
     assert [one["rows"] for one in some["left_out"]] == [100]

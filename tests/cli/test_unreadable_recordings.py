@@ -9,7 +9,7 @@ import pytest
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import some_rows
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 from tests.torture.damage import records
 
 Run = Callable[..., CompletedProcess[str]]
@@ -28,7 +28,7 @@ COMMANDS = (
 
 def _record(folder: Path, rows: int) -> bytes:
     with RecordingWriter(folder / "x.mcap", [PORT]) as writer:
-        writer.write(in_columns(some_rows(rows)))
+        writer.write(*entries(some_rows(rows)))
     return (folder / "x.mcap").read_bytes()
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fte_sniff.protocol import KIND_BY_NAME, encode
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
@@ -134,14 +134,12 @@ RPMS = 1000
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Speed commands, a millisecond apart; the speed is that of the row's number."""
-    codebook = Codebook()
     raws = b"".join(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in range(RPMS))
-    columns = Rows.allocate(codebook, ROWS)
+    columns = Rows.blank(ROWS, ("p",))
     numbers = np.arange(ROWS)
     columns.t_ns[:] = FIRST_NS + numbers * 1_000_000
     columns.offset[:] = numbers * 10
-    columns.port[:] = codebook.port_code("p")
-    columns.raw[:] = np.frombuffer(raws, np.uint8).reshape(-1, 10)[numbers % RPMS]
+    columns.raw[:, :10] = np.frombuffer(raws, np.uint8).reshape(-1, 10)[numbers % RPMS]
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     write_recording(path, [PortFacts("p")], [columns])
     return path

@@ -16,7 +16,7 @@ from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.python_readers import mcap_lines, rerun_lines
 from tests.recording.conftest import START, some_rows
 from tests.slow import first
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 
 HERE = Path(__file__).parent
 BUILD_WITHIN_S = 900
@@ -120,11 +120,11 @@ def _record(path: Path, count: int, flush_every: int, ports: tuple[str, ...]) ->
     ]
     writer = RecordingWriter(path, [PortFacts(port, 115_200) for port in ports], {"host": "bench"})
     with writer:
-        writer.write(in_columns(events[0]))
+        writer.write(*entries(events[0]))
         for start in range(0, count, flush_every):
-            writer.write(in_columns(rows[start : start + flush_every]))
+            writer.write(*entries(rows[start : start + flush_every]))
             writer.flush()
-        writer.write(in_columns(events[1]))
+        writer.write(*entries(events[1]))
     return path, rows, events
 
 
@@ -145,7 +145,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Recorded:
     writer = RecordingWriter(path, [PortFacts("/dev/ttyUSB0", 115_200)], {})
     rows = some_rows(1_000)
     for start in range(0, 1_000, 100):
-        writer.write(in_columns(rows[start : start + 100]))
+        writer.write(*entries(rows[start : start + 100]))
         writer.flush()
     copy = shutil.copy(path, tmp_path / "copy.mcap")
     writer.close()

@@ -9,8 +9,8 @@ left out. This must not use the code that writes messages, since it is what that
 from collections.abc import Iterable
 from hashlib import sha256
 
-from fte_sniff.protocol import Frame, PortEvent, Row
-from fte_sniff.recording.messages import EVENTS, MALFORMED, topic_of
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.schema import EVENTS, MALFORMED, topic_of
 
 
 def expected_lines(rows: Iterable[Row], events: Iterable[PortEvent]) -> list[str]:
@@ -25,20 +25,20 @@ def digest(lines: Iterable[str]) -> str:
 
 def _row_line(row: Row) -> str:
     fields = {"offset": str(row.offset), "raw": row.raw.hex()}
-    if row.read_delay_ns is not None:
-        fields["read_delay_ns"] = str(row.read_delay_ns)
-    if row.order_uncertain:
+    if row.delay_ns is not None:
+        fields["read_delay_ns"] = str(row.delay_ns)
+    if row.unordered:
         fields["order_uncertain"] = "true"
     if row.faults:
         fields["faults"] = ",".join(f"FAULT_{fault}".upper() for fault in row.faults)
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind if row.framed else None
     fields["status"] = f"STATUS_{row.status}".upper()
     fields["kind"] = f"KIND_{kind.name if kind else 'none'}".upper()
     topic = topic_of(row)
     if topic is MALFORMED:
-        fields["framed"] = str(isinstance(row, Frame)).lower()
+        fields["framed"] = str(row.framed).lower()
         fields["length"] = str(len(row.raw))
-    elif isinstance(row, Frame):
+    elif row.framed:
         fields["cmd"] = str(row.cmd)
         names = {field.name for kind in topic.kinds for field in kind.fields}
         fields |= {name: str(row.values.get(name, "nan")) for name in names}

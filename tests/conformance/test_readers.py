@@ -10,18 +10,17 @@ import pytest
 from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.messages import TOPICS
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.recording.repair import Repair
-from fte_sniff.recording.retention import RecordingOptions
+from fte_sniff.recording.schema import TOPICS
 from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import running
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S, wait_until
 
@@ -47,7 +46,7 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     watch = ("node", "watch.mjs", server.url)
     with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
         wait_until(lambda: len(server.wanted) == len(TOPICS) or viewer.poll() is not None)
-        server.send(Rows.from_rows(rows), events)
+        server.send(Rows.of(rows), events)
         server.close()
         read = viewer.communicate(timeout=BOUND_S)[0].decode().splitlines()
     assert read == expected_lines(rows, events)
@@ -61,7 +60,7 @@ PORT = PortFacts("/dev/ttyUSB0", 115_200)
 
 
 def _write_bulk(folder: Path) -> None:
-    batches = (Rows.from_rows(some_rows(15_000, start=START + n * 10**12)) for n in range(3))
+    batches = (Rows.of(some_rows(15_000, start=START + n * 10**12)) for n in range(3))
     write_recording(folder / "x.mcap", [PORT], batches)
 
 
@@ -72,7 +71,7 @@ def _write_empty_bulk(folder: Path) -> None:
 def _write_rotated(folder: Path) -> None:
     recorder = Recorder(folder / "x.mcap", [PORT], options=RecordingOptions(rotate_bytes=30_000))
     for row in some_rows(3000):
-        recorder.write(in_columns([row]))
+        recorder.write(*entries([row]))
         if row.offset % 1000 == 0:
             recorder.flush()
     recorder.close()
@@ -81,7 +80,7 @@ def _write_rotated(folder: Path) -> None:
 def _write_new_port(folder: Path) -> None:
     with RecordingWriter(folder / "x.mcap", [PORT]) as writer:
         for number, row in enumerate(some_rows(300)):
-            writer.write(in_columns([replace(row, port=f"port {number // 100}")]))
+            writer.write(*entries([replace(row, port=f"port {number // 100}")]))
             if number % 50 == 0:
                 writer.flush()
 
@@ -91,7 +90,7 @@ def _repair(folder: Path, *, chunk: int) -> None:
     damaged = folder / "damaged"
     with RecordingWriter(damaged, [PORT]) as writer:
         for number in range(4):
-            writer.write(in_columns(some_rows(50, start=START + number * 10**9)))
+            writer.write(*entries(some_rows(50, start=START + number * 10**9)))
             writer.flush()
     content = bytearray(damaged.read_bytes())
     marks = [at for at in range(len(content)) if content.startswith(b"\x04\0\0\0zstd", at)]

@@ -15,7 +15,7 @@ from random import Random
 import pytest
 
 from fte_sniff.formats.decoders import SETTLING_BYTES, sigrok_decoder
-from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Frame, Row, encode, spaced_hex
+from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Row, encode, spaced_hex
 from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind
 from tests.recording.conftest import some_rows
 from tests.slow import first
@@ -89,7 +89,7 @@ def decoded(
 
 
 def frame_text(row: Row) -> str:
-    assert isinstance(row, Frame)
+    assert row.framed
     kind = row.kind.name if row.kind else "unknown"
     fields = row.kind.fields if row.kind else ()
     values = [f"{field.name}={field.text(row.values[field.name])}" for field in fields]
@@ -99,7 +99,7 @@ def frame_text(row: Row) -> str:
 def as_shown(placed: Placed) -> list[Shown]:
     """The annotation of each placed frame."""
     return [
-        Shown(start, start + FRAME_LENGTH * BYTE, frame_text(Frame("", 0, data, None)))
+        Shown(start, start + FRAME_LENGTH * BYTE, frame_text(Row("", 0, data, None)))
         for start, data in placed
     ]
 
@@ -136,7 +136,7 @@ def test_every_field_covers_its_bytes(tmp_path: Path) -> None:
     placed = placed_frames(3, 4 * len(KINDS), 0.5)
     expected = []
     for start, raw in placed:
-        row = Frame("", 0, raw, None)
+        row = Row("", 0, raw, None)
         assert row.kind is not None
         for field in row.kind.fields:
             first = start + field.start * BYTE
@@ -209,15 +209,15 @@ def test_framing_error_of_the_uart_is_a_fault_of_the_frame(tmp_path: Path) -> No
     start, flawed = 2 * BYTE, 6 * BYTE  # the byte FF; behind it the line is high for a while
     placed = [(start, raw[:5]), (flawed + 2 * BYTE, raw[5:]), (20 * BYTE, raw)]
     found = decoded(tmp_path, [placed], [flawed])
-    assert [one.text for one in found["rx-frame"]] == [frame_text(Frame("", 0, raw, None))] * 2
+    assert [one.text for one in found["rx-frame"]] == [frame_text(Row("", 0, raw, None))] * 2
     assert [(one.first, one.text) for one in found["rx-fault"]] == [(start, str(Fault.LINE_ERROR))]
 
 
 def test_capture_that_begins_within_a_frame_shows_its_rest_as_damage(tmp_path: Path) -> None:
-    frames = [row.raw for row in some_rows(6) if isinstance(row, Frame)]
+    frames = [row.raw for row in some_rows(6) if row.framed]
     found = decoded(tmp_path, [[(1, b"".join(frames)[3:])]])
     assert [one.text for one in found["rx-damage"]] == [f"Damage: {spaced_hex(frames[0][3:])}"]
-    shown = [frame_text(Frame("", 0, raw, None)) for raw in frames[1:]]
+    shown = [frame_text(Row("", 0, raw, None)) for raw in frames[1:]]
     assert [one.text for one in found["rx-frame"]] == shown
 
 
@@ -260,4 +260,4 @@ def test_frame_that_is_cut_at_the_end_of_the_capture_is_truncated(tmp_path: Path
     )
     shown = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
     assert shown.splitlines()[-1] == f"100,130,Truncated: {spaced_hex(whole[:3])}"
-    assert f"0,100,{frame_text(Frame('', 0, whole, None))}" in shown.splitlines()
+    assert f"0,100,{frame_text(Row('', 0, whole, None))}" in shown.splitlines()

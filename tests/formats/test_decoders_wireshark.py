@@ -12,20 +12,11 @@ import pytest
 from fte_sniff.errors import FileError
 from fte_sniff.formats.decoders import wireshark_dissector
 from fte_sniff.formats.pcapng import COMMENT, PcapngWriter
-from fte_sniff.protocol import (
-    COLUMNS,
-    Damage,
-    Fault,
-    Frame,
-    Row,
-    encode,
-    faults_text,
-    record,
-)
+from fte_sniff.protocol import COLUMNS, Fault, Row, encode, faults_text, record
 from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS
-from fte_sniff.recording.reader import RecordingReader
 from tests.recording.conftest import some_rows
 from tests.slow import first
+from tests.support.columns import read_rows
 from tests.support.tools import needs
 
 FIELDS = {
@@ -109,7 +100,7 @@ def every_byte_of_the_heads() -> list[Row]:
                     raw[field.start] = byte
                     faults += [] if field.is_legal(byte) else [field.fault]
             ordered = tuple(fault for fault in FAULT_MEANINGS if fault in faults)
-            rows.append(Frame("a", 10 * len(rows), bytes(raw), 10**18 + len(rows), ordered))
+            rows.append(Row("a", 10 * len(rows), bytes(raw), 10**18 + len(rows), ordered))
     return rows
 
 
@@ -126,8 +117,8 @@ def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, 
 def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, name: str) -> None:
     rows = [
         row
-        for row in RecordingReader(Path(__file__).parents[2] / f"samples/{name}.mcap")
-        if isinstance(row, Frame | Damage)
+        for row in read_rows(Path(__file__).parents[2] / f"samples/{name}.mcap")
+        if isinstance(row, Row)
     ]
     assert rows
     found = tshark.fields(written(tmp_path, rows), *FIELDS.values())
@@ -184,4 +175,4 @@ def test_bytes_of_another_capture_are_dissected_frame_by_frame(
 
 def test_a_row_without_a_time_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"'a', offset 7, has no time since 1970.*another format"):
-        written(tmp_path, [Damage("a", 7, b"\x01", None, (Fault.NOISE,))])
+        written(tmp_path, [Row("a", 7, b"\x01", None, (Fault.NOISE,), framed=False)])

@@ -6,13 +6,14 @@ import pytest
 from rich.console import Console
 
 from fte_sniff.formats.text_table import PlainWriter, RichWriter
-from fte_sniff.protocol import Chunk, Damage, Fault, Framer
+from fte_sniff.protocol import Chunk, Fault, Framer, Row
+from tests.support.columns import fed
 
 
 @pytest.mark.parametrize("width", [60, 80, 150, 200, 5000])
 @pytest.mark.parametrize("size", [3, 12, 1024])
 def test_long_bytes_do_not_hide_the_fault(width: int, size: int) -> None:
-    row = Damage("port", 0, bytes(size), 1_770_000_000_000_000_000, (Fault.NOISE,), 0)
+    row = Row("port", 0, bytes(size), 1_770_000_000_000_000_000, (Fault.NOISE,), 0, framed=False)
     screen = StringIO()
     RichWriter(Console(file=screen, width=width), ports=True).write([row])
     head, line = screen.getvalue().splitlines()
@@ -23,7 +24,7 @@ def test_long_bytes_do_not_hide_the_fault(width: int, size: int) -> None:
 
 def test_bytes_that_fit_are_not_cut_for_the_space_after_them() -> None:
     faults = (Fault.NOISE, Fault.TRUNCATED, Fault.OVERLONG, Fault.LINE_ERROR)
-    row = Damage("port", 0, bytes(3), 1_770_000_000_000_000_000, faults, 0)
+    row = Row("port", 0, bytes(3), 1_770_000_000_000_000_000, faults, 0, framed=False)
     for width in range(178, 220):  # from where three bytes have space
         screen = StringIO()
         RichWriter(Console(file=screen, width=width), ports=True).write([row])
@@ -34,7 +35,7 @@ def test_bytes_that_fit_are_not_cut_for_the_space_after_them() -> None:
 
 
 def test_a_file_has_all_bytes() -> None:
-    row = Damage("port", 0, bytes(1024), None, (Fault.NOISE,), 0)
+    row = Row("port", 0, bytes(1024), None, (Fault.NOISE,), 0, framed=False)
     file = StringIO()
     PlainWriter(file, ports=False).write([row])
     assert " ".join(["00"] * 1024) in file.getvalue()
@@ -52,7 +53,7 @@ def test_a_file_has_all_bytes() -> None:
 )
 def test_a_row_has_the_colour_of_its_status_or_direction(sent: str, style: str) -> None:
     framer = Framer("port")
-    rows = framer.feed(Chunk("port", None, bytes.fromhex(sent))) + framer.flush()
+    rows = fed(framer, Chunk("port", None, bytes.fromhex(sent))) + list(framer.finish())
     screen = StringIO()
     console = Console(file=screen, width=200, force_terminal=True, color_system="standard")
     RichWriter(console, ports=False).write(rows)

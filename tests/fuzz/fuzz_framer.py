@@ -15,6 +15,8 @@ import sys
 
 import atheris
 
+from tests.support.columns import fed
+
 with atheris.instrument_imports(include=["fte_sniff.protocol"]):
     from fte_sniff.protocol import (
         DEFAULT_BAUD,
@@ -22,7 +24,6 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
         HEADERS,
         TAIL,
         Chunk,
-        Frame,
         Framer,
         Row,
         Status,
@@ -67,8 +68,8 @@ def byte_by_byte(chunks: list[Chunk]) -> list[Chunk]:
 
 def rows_of(chunks: list[Chunk]) -> list[Row]:
     framer = Framer("p")
-    rows = [row for chunk in chunks for row in framer.feed(chunk)]
-    return rows + framer.flush()
+    rows = [row for chunk in chunks for row in fed(framer, chunk)]
+    return rows + list(framer.finish())
 
 
 def rows_in_time(chunks: list[Chunk]) -> list[Row]:
@@ -76,11 +77,11 @@ def rows_in_time(chunks: list[Chunk]) -> list[Row]:
     framer, rows, come = Framer("p"), [], 0
     for chunk in chunks:
         come += len(chunk.data)
-        for row in framer.feed(chunk):
+        for row in fed(framer, chunk):
             late = come - row.offset - len(row.raw)
-            assert late <= 2 * FRAME_LENGTH or not isinstance(row, Frame)
+            assert late <= 2 * FRAME_LENGTH or not row.framed
             rows.append(row)
-    return rows + framer.flush()
+    return rows + list(framer.finish())
 
 
 def check(data: bytes) -> None:
@@ -93,7 +94,7 @@ def check(data: bytes) -> None:
         assert row.raw
         at += len(row.raw)
         assert b"".join(part.raw for part in dissect(row)) == row.raw
-        if isinstance(row, Frame):
+        if row.framed:
             assert len(row.raw) == FRAME_LENGTH
             assert row.raw[0] in HEADERS.values()
             assert row.raw[-1] == TAIL

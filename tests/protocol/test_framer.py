@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import ValueRangeError
-from fte_sniff.protocol.islands import Framer
-from fte_sniff.protocol.islands.framer import KNOWN
+from fte_sniff.protocol.framer import KNOWN, Framer
 from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import MOST_BYTES, Row, Rows
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -25,7 +25,6 @@ from fte_sniff.protocol.spec import (
     Fault,
     byte_time_ns,
 )
-from fte_sniff.protocol.table import MOST_BYTES, Row, Rows
 from tests.examples import examples
 from tests.protocol.streams import raw_bytes
 from tests.support.faults import PAYLOADS, RESERVES, damaged_stream, draw_frame

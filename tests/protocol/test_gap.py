@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol.islands import gap as module
-from fte_sniff.protocol.islands.gap import INTACT, LONGEST, Gaps, divide
-from fte_sniff.protocol.islands.walk import is_start, strict_frames
+from fte_sniff.protocol import gap as module
+from fte_sniff.protocol.gap import INTACT, LONGEST, Gaps, divide
+from fte_sniff.protocol.islands import is_start, strict_frames
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     FTE_FORMAT,

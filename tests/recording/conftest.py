@@ -1,22 +1,13 @@
-"""Rows of every kind for the tests of recordings."""
+"""Rows of every kind, and what a disk may do, for the tests of recordings and of their users."""
 
 import os
 import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-from mcap.reader import make_reader
-
-from fte_sniff.errors import FileError
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.protocol.rows import NO_TIME
-from fte_sniff.recording.messages import TOPIC_BY_NAME, MessageReader
-from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.repair import Repair
-from fte_sniff.recording.writer import RecordingWriter
-from tests.support.columns import in_columns
+from fte_sniff.protocol import KINDS, Fault, PortEvent, Row, Rows, encode
+from fte_sniff.recording.reader import Recording
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000
@@ -35,85 +26,27 @@ def some_rows(count: int = 60, port: str = "/dev/ttyUSB0", start: int = START) -
 
 def _row(number: int, port: str, offset: int, t_ns: int) -> Row:
     if number % 11 == 10:
-        return Damage(port, offset, bytes(range(number % 30 + 1)), t_ns, (Fault.NOISE,), number)
+        return Row(port, offset, bytes(range(number % 16 + 1)), t_ns, (Fault.NOISE,), False, number)
     kind = KINDS[number % len(KINDS)]
     given = {"motor": number // len(KINDS) % 4 + 1, "error": 0, "online": 15}
     values = {field.name: given.get(field.name, number % 30_000 - 30) for field in kind.fields}
     raw = bytearray(encode(kind, values))
     if number % 13 == 12:
         raw[1] = 0x77
-        return Frame(port, offset, bytes(raw), t_ns, (Fault.UNKNOWN_CMD,), number)
+        return Row(port, offset, bytes(raw), t_ns, (Fault.UNKNOWN_CMD,), True, number)
     faults = (Fault.AMBIGUOUS, Fault.LINE_ERROR) if number % 17 == 16 else ()
-    return Frame(port, offset, bytes(raw), t_ns, faults, number)
-
-
-@pytest.fixture
-def make_rows() -> Callable[..., list[Row]]:
-    return some_rows
-
-
-@pytest.fixture
-def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
-    """A recording of three chunks, its rows and its events."""
-    path = tmp_path / "recorded.mcap"
-    rows = some_rows()
-    port = rows[0].port
-    events = [
-        PortEvent(START - 5, port, PortEventKind.OPENED, "115200 8N1"),
-        PortEvent(START + 10**9, port, PortEventKind.CLOSED, ""),
-    ]
-    with RecordingWriter(path, [PortFacts(port, 115_200)], {"host": "bench"}) as writer:
-        writer.write(in_columns(events[0]))
-        for start in range(0, len(rows), 20):
-            writer.write(in_columns(rows[start : start + 20]))
-            writer.flush()
-        writer.write(in_columns(events[1]))
-    return path, rows, events
-
-
-def entry_of(reader: MessageReader, message: bytes, log_time: int) -> Row | PortEvent:
-    """The row or event of one message, by protobuf; raises ValueError if it has none."""
-    found = reader.read(message, log_time)
-    if isinstance(found, PortEvent):
-        return found
-    t_ns, offset, delay_ns, framed, unordered, faults, raw = found
-    made: type[Row] = Frame if framed else Damage
-    delay = None if delay_ns == NO_TIME else delay_ns
-    return made(reader.port, offset, raw, t_ns, faults, delay, unordered)
+    return Row(port, offset, bytes(raw), t_ns, faults, True, number)
 
 
 def entries_in(path: Path) -> list[Row | PortEvent]:
-    """The rows and events, message by message, as the mcap package finds them in the file."""
+    """The rows and events of a recording, in file order."""
     found: list[Row | PortEvent] = []
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            if channel.topic not in TOPIC_BY_NAME:
-                continue
-            assert schema is not None
-            port = channel.metadata.get("port", path.name)
-            reader = MessageReader(channel.topic, port, schema.name, schema.data)
-            with suppress(ValueError):
-                found.append(entry_of(reader, message.data, message.log_time))
+    for item in Recording(path).items():
+        if isinstance(item, PortEvent):
+            found.append(item)
+        elif isinstance(item, Rows):
+            found += item
     return found
-
-
-def is_whole(path: Path) -> bool:
-    try:
-        return Repair(path).is_whole
-    except FileError:
-        return False
-
-
-@pytest.fixture
-def replaced() -> Callable[[bytes, bytes, bytes], bytes]:
-    """Replace bytes by the same number of others, at least once."""
-
-    def replace(content: bytes, old: bytes, new: bytes) -> bytes:
-        assert len(old) == len(new)
-        assert old in content
-        return content.replace(old, new)
-
-    return replace
 
 
 @contextmanager

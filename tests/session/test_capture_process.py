@@ -13,7 +13,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import FileError, PortError
-from fte_sniff.protocol import Chunk, Damage, Fault, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session import capture_process
@@ -162,8 +162,8 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     assert shown == [40]
 
 
-def rows(start: int, count: int) -> list[Frame]:
-    return [Frame("p", offset, FRAME, offset) for offset in range(start, start + count)]
+def rows(start: int, count: int) -> list[Row]:
+    return [Row("p", offset, FRAME, offset) for offset in range(start, start + count)]
 
 
 def received(theirs) -> list:
@@ -236,9 +236,7 @@ def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) 
     return [
         reported
         for number in range(count)
-        for reported in watch.observe(
-            port, in_columns(Frame(port, 10 * number, raw, number, **more))
-        )  # type: ignore[arg-type]
+        for reported in watch.observe(port, in_columns(Row(port, 10 * number, raw, number, **more)))  # type: ignore[arg-type]
     ]
 
 
@@ -288,4 +286,7 @@ def test_what_is_doubtful_is_not_a_cause(faults: tuple[Fault, ...]) -> None:
     watch = WiringWatch(["a", "b"])
     look(watch, "a", COMMAND, SETTLED)
     assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
-    assert watch.observe("a", in_columns(Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,)))) == []
+    assert (
+        watch.observe("a", in_columns(Row("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,), framed=False)))
+        == []
+    )

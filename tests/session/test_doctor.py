@@ -7,8 +7,8 @@ import pytest
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
 from fte_sniff.capture.discovery import Holder, PortListing
-from fte_sniff.capture.serial_port import LowLatency, PortCapabilities, PortSettings
-from fte_sniff.capture.uart_errors import UartWatch
+from fte_sniff.capture.line_errors import LineErrors
+from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction, LineErrorCounts
 from fte_sniff.session.doctor import (
@@ -88,7 +88,7 @@ def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
     with LineListener(pty.device, SETTINGS) as listener:
         pty.send(b"x" * 500)
         heard = listener.listen(FOR_EVER_S, 500)
-    assert (heard.data, heard.line_errors) == (b"x" * 500, LineErrorCounts())
+    assert (heard.data, heard.line_errors) == (b"x" * 500, "")
     assert pty.arrived() == b""
 
 
@@ -98,16 +98,12 @@ def test_silence_is_heard_for_as_long_as_was_asked(pty):
 
 
 def test_line_errors_are_reported_with_the_received_bytes(pty):
-    counted = [LineErrorCounts(framing=3), LineErrorCounts(framing=3), LineErrorCounts(framing=5)]
-    counters = iter([*counted, *[counted[-1]] * 10_000])
+    counters = iter([LineErrorCounts(framing=3), LineErrorCounts(framing=5)])
     with LineListener(pty.device, SETTINGS) as listener:
-        watch = UartWatch(lambda: next(counters))
-        listener.capabilities = PortCapabilities(watch, LowLatency.ABSENT, None, False)
+        listener.errors = LineErrors(pty.device, lambda: next(counters))
         pty.send(b"abc")
         heard = listener.listen(FOR_EVER_S, 3)
-        heard_then = listener.listen(0.05, 1)
-    assert heard.data == b"abc"
-    assert (heard.line_errors + heard_then.line_errors) == LineErrorCounts(framing=2)
+    assert (heard.data, heard.line_errors) == (b"abc", "2 framing")
 
 
 def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):

@@ -21,10 +21,10 @@ import fte_sniff
 from fte_sniff.analysis.rules import RuleCheck, parse_rule
 from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.errors import FileError, InputTextError
-from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.session.file_jobs import (
     FileJob,
     FileMerger,
@@ -47,7 +47,7 @@ PORTS = [PortFacts("a", 115_200), PortFacts("b", 115_200)]
 
 
 def opened(path: Path) -> Input:
-    return RecordingInput(RecordingReader(path))
+    return RecordingInput(Recording(path))
 
 
 def new_model(rules):
@@ -72,7 +72,7 @@ def write_parts(folder: Path, parts: Sequence[Sequence[Row | PortEvent]]) -> lis
         events = [one for one in part if isinstance(one, PortEvent)]
         facts = {"start": START, "host": "here", "part": str(number)}
         paths.append(folder / f"{number}.mcap")
-        write_recording(paths[-1], PORTS, [Rows.from_rows(rows, events=events)], facts)
+        write_recording(paths[-1], PORTS, [Rows.of(rows, events=events)], facts)
     return paths
 
 
@@ -113,7 +113,7 @@ def test_any_split_into_files_gives_the_numbers_of_one_file(
 
 def sent(kind: str, t_ns: int, port: str, number: int) -> Row:
     values = dict.fromkeys((field.name for field in KIND_BY_NAME[kind].fields), 1)
-    return Frame(port, 10 * number, encode(KIND_BY_NAME[kind], values), t_ns)
+    return Row(port, 10 * number, encode(KIND_BY_NAME[kind], values), t_ns)
 
 
 def two_wires(lost: range, seconds: int = 10) -> list[Row | PortEvent]:
@@ -175,7 +175,7 @@ def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
         write_parts(tmp_path / "a", [rows[:2]])[0],
         tmp_path / "b.mcap",
     ]
-    write_recording(paths[1], PORTS, [Rows.from_rows(other)], {"start": "x", "host": "here"})
+    write_recording(paths[1], PORTS, [Rows.of(other)], {"start": "x", "host": "here"})
     apart = measured(paths, None)
     assert whole.statistics.streams(None)[0].periods.count == 3
     assert apart.statistics.streams(None)[0].periods.count == 2

@@ -8,23 +8,20 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 
-from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
+from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import following as followed_module
 from fte_sniff.session.following import POLL_S, FollowedInput, Following
 from fte_sniff.session.inputs import InputReading
 from tests.cli.processes import wait_until
 from tests.session.test_file_jobs import reset_at
-from tests.support.columns import in_columns
+from tests.support.columns import entries
 
 PORTS = [PortFacts("a", 115_200)]
 FACTS = {"start": "2026-01-31T12:00:00.000000000Z", "host": "here"}
@@ -85,7 +82,7 @@ def test_a_long_capture_is_followed_without_keeping_its_files(tmp_path: Path) ->
     rows = [reset_at(number) for number in range(20)]
     with follower(recorder.path) as (following, future):
         for row in rows:
-            recorder.write(in_columns([row]))
+            recorder.write(*entries([row]))
             recorder.flush()
         recorder.close()
         reading, found = future.result()
@@ -96,52 +93,28 @@ def test_a_long_capture_is_followed_without_keeping_its_files(tmp_path: Path) ->
     assert reading.tally.rows == 20
 
 
-def test_the_gaps_of_a_trigger_come_with_their_rows(tmp_path: Path) -> None:
-    window = TriggerWindow(before_s=1, after_s=1)
-    path = tmp_path / "x.mcap"
-    recorder = Recorder(
-        path,
-        PORTS,
-        FACTS,
-        options=RecordingOptions(trigger_window=window),
-        select=lambda rows: (rows.offset == 100) | (rows.offset == 300),
-    )
-    with follower(path) as (following, future):
-        for number in range(50):
-            recorder.write(in_columns([reset_at(number)]))
-            recorder.flush()
-        # The last gap is written at the end, after all rows were read.
-        wait_until(lambda: following.rows == 6)
-        recorder.close()
-        reading, found = future.result()
-    assert [row.offset for row in found] == [90, 100, 110, 290, 300, 310]
-    assert found == list(RecordingReader(path))
-    assert [gap.rows for gap in reading.reported_gaps] == [9, 17, 18]
-    assert reading.reported_gaps == RecordingReader(path).gaps()
-
-
 def test_a_next_file_that_comes_later_and_was_not_named_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     searches: list[Path | None] = []
 
-    def find_next(reader: RecordingReader) -> Path | None:
+    def find_next(reader: Recording) -> Path | None:
         searches.append(found(reader))
         return searches[-1]
 
-    found = RecordingReader.find_next
-    monkeypatch.setattr(RecordingReader, "find_next", find_next)
+    found = Recording.find_next
+    monkeypatch.setattr(Recording, "find_next", find_next)
     monkeypatch.setattr(followed_module, "_RELEASE_S", 600.0)
     rows = [reset_at(number) for number in range(4)]
     first = RecordingWriter(tmp_path / "x.mcap", PORTS, FACTS)
     with follower(first.path) as (following, future):
-        first.write(in_columns([OPENED, *rows[:2]]))
+        first.write(*entries([OPENED, *rows[:2]]))
         first.close()
         wait_until(lambda: len(searches) > 1)
         part = {"part": "2", "previous": "x.mcap"}
         with RecordingWriter(tmp_path / "x_00002.mcap", PORTS, FACTS | part) as second:
             wait_until(lambda: len(following.opened) == 2)
-            second.write(in_columns([*rows[2:], CLOSED]))
+            second.write(*entries([*rows[2:], CLOSED]))
         assert future.result()[1] == rows
     assert following.ended == f"{second.path}: the program that recorded it has ended"
 
@@ -165,37 +138,3 @@ def test_a_writer_that_left_a_port_open_did_not_end_by_itself(
     following.observe(events)
     assert following.open_ports == still_open
     assert ("ended without closing a" in following.end("x", "")) == bool(still_open)
-
-
-class OverwrittenAfterCheck(RecordingReader):
-    """Its file is overwritten just after it was found to be the same."""
-
-    def _check(self, stream: BinaryIO) -> None:
-        super()._check(stream)
-        self.path.write_bytes(bytes(self.path.stat().st_size))
-
-
-def test_a_file_that_is_overwritten_during_a_check_is_reported(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
-        writer.write(in_columns([reset_at(0)]))
-    reader = OverwrittenAfterCheck(tmp_path / "x.mcap", growing=True)
-    reader.grow()
-    with pytest.raises(FileError, match="was overwritten while it was followed"):
-        reader.grow()
-
-
-def test_to_read_a_growing_file_anew_takes_nothing_from_what_is_added(tmp_path: Path) -> None:
-    rows = [reset_at(number) for number in range(4)]
-    with RecordingWriter(tmp_path / "x.mcap", PORTS) as writer:
-        reader = RecordingReader(tmp_path / "x.mcap", growing=True)
-        added: list[Row] = []
-        for row in rows:
-            writer.write(in_columns([row]))
-            writer.flush()
-            reader.grow()
-            read = list(reader)
-            added += [one for _, batch in reader.added() for one in batch]
-            assert read == added
-    reader.settle()
-    added += [one for _, batch in reader.added() for one in batch]
-    assert added == list(reader) == rows

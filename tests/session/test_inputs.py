@@ -23,9 +23,7 @@ from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row
 from fte_sniff.protocol import (
     KINDS,
     Chunk,
-    Damage,
     Fault,
-    Frame,
     Framer,
     Gap,
     GapKind,
@@ -34,13 +32,12 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.protocol.rows import Codebook, Rows
-from fte_sniff.recording.mcap.reader import HEAD, MAGIC
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording.chunks import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader, TimeRange
+from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
-from fte_sniff.session.framing import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.inputs import (
     ChunkInput,
     InputBatch,
@@ -51,11 +48,12 @@ from fte_sniff.session.inputs import (
     kind_of_file,
     merged_by_time,
 )
+from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.replay import RecordingPages
 from fte_sniff.session.save import write_rows
 from tests.analysis.pieces import Step
 from tests.protocol.streams import raw_bytes
-from tests.support.columns import in_columns
+from tests.support.columns import entries, fed
 from tests.support.recorded_rows import write_recording
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
@@ -80,34 +78,31 @@ def rows_of(log: ChunkInput, notes: list[str], span: TimeRange | None = None) ->
 
 @settings(max_examples=30, deadline=None)
 @given(raw_bytes, st.integers(1, 9), st.booleans(), st.sampled_from([0, 10**18]))
-def test_rows_are_the_framers(data: bytes, repeated: int, idle: bool, start_ns: int) -> None:
+def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_ns: int) -> None:
     data = data * (4000 * repeated // (len(data) + 1) + 1)
     cut = [data[at : at + 40_000] for at in range(0, len(data), 40_000)]
     chunks = [
         Chunk("f", start_ns + at if start_ns else None, piece) for at, piece in enumerate(cut)
     ]
     framer = Framer("f")
-    expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
-    if idle:
-        chunks = [one for chunk in chunks for one in (chunk, Chunk("f", None, b""))]
+    expected = [row for chunk in chunks for row in fed(framer, chunk)] + list(framer.finish())
     if data:
-        parts = rows_of_chunks(chunks, lambda _: None)
+        parts = rows_of_chunks(chunks, "f", lambda _: None, waits=waiting)
         assert [row for rows in parts for row in rows] == expected
 
 
-def test_rows_do_not_wait_for_bytes_that_are_not_there_yet() -> None:
+def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
     asked: list[int] = []
 
     def chunks() -> Iterator[Chunk]:
         for at in range(3):
             asked.append(at)
             yield Chunk("f", None, FRAME * 5)
-            yield Chunk("f", None, b"")
 
     handed: list[tuple[int, int]] = []
-    for batch in ChunkInput(chunks(), "f").batches(None, lambda _: None):
+    for batch in ChunkInput(chunks(), "f", waits=True).batches(None, lambda _: None):
         handed.append((len(asked), len(batch.rows)))
-    assert handed == [(1, 5), (2, 5), (3, 5)]
+    assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
 
 
 def test_the_end_is_reported() -> None:
@@ -172,12 +167,12 @@ def row(draw: st.DrawFn) -> Row:
     offset = draw(st.integers(0, 2**63 - 1))
     if draw(st.booleans()):
         raw = draw(st.binary(min_size=1, max_size=40))
-        return Damage(port, offset, raw, t_ns, faults)
+        return Row(port, offset, raw, t_ns, faults, framed=False)
     kind = draw(st.sampled_from(KINDS))
     raw = encode(kind, {f.name: draw(st.integers(f.low, f.high)) for f in kind.fields})
     if draw(st.booleans()):
         raw = raw[:1] + b"\x77" + raw[2:]
-    return Frame(port, offset, raw, t_ns, faults)
+    return Row(port, offset, raw, t_ns, faults)
 
 
 ROWS = st.lists(row(), max_size=12)
@@ -200,7 +195,7 @@ def written(write: Callable[[RowWriter], None], form: OutputFormat) -> str:
 def test_columns_are_written_byte_for_byte_as_rows(form: OutputFormat, rows: list[Row]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(save, "_FEWEST", 0)
-        by_columns = written(lambda writer: write_rows(writer, Rows.from_rows(rows), 10**9), form)
+        by_columns = written(lambda writer: write_rows(writer, Rows.of(rows), 10**9), form)
     assert by_columns == written(lambda writer: writer.write(rows), form)
 
 
@@ -223,20 +218,20 @@ def test_columns_are_written_byte_for_byte_as_rows(form: OutputFormat, rows: lis
 )
 def test_a_filter_selects_each_row_by_itself(rows: list[Row], text: str) -> None:
     wanted = RowFilter.parse(text)
-    one_by_one = [row for row in rows if wanted.select(Rows.from_rows([row]))]
-    assert list(InputBatch(Rows.from_rows(rows)).select(wanted).rows) == one_by_one
+    one_by_one = [row for row in rows if wanted.select(Rows.of([row]))]
+    assert list(InputBatch(Rows.of(rows)).select(wanted).rows) == one_by_one
 
 
 @given(ROWS, st.integers(0, 14))
 def test_the_first_rows(rows: list[Row], count: int) -> None:
-    assert list(InputBatch(Rows.from_rows(rows)).first(count).rows) == rows[:count]
+    assert list(InputBatch(Rows.of(rows)).first(count).rows) == rows[:count]
 
 
 @given(ROWS, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
     span = TimeRange(first_ns, end_ns)
     inside = [row for row in rows if span.contains(row)]
-    assert list(span.select(Rows.from_rows(rows))) == inside
+    assert list(span.select(Rows.of(rows))) == inside
 
 
 @given(UNTIMED.filter(lambda rows: any(row.t_ns is None for row in rows)))
@@ -244,21 +239,21 @@ def test_a_recording_takes_no_row_without_time(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
 ) -> None:
     with pytest.raises(FileError, match="has no time since 1970"):
-        write_recording(tmp_path_factory.getbasetemp() / "x", [], [Rows.from_rows(rows)])
+        write_recording(tmp_path_factory.getbasetemp() / "x", [], [Rows.of(rows)])
 
 
 def test_a_recording_of_which_nothing_can_be_read_is_reported(tmp_path: Path) -> None:
     """Its first batch is empty and has no place in the file."""
     path = tmp_path / "a.mcap"
-    rows = [Frame("p", 10 * at, FRAME, 10**18 + at) for at in range(100)]
-    write_recording(path, [PortFacts("p")], [Rows.from_rows(rows)])
+    rows = [Row("p", 10 * at, FRAME, 10**18 + at) for at in range(100)]
+    write_recording(path, [PortFacts("p")], [Rows.of(rows)])
     content = path.read_bytes()
     at = content.index(b"\x06", 200)
     found = []
     for start in range(at - 30, at + 200, 10):
         path.write_bytes(content[:start] + content[start + 1 :])
         with suppress(FileError):
-            recording = RecordingInput(RecordingReader(path))
+            recording = RecordingInput(Recording(path))
             found += [len(batch.rows) for batch in recording.batches(None, lambda _: None)]
             assert recording.losses
     assert 0 in found
@@ -276,7 +271,7 @@ def batch_of(rows: Sequence[Row], *, at: int) -> InputBatch:
         events.append(PortEvent(t_ns, rows[0].port, PortEventKind.OPENED, str(at)))
         gap = Gap(GapKind.DAMAGE, rows=rows[-1].offset, port=rows[-1].port)
         changes.append(StreamChange(len(rows) - 1, gap))
-    batch = Rows.from_rows(rows, events=events)
+    batch = Rows.of(rows, events=events)
     return InputBatch(
         batch,
         reload=lambda: batch,
@@ -297,9 +292,8 @@ def inputs(draw: st.DrawFn, *, falling: bool = False) -> list[list[InputBatch]]:
             rows: list[Row] = []
             for _ in range(size):
                 t_ns += draw(steps)
-                raw = SPEED if draw(st.booleans()) else bytes(draw(st.integers(1, 30)))
-                kind = Frame if raw is SPEED else Damage
-                rows.append(kind(str(number), offset, raw, t_ns, ()))
+                raw = SPEED if draw(st.booleans()) else bytes(draw(st.integers(1, 16)))
+                rows.append(Row(str(number), offset, raw, t_ns, (), framed=raw is SPEED))
                 offset += len(raw)
             batches.append(batch_of(rows, at=at))
         found.append(batches)
@@ -371,11 +365,7 @@ def test_merged_rows_can_be_read_again(given_: list[list[InputBatch]]) -> None:
 
 def columns(first: int, count: int, port: str) -> Rows:
     """Rows a microsecond apart from a number on."""
-    rows = Rows.allocate(Codebook(), count)
-    rows.t_ns[:] = START + (first + np.arange(count)) * 1000
-    rows.offset[:] = 0
-    rows.port[:] = rows.codebook.port_code(port)
-    return rows
+    return Rows.blank(count, (port,), t_ns=START + (first + np.arange(count)) * 1000)
 
 
 def test_a_batch_that_nothing_overlaps_is_passed_on_as_it_is() -> None:
@@ -444,11 +434,11 @@ def recorded(
     path: Path, numbers: range, port: str, facts: dict[str, str] | None = None
 ) -> list[Row]:
     rows: list[Row] = [
-        Frame(port, 10 * at, SPEED, START + number * 1000) for at, number in enumerate(numbers)
+        Row(port, 10 * at, SPEED, START + number * 1000) for at, number in enumerate(numbers)
     ]
     with RecordingWriter(path, [PortFacts(port, 115_200)], facts or {}) as writer:
         for at in range(0, len(rows), 50):
-            writer.write(in_columns(rows[at : at + 50]))
+            writer.write(*entries(rows[at : at + 50]))
             writer.flush()
     return rows
 
@@ -467,7 +457,7 @@ def test_recordings_are_merged_and_paged(tmp_path: Path) -> None:
         for batch in batches:
             assert batch.reload is not None
             pages.append(batch.reload, len(batch.rows))
-        assert list(pages.load(0, 1500, Codebook())) == in_time(one, other)
+        assert list(pages.load(0, 1500)) == in_time(one, other)
         assert not [gap for gap in reading.source.gaps if gap.start_ns is not None]
 
 
@@ -591,7 +581,7 @@ def pieces_of(steps: list[Step]) -> InputBatch:
             changes.append(StreamChange(len(rows), step))
             if rows and rows[-1].t_ns is not None:
                 events.append(PortEvent(rows[-1].t_ns, "a", PortEventKind.OPENED, ""))
-    found = Rows.from_rows(rows, events=events)
+    found = Rows.of(rows, events=events)
     return InputBatch(found, changes=changes)
 
 

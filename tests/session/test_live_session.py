@@ -22,7 +22,7 @@ from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.protocol.rows import NO_ROWS
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session import live_session as live
 from fte_sniff.session.capture_process import (
@@ -38,6 +38,7 @@ from fte_sniff.session.live_session import CaptureState, LiveSession
 from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import holding
 from tests.recording.conftest import file_size_limit
+from tests.support.columns import read_rows
 from tests.support.in_workers import falls_silent
 from tests.support.recorded_rows import events_in
 from tests.waiting import BOUND_S, wait_until, while_waiting
@@ -106,7 +107,7 @@ def test_rows_and_events_seen_are_those_recorded(tmp_path: Path) -> None:
         for update in updates(session):
             rows += update.rows
             events += update.events
-    reader = RecordingReader(tmp_path / "x.mcap")
+    reader = Recording(tmp_path / "x.mcap")
     assert len(rows) == 200
     assert list(reader) == rows
     assert [event.kind for event in events] == [PortEventKind.OPENED, PortEventKind.CLOSED]
@@ -119,7 +120,7 @@ def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
         # Nothing is taken from the pipe until the file is closed.
         wait_until(lambda: not holding(tmp_path / "x.mcap"))
         rows = to_the_end(session)
-    recorded = list(RecordingReader(tmp_path / "x.mcap"))
+    recorded = read_rows(tmp_path / "x.mcap")
     assert rows == recorded
     assert len(recorded) > 300
 
@@ -133,7 +134,7 @@ def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
         to_the_end(session)
         session.stop()
         assert session.poll().state.ended == "stopped"
-    reader = RecordingReader(tmp_path / "x.mcap")
+    reader = Recording(tmp_path / "x.mcap")
     assert len(list(reader)) > 20
     assert (reader.ending, reader.losses) == ("", ())
 
@@ -145,7 +146,7 @@ def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: in
         os.kill(session.capture_pid, number)
         rows = to_the_end(session)
         assert session.state.error is None
-    assert list(RecordingReader(tmp_path / "x.mcap"))[-len(rows) :] == rows
+    assert read_rows(tmp_path / "x.mcap")[-len(rows) :] == rows
 
 
 def test_ctrl_c_means_nothing_to_the_capture_process_and_leaving_the_session_ends_it(
@@ -155,7 +156,7 @@ def test_ctrl_c_means_nothing_to_the_capture_process_and_leaving_the_session_end
         os.kill(session.capture_pid, signal.SIGINT)
         until(session, lambda rows: rows > 50)
         assert session.poll().state.running
-    reader = RecordingReader(tmp_path / "x.mcap")
+    reader = Recording(tmp_path / "x.mcap")
     assert len(list(reader)) > 50
     assert (reader.ending, reader.losses) == ("", ())
 
@@ -167,7 +168,7 @@ def test_a_killed_capture_is_reported(tmp_path: Path) -> None:
         to_the_end(session)
         assert isinstance(session.state.error, PortError)
         assert "unexpectedly" in (session.poll().state.ended or "")
-    list(RecordingReader(tmp_path / "x.mcap"))
+    read_rows(tmp_path / "x.mcap")
 
 
 def test_a_lost_port_ends_it_and_is_reported(tmp_path: Path) -> None:
@@ -176,7 +177,7 @@ def test_a_lost_port_ends_it_and_is_reported(tmp_path: Path) -> None:
         assert isinstance(session.state.error, PortError)
         assert "was lost" in (session.poll().state.ended or "")
     assert len(rows) == 30
-    assert list(RecordingReader(tmp_path / "x.mcap")) == rows
+    assert read_rows(tmp_path / "x.mcap") == rows
 
 
 def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
@@ -200,7 +201,7 @@ def test_a_recording_that_fails_is_reported_at_once_and_the_capture_goes_on(tmp_
         assert "recording stopped" in str(session.state.error)
         told_at = session.state.total_rows
         until(session, lambda rows: rows > told_at + 200)
-    reported = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
+    reported = Recording(tmp_path / "x.mcap").metadata["fte-sniff"]
     assert reported["port.1.granted"] == "no low latency setting; line errors unavailable"
 
 
@@ -224,7 +225,7 @@ def test_a_recording_that_is_deleted_is_reported_at_once_and_the_capture_goes_on
 
 def test_a_stuck_capture_is_killed_and_reported(tmp_path: Path, quickly_overdue: float) -> None:
     with running(plan(tmp_path / "x.mcap")) as session:
-        wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
+        wait_until(lambda: bool(read_rows(tmp_path / "x.mcap")))
         os.kill(session.capture_pid, signal.SIGSTOP)
         start = monotonic()
         session.stop()
@@ -232,7 +233,7 @@ def test_a_stuck_capture_is_killed_and_reported(tmp_path: Path, quickly_overdue:
     assert isinstance(session.state.error, PortError)
     assert "was killed" in (session.poll().state.ended or "")
     assert session._process.poll() is not None
-    assert list(RecordingReader(tmp_path / "x.mcap"))
+    assert read_rows(tmp_path / "x.mcap")
 
 
 def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
@@ -288,7 +289,7 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
             assert session.state.recording is not None
             rows = to_the_end(session)
             assert session.poll().state.recording == str(session.state.recording)
-        assert list(RecordingReader(session.state.recording)) == rows
+        assert read_rows(session.state.recording) == rows
     assert {session.state.recording for session in sessions} == set(tmp_path.iterdir())
     assert len(list(tmp_path.iterdir())) == 2
 
@@ -301,11 +302,11 @@ BEGUN = Started(ONE)
 
 def batch(*changes: Change, rows: int = 0, **events: PortEventKind) -> RowsMessage:
     happened = [PortEvent(0, port, kind, "") for port, kind in events.items()]
-    return RowsMessage(NO_ROWS.with_columns(events=happened), rows, 3, changes)
+    return RowsMessage(NO_ROWS.replace(happened), rows, 3, changes)
 
 
 def _reporting(*events: PortEvent) -> RowsMessage:
-    return replace(batch(), rows=NO_ROWS.with_columns(events=events))
+    return replace(batch(), rows=NO_ROWS.replace(events))
 
 
 def left_over(waiting: int) -> RowsMessage:

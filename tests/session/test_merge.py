@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.capture_process import (
     DRAIN_EVERY_NS,
@@ -59,8 +59,8 @@ def in_order(rows: Rows) -> list[Entry]:
     return sorted([*rows, *rows.events], key=lambda entry: entry.t_ns or 0)
 
 
-def row(port: str, ms: float) -> Frame:
-    return Frame(port, 0, FRAME, round(ms * MS))
+def row(port: str, ms: float) -> Row:
+    return Row(port, 0, FRAME, round(ms * MS))
 
 
 def event(port: str, ms: float) -> PortEvent:
@@ -146,7 +146,7 @@ def test_rows_of_two_ports_in_uncertain_order_are_marked(
         order.advance(port, round(ms * MS) + MS, None, data=True)
     found = order.ready() + order.ready(final=True)
     assert [(r.port, (r.t_ns or 0) / MS) for r in found] == times
-    assert [isinstance(r, Frame) and r.order_uncertain for r in found] == marked
+    assert [r.framed and r.unordered for r in found] == marked
 
 
 FAULTS = st.sampled_from([0.0, 0.3])

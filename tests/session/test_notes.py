@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import Frame, Rows
+from fte_sniff.protocol import Row, Rows
 from fte_sniff.session.notes import MOST_TEXT, Note, Notes, RowKey, located, notes_path
 from tests.beside import running
 from tests.waiting import BOUND_S
@@ -147,8 +147,8 @@ def test_notes_are_not_written_through_a_link_or_to_a_pipe(recording: Path, kind
 
 
 def test_the_row_that_contains_the_byte_at_that_time_is_found() -> None:
-    rows = Rows.from_rows(
-        Frame("p", 10 * number, bytes.fromhex("AA0000000000000000EE"), NOON_NS + number * 10**9)
+    rows = Rows.of(
+        Row("p", 10 * number, bytes.fromhex("AA0000000000000000EE"), NOON_NS + number * 10**9)
         for number in range(3)
     )
     wanted = [RowKey("p", 15, NOON_NS + 10**9), RowKey("p", 20), RowKey("q", 0)]

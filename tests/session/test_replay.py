@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.protocol.rows import Codebook, Rows
+from fte_sniff.protocol import KINDS, Fault, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording import reader as recording_reader
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import Playback, RecordingPages, ReplaySession
@@ -25,9 +25,7 @@ FRAME = bytes.fromhex("AA0000000000000000EE")
 
 def batches(count: int, size: int = 10) -> list[InputBatch]:
     return [
-        InputBatch(
-            Rows.from_rows([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
-        )
+        InputBatch(Rows.of([Row("f", (b * size + i) * 10, FRAME, None) for i in range(size)]))
         for b in range(count)
     ]
 
@@ -61,7 +59,7 @@ def first_of(session: ReplaySession) -> list[Row]:
 def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
     lost = PortEvent(5, "f", PortEventKind.LOST, "")
     made = batches(2)
-    session = ReplaySession([made[0], InputBatch(made[1].rows.with_columns(events=[lost]))], "file")
+    session = ReplaySession([made[0], InputBatch(made[1].rows.replace([lost]))], "file")
     events: list[PortEvent] = []
     for _ in while_waiting(lambda: f"the end of {session}"):
         update = session.poll()
@@ -131,9 +129,11 @@ def made(port: str, count: int) -> list[Row]:
     for number in range(count):
         t_ns, offset = 1_000_000 * number + 10**18, 100 * number
         if number % 997:
-            rows.append(Frame(port, offset, FRAME_PAGES, t_ns))
+            rows.append(Row(port, offset, FRAME_PAGES, t_ns))
         else:
-            rows.append(Damage(port, offset, bytes([number % 256]) * 40, t_ns, (Fault.NOISE,)))
+            rows.append(
+                Row(port, offset, bytes([number % 256]) * 40, t_ns, (Fault.NOISE,), framed=False)
+            )
     return rows
 
 
@@ -150,14 +150,12 @@ def rows() -> list[Row]:
 
 
 def loaded(pages: RecordingPages, start: int, count: int) -> list[Row]:
-    return list(pages.load(start, count, Codebook()))
+    return list(pages.load(start, count))
 
 
 def timed_store(times: list[int | None]) -> RowStore:
     store = RowStore(block_rows=3)
-    store.append(
-        Rows.from_rows([Frame("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)])
-    )
+    store.append(Rows.of([Row("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)]))
     return store
 
 

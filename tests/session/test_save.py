@@ -16,14 +16,12 @@ import pytest
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.formats.log import Log
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
-    Damage,
     Fault,
-    Frame,
     Gap,
     GapKind,
     Row,
@@ -33,10 +31,10 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
-from fte_sniff.session.framing import raw_chunks
+from fte_sniff.session.log_rows import raw_chunks, rows_of_log
 from fte_sniff.session.save import (
     ExportSource,
     FileExport,
@@ -56,14 +54,14 @@ def rows(count: int = 40) -> list[Row]:
     made: list[Row] = []
     for number in range(count):
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number})
-        made.append(Frame(PORTS[0], 10 * number, raw, NOON_NS + number))
-    return [*made, Damage("b", 0, b"\x01\x02\x03", NOON_NS + count, (Fault.NOISE,))]
+        made.append(Row(PORTS[0], 10 * number, raw, NOON_NS + number))
+    return [*made, Row("b", 0, b"\x01\x02\x03", NOON_NS + count, (Fault.NOISE,), framed=False)]
 
 
 def saved(path: Path, taken: list[Row]) -> Path:
     saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
     for at in range(0, len(taken), 7):
-        saving.write(Rows.from_rows(taken[at : at + 7]))
+        saving.write(Rows.of(taken[at : at + 7]))
     saving.close()
     assert saving.rows == len(taken)
     return path
@@ -84,7 +82,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
         case ".parquet":
-            assert pl.read_parquet(path).equals(table_frame(Rows.from_rows(taken)))
+            assert pl.read_parquet(path).equals(table_frame(Rows.of(taken)))
             assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
             assert entries_in(path) == taken
@@ -93,7 +91,8 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             assert all(spaced_hex(row.raw) in text for row in taken)
             assert "port" in text
         case ".hex":
-            assert b"".join(chunk.data for chunk in Log(str(path)).chunks()) == whole
+            again = rows_of_log(LogReader(str(path)), lambda _: None)
+            assert b"".join(row.raw for some in again for row in some) == whole
         case ".pcapng":
             data = path.read_bytes()
             assert all(row.raw in data for row in taken)
@@ -110,7 +109,7 @@ def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
 def test_an_abandoned_parquet_file_is_written_no_more(tmp_path: Path, pieces: int) -> None:
     sink = parquet_sink.ParquetSink(tmp_path / "rows.parquet")
     for _ in range(pieces):
-        sink.write(Rows.from_rows(rows(5)))
+        sink.write(Rows.of(rows(5)))
     sink.abandon()
     assert not any(thread.name == "writes Parquet" for thread in threading.enumerate())
 
@@ -226,7 +225,7 @@ def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
-    saving.write(Rows.from_rows(rows()))
+    saving.write(Rows.of(rows()))
     saving.abandon()
     assert not list(tmp_path.iterdir())
 
@@ -234,7 +233,7 @@ def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
     saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), ORIGIN)
     with pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"):
-        saving.write(Rows.from_rows([Damage("b", 0, b"\x01", None, (Fault.NOISE,))]))
+        saving.write(Rows.of([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
     assert not list(tmp_path.iterdir())
 
 
@@ -272,7 +271,7 @@ def test_parquet_is_refused_unless_polars_can_open_all_that_it_needs() -> None:
 
 
 def _write_all(saving: SaveJob, taken: list[Row]) -> None:
-    saving.write(Rows.from_rows(taken))
+    saving.write(Rows.of(taken))
     saving.close()
 
 
@@ -283,9 +282,9 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
     ]
     origin = ExportSource(PORTS, {"b": 9600}, gaps, [Selection("motor = 1", 99)])
     saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), origin)
-    saving.write(Rows.from_rows(rows()))
+    saving.write(Rows.of(rows()))
     saving.close()
-    reader = RecordingReader(tmp_path / "rows.mcap")
+    reader = Recording(tmp_path / "rows.mcap")
     assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])
     assert {port.name: port.baud for port in reader.ports} == {PORTS[0]: None, "b": 9600}
 

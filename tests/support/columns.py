@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import Chunk, Framer, PortEvent, Row
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording.reader import Recording
 
 
 def in_columns(*entries: Row | PortEvent | Iterable[Row | PortEvent]) -> Rows:
@@ -16,7 +18,25 @@ def in_columns(*entries: Row | PortEvent | Iterable[Row | PortEvent]) -> Rows:
     for entry in entries:
         found += [entry] if hasattr(entry, "port") else entry  # type: ignore[list-item,arg-type]
     events = [entry for entry in found if isinstance(entry, PortEvent)]
-    return Rows.from_rows([one for one in found if not isinstance(one, PortEvent)], events=events)
+    return Rows.of([one for one in found if not isinstance(one, PortEvent)], events=events)
+
+
+def entries(*given: Row | PortEvent | Iterable[Row | PortEvent]) -> list[Rows | PortEvent]:
+    """Rows and events, one by one or in lists, as a recording takes them."""
+    found = in_columns(*given)
+    return [found.replace(()), *found.events]
+
+
+def fed(framer: Framer, chunk: Chunk) -> list[Row]:
+    """The rows that a framer decides with a chunk."""
+    framer.push(chunk)
+    return list(framer.drain())
+
+
+def read_rows(path: Path, *, is_growing: bool = False) -> list[Row]:
+    """The rows of a recording, in file order."""
+    items = Recording(path, is_growing=is_growing).items()
+    return [row for item in items if isinstance(item, Rows) for row in item]
 
 
 def without_facts(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

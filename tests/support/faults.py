@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from random import Random
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, encode
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Fault, Field, FrameKind, encode
+from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 
 HOSTILE_BYTES = bytes([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03])
@@ -168,3 +169,15 @@ def damaged_stream(
     draw = PAYLOADS[payload]
     drawn = (draw_frame(random, draw) for _ in range(frames))
     return damage(random, drawn if reserve is None else with_reserve(random, drawn, reserve), share)
+
+
+def frame_faults(raw: bytes) -> tuple[Fault, ...]:
+    """The faults of ten framed bytes on a line whose reserve is 00, by the frame table."""
+    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[1]))
+    if kind is None:
+        return (Fault.UNKNOWN_CMD,)
+    fields = (field for field in kind.fields if not field.is_legal(field.read(raw)))
+    faults = {field.fault for field in fields if field.fault}
+    if any(raw[kind.reserved.start : kind.reserved.stop]):
+        faults.add(Fault.RESERVED_NONZERO)
+    return faults_in(fault_bits(faults))

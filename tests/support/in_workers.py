@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from fte_sniff.protocol.rows import NO_ROWS
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.session.capture_process import CapturePlan, Ended, RowsMessage, Started
 from fte_sniff.session.inputs import Input, RecordingInput
 from tests.waiting import wait_until
@@ -38,4 +38,4 @@ def opened_or_killed(path: Path, reader: int, mark: Path) -> Input:
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     wait_until(mark.exists)
-    return RecordingInput(RecordingReader(path))
+    return RecordingInput(Recording(path))

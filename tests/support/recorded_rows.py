@@ -5,19 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    KIND_BY_NAME,
-    Frame,
-    PortEvent,
-    Row,
-    byte_time_ns,
-    encode,
-)
+from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, PortEvent, Row, byte_time_ns, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import BulkWriter
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
@@ -27,7 +19,7 @@ _SECOND_NS = 1_000_000_000
 _KINDS = {PORTS[0]: ("speed", "position", "mecanum"), PORTS[1]: ("speed_feedback",) * 3}
 
 
-def events_in(reader: RecordingReader) -> list[PortEvent]:
+def events_in(reader: Recording) -> list[PortEvent]:
     """The port events, in file order."""
     return [event for rows in reader.batches() for event in rows.events]
 
@@ -51,7 +43,7 @@ def recorded_row(port: str, number: int) -> Row:
     given = {"motor": number % 4 + 1, "error": 0, "online": 15}
     values = {field.name: given.get(field.name, number % 3000 - 1500) for field in kind.fields}
     offset, t_ns = number * FRAME_LENGTH, START_NS + number * _FRAME_NS
-    return Frame(port, offset, encode(kind, values), t_ns, (), 1_000_000 + number % 997 * 1000)
+    return Row(port, offset, encode(kind, values), t_ns, (), 1_000_000 + number % 997 * 1000)
 
 
 def write_recording(
@@ -75,10 +67,10 @@ GAP_NS = 10_000_000
 
 def make_recordings(folder: Path, files: int, rows: int) -> None:
     """Write recordings of the same rows, each after the one before."""
-    batch = Rows.from_rows(rows_of(0, rows // 2))
+    batch = Rows.of(rows_of(0, rows // 2))
     span_ns = int(batch.t_ns[-1]) - START_NS + GAP_NS
     for number in range(files):
-        shifted = batch.with_columns(t_ns=batch.t_ns + number * span_ns)
+        shifted = batch.replace(t_ns=batch.t_ns + number * span_ns)
         write_recording(
             folder / f"{number:05}.mcap", [PortFacts(name) for name in PORTS], [shifted]
         )

@@ -19,15 +19,13 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import DEFAULT_MAX_INDEX_BYTES, RecordingOptions
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from tests.beside import running
-from tests.support.columns import in_columns
+from tests.support.columns import entries, read_rows
 from tests.support.recorded_rows import PORTS, rows_a_second, rows_of
 
 _PACE_S = 0.02
-ROTATE_INDEX = 9_000
+ROTATE_BYTES = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +51,19 @@ class Left:
         return max(0, self.flushed - self.found)
 
 
-def record(path: Path, every_s: float, max_index_bytes: int | None) -> None:
+def record(path: Path, every_s: float, rotate_bytes: int | None) -> None:
     """Record until killed; `every_s` 0 flushes after each write. Prints `w ROWS` and `f ROWS`."""
     a_second = rows_a_second()
     step = max(1, int(a_second * _PACE_S))
     ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
     ports = [PortFacts(port, 115_200) for port in PORTS]
-    writer = Recorder(path, ports, options=RecordingOptions(max_index_bytes=max_index_bytes))
+    writer = Recorder(path, ports, options=RecordingOptions(rotate_bytes=rotate_bytes))
     begun = flushed = time.monotonic()
     count = 0
     for rows in ready if every_s else _endless(step * 50):
         count += len(rows)
         print("w", count, flush=True)
-        writer.write(in_columns(rows))
+        writer.write(*entries(rows))
         now = time.monotonic()
         if now - flushed >= every_s:
             writer.flush()
@@ -132,7 +130,7 @@ def opened(path: Path) -> tuple[str, int]:
             return "its summary counts other messages", count
     except Exception as error:  # noqa: BLE001 - whatever the package raises means that it is not valid
         try:
-            return f"{type(error).__name__}: {error}", sum(1 for _ in RecordingReader(path))
+            return f"{type(error).__name__}: {error}", sum(1 for _ in read_rows(path))
         except Exception as worse:  # noqa: BLE001
             return f"{type(error).__name__}, {worse}", 0
     return "", count
@@ -145,7 +143,7 @@ def main() -> None:
     parser.add_argument("--every", type=float)
     parser.add_argument("--rotate", action="store_true")
     options = parser.parse_args()
-    longest = ROTATE_INDEX if options.rotate else DEFAULT_MAX_INDEX_BYTES
+    longest = ROTATE_BYTES if options.rotate else None
     record(options.path, options.every, longest)
 
 

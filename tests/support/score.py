@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from fte_sniff.protocol import FRAME_LENGTH, Status
-from fte_sniff.protocol.table import Row
+from fte_sniff.protocol.rows import Row
 from tests.support.faults import Harm, Sent
 
 

@@ -214,10 +214,10 @@ def unit_s() -> float:
 def minute() -> bytes:
     """A recording of a minute of a full wire."""
     count, copies = 3_456, 20
-    part = Rows.from_rows([recorded_row(PORTS[0], number) for number in range(count)])
+    part = Rows.of([recorded_row(PORTS[0], number) for number in range(count)])
     span_ns = int(part.t_ns[1] - part.t_ns[0]) * count
     batches = [
-        part.with_columns(t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * part.size)
+        part.replace(t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * part.size)
         for copy in range(copies)
     ]
     with TemporaryDirectory() as name:

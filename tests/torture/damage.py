@@ -22,7 +22,7 @@ from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import DEFAULT_BAUD, KIND_BY_NAME, Chunk, Framer, Row, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
-from tests.support.columns import in_columns
+from tests.support.columns import entries, fed
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
@@ -44,15 +44,15 @@ def recording(variant: int, port: str = "/dev/ttyUSB0") -> bytes:
         query = f"seed={variant}&frames={random.randrange(50, 1500)}&flip=0.02&noise=0.02"
         framer = Framer(name, DEFAULT_BAUD)
         for timed in Simulation(parse_parameters(query)):
-            rows += framer.feed(Chunk(name, START_NS + timed.t_ns, timed.data))
-        rows += framer.flush()
+            rows += fed(framer, Chunk(name, START_NS + timed.t_ns, timed.data))
+        rows += list(framer.finish())
     rows.sort(key=lambda row: row.t_ns or 0)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "x.mcap"
         writer = RecordingWriter(path, [PortFacts(port, DEFAULT_BAUD)])
         size = random.randrange(20, 400)
         for start in range(0, len(rows), size):
-            writer.write(in_columns(rows[start : start + size]))
+            writer.write(*entries(rows[start : start + size]))
             writer.flush()
         writer.close()
         return path.read_bytes()

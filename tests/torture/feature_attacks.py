@@ -9,11 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from time import sleep
 
-from fte_sniff.protocol import DEFAULT_BAUD, Frame
+from fte_sniff.protocol import DEFAULT_BAUD, Row
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import RecordingOptions
-from tests.support.columns import in_columns
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
+from tests.support.columns import entries
 from tests.torture.case import Case, Started, promise
 from tests.torture.damage import START_NS, numbered_frame
 from tests.torture.file_attacks import (
@@ -27,15 +26,15 @@ _PORTS = [PortFacts("p", DEFAULT_BAUD)]
 FAST = "sim://?rate=10000"
 
 
-def _frames(first: int, count: int) -> list[Frame]:
+def _frames(first: int, count: int) -> list[Row]:
     """Frames of one wire, a millisecond apart."""
     return [
-        Frame("p", 10 * number, numbered_frame(number), START_NS + number * 10**6)
+        Row("p", 10 * number, numbered_frame(number), START_NS + number * 10**6)
         for number in range(first, first + count)
     ]
 
 
-def _as_read(frames: list[Frame]) -> list[ReadRow]:
+def _as_read(frames: list[Row]) -> list[ReadRow]:
     return [ReadRow(row.port, row.offset, row.raw.hex().upper(), row.t_ns) for row in frames]
 
 
@@ -110,13 +109,13 @@ def follow(case: Case) -> None:
     made = 0
     for _ in range(random.randrange(1, 8)):
         count = random.randrange(1, 300)
-        recorder.write(in_columns(_frames(made, count)))
+        recorder.write(*entries(_frames(made, count)))
         recorder.flush()
         made += count
         sleep(random.choice((0, 0.05, 0.3)))
     wait_until(lambda: program.has_ended or len(_whole_rows(table)) >= made, "rows are missing")
     count = random.randrange(1, 300)
-    recorder.write(in_columns(_frames(made, count)))
+    recorder.write(*entries(_frames(made, count)))
     recorder.close()
     made += count
     run = program.wait()

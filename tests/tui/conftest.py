@@ -20,21 +20,13 @@ from docs.picture import PictureApp, idle
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.row_store import BlockSource
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Damage,
-    Fault,
-    Frame,
-    PortEvent,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, Fault, PortEvent, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.tui import find, status_bar
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table import RowTable
-from tests.protocol.oracle import frame_faults
+from tests.support.faults import frame_faults
 from tests.waiting import BOUND_S
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -64,9 +56,7 @@ class ListFeed:
         self.state = replace(self.state, running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
-        update = FeedUpdate(
-            self.state, columns.Rows.from_rows(self._rows), self._events, self.changes
-        )
+        update = FeedUpdate(self.state, columns.Rows.of(self._rows), self._events, self.changes)
         self._rows, self._events, self.changes = [], [], []
         return update
 
@@ -77,7 +67,7 @@ class ListFeed:
 def _speed_rows(count: int, start: int = 0, port: str = "/dev/ttyUSB0") -> list[Row]:
     """Rows that a millisecond parts: speed commands whose RPM is the number of the row."""
     return [
-        Frame(port, 10 * number, _speed_frame(number), NOON_NS + number * STEP_NS)
+        Row(port, 10 * number, _speed_frame(number), NOON_NS + number * STEP_NS)
         for number in range(start, start + count)
     ]
 
@@ -93,15 +83,24 @@ def _odd_rows() -> list[Row]:
     reserved = bytes.fromhex("AA010100010000070000EE")[:9] + b"\xee"
     unknown = bytes.fromhex("AA7701000100000000EE")
     rows: list[Row] = [
-        Frame("p", 0, raw, NOON_NS, frame_faults(raw)) for raw in (bad_motor, reserved, unknown)
+        Row("p", 0, raw, NOON_NS, frame_faults(raw)) for raw in (bad_motor, reserved, unknown)
     ]
     return [
         *rows,
-        Damage("p", 30, bytes.fromhex("AA0101000100000000EF"), NOON_NS, (Fault.BAD_TAIL,)),
-        Damage("p", 40, b"\x01\x02\x03", None, (Fault.NOISE,)),
-        Damage("p", 43, bytes(range(256)) * 4, NOON_NS, (Fault.NOISE, Fault.LINE_ERROR)),
-        Damage("p", 1067, bytes.fromhex("AA01010001EE"), NOON_NS, (Fault.TRUNCATED,)),
-        Damage("p", 1073, bytes.fromhex("AA0101000100000000000000EE"), 0, (Fault.OVERLONG,)),
+        Row(
+            "p", 30, bytes.fromhex("AA0101000100000000EF"), NOON_NS, (Fault.BAD_TAIL,), framed=False
+        ),
+        Row("p", 40, b"\x01\x02\x03", None, (Fault.NOISE,), framed=False),
+        Row("p", 43, bytes(range(256)) * 4, NOON_NS, (Fault.NOISE, Fault.LINE_ERROR), framed=False),
+        Row("p", 1067, bytes.fromhex("AA01010001EE"), NOON_NS, (Fault.TRUNCATED,), framed=False),
+        Row(
+            "p",
+            1073,
+            bytes.fromhex("AA0101000100000000000000EE"),
+            0,
+            (Fault.OVERLONG,),
+            framed=False,
+        ),
     ]
 
 

@@ -11,12 +11,12 @@ import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Fault, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.framing import raw_chunks
+from fte_sniff.recording.reader import Recording
 from fte_sniff.session.inputs import ChunkInput, Input, RecordingInput
+from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.notes import Notes
 from fte_sniff.tui import find
 from fte_sniff.tui.app import SniffApp
@@ -61,7 +61,7 @@ def test_faults_are_found_below_and_above(feed: Any, speed_rows: Rows, odd_rows:
 
 
 def test_rows_with_raised_flags_are_found_and_e_points_to_them(feed: Any, speed_rows: Rows) -> None:
-    offline = Frame("/dev/ttyUSB0", 0, bytes.fromhex("550104000000000807EE"), NOON_NS)
+    offline = Row("/dev/ttyUSB0", 0, bytes.fromhex("550104000000000807EE"), NOON_NS)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give([*speed_rows(100), offline, *speed_rows(100), offline, *speed_rows(100)])
@@ -115,7 +115,7 @@ GOALS = {
 @pytest.mark.parametrize("goal", GOALS)
 def test_a_goal_names_a_row(goal: str, speed_rows: Rows) -> None:
     store = RowStore()
-    store.append(columns.Rows.from_rows(speed_rows(1000)))
+    store.append(columns.Rows.of(speed_rows(1000)))
     assert row_of(parse_goal(goal), store, 499, UTC) == GOALS[goal]
 
 
@@ -311,7 +311,7 @@ def test_a_long_search_shows_its_progress_and_is_ended_by_esc(
         for _ in range(3):
             feed.give(some)
             await settle(app, pilot)
-        feed.give([Damage("p", 0, b"\x01\x02", None, (Fault.NOISE,))])
+        feed.give([Row("p", 0, b"\x01\x02", None, (Fault.NOISE,), framed=False)])
         await settle(app, pilot)
         await press(app, pilot, "g", "slash")
         await type_line(app, pilot, "noise")
@@ -523,7 +523,7 @@ def _opened_capture(path: Path, number: int, *, timed: bool) -> Input:
         return ChunkInput(raw_chunks(path, "p"), "p")
     if not path.exists():
         frames = [
-            Frame("p", 10 * at, raw, NOON_NS + 2 * at + number, ()) for at, raw in enumerate(rows)
+            Row("p", 10 * at, raw, NOON_NS + 2 * at + number, ()) for at, raw in enumerate(rows)
         ]
-        write_recording(path, [PortFacts("p")], [columns.Rows.from_rows(frames)])
-    return RecordingInput(RecordingReader(path))
+        write_recording(path, [PortFacts("p")], [columns.Rows.of(frames)])
+    return RecordingInput(Recording(path))

@@ -12,16 +12,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Damage,
-    Fault,
-    Frame,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, Fault, PortEvent, PortEventKind, Row, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import action_of
 from fte_sniff.tui.options import StartOptions
@@ -43,10 +34,10 @@ def session(*lost: tuple[int, range]) -> list[Row]:
     for number in range(300 * 20):
         at_ns, motor = NOON_NS + number * SECOND_NS // 20, 1 + number % 4
         values = {"motor": motor, "rpm": 100}
-        rows.append(Frame("p", 0, encode(KIND_BY_NAME["speed"], values), at_ns))
+        rows.append(Row("p", 0, encode(KIND_BY_NAME["speed"], values), at_ns))
         if number // 20 not in spans.get(motor, ()) or number // 4 % 2:
             raw = encode(KIND_BY_NAME["speed_feedback"], values)
-            rows.append(Frame("p", 0, raw, at_ns + 3_000_000))
+            rows.append(Row("p", 0, raw, at_ns + 3_000_000))
     return [replace(row, offset=10 * at) for at, row in enumerate(rows)]
 
 
@@ -178,7 +169,7 @@ def test_a_time_of_the_statistics_is_chosen_and_enter_goes_to_its_faults(
     damaged = {len(rows) // 3, 2 * len(rows) // 3 + 3, 2 * len(rows) // 3 + 4}
     feed.give(
         [
-            Damage("p", row.offset, row.raw[:9], row.t_ns, (Fault.TRUNCATED,))
+            Row("p", row.offset, row.raw[:9], row.t_ns, (Fault.TRUNCATED,), framed=False)
             if at in damaged
             else row
             for at, row in enumerate(rows)
@@ -238,7 +229,7 @@ def test_a_finding_of_a_capture_is_one_line_once(
         assert "motor 3 answered" not in page(app)
         later = NOON_NS + 301 * SECOND_NS
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
-        feed.give([Frame("p", 0, raw, later + n * SECOND_NS) for n in range(3)])
+        feed.give([Row("p", 0, raw, later + n * SECOND_NS) for n in range(3)])
         known = app._panes.models.known
         await until(app, pilot, lambda: app._panes._searched > known)
         assert "motor 3 answered" not in page(app)

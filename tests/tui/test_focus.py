@@ -15,7 +15,7 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from docs.picture import idle
-from fte_sniff.protocol import Damage, Fault
+from fte_sniff.protocol import Fault, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import COMMANDS, OPENING
 from fte_sniff.tui.panes.top import TopView
@@ -133,7 +133,9 @@ def on_rows(feed: Any, check: Check, folder: Path, monkeypatch: pytest.MonkeyPat
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         rows = _speed_rows(8)
-        feed.give([*rows, Damage("/dev/ttyUSB0", 80, b"\x01", NOON_NS + 8, (Fault.NOISE,))])
+        feed.give(
+            [*rows, Row("/dev/ttyUSB0", 80, b"\x01", NOON_NS + 8, (Fault.NOISE,), framed=False)]
+        )
         feed.give(_speed_rows(16, start=9))
         await settle(app, pilot)
         # A key typed ahead of the first drawing of the top view finds no line in it.

@@ -38,10 +38,10 @@ from fte_sniff.errors import (
     unwritable,
 )
 from fte_sniff.formats.cell_text import wrap
-from fte_sniff.protocol import Chunk, Frame, Framer, Gap, LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, Framer, Gap, LineErrorCounts, PortEvent, PortEventKind, Row
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import DeletedError, stopped_by_error, stopped_by_limit
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.session.inputs import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.cells import event_text, landmark_text
@@ -61,6 +61,7 @@ from fte_sniff.tui.status_bar import (
 )
 from tests.analysis.filter.test_parser import MISTAKES
 from tests.slow import first
+from tests.support.columns import fed
 from tests.tui.conftest import NOON_NS, Rows, Scenario, enter_line, lines, page, play, press, settle
 
 CHINESE = StartOptions(language="zh")
@@ -307,7 +308,7 @@ AMBIGUOUS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 def test_the_detail_names_both_readings_with_their_probabilities(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         framer = Framer("p")
-        feed.give(framer.feed(Chunk("p", NOON_NS, AMBIGUOUS)) + framer.flush())
+        feed.give(fed(framer, Chunk("p", NOON_NS, AMBIGUOUS)) + list(framer.finish()))
         await settle(app, pilot)
         await press(app, pilot, "i")
         for size in ((80, 24), (200, 60)):
@@ -334,7 +335,7 @@ def test_the_detail_names_both_readings_with_their_probabilities(feed: Any) -> N
 def test_the_detail_of_a_move_to_the_side_names_the_erratum(language: str, line: str) -> None:
     set_language(language)
     for speed, shown in (("00 00", 0), ("00 0A", 1), ("FF F6", 1)):
-        row = Frame("p", 0, bytes.fromhex(f"AA 03 00 00 14 {speed} 00 00 EE"), None, ())
+        row = Row("p", 0, bytes.fromhex(f"AA 03 00 00 14 {speed} 00 00 EE"), None, ())
         assert detail_text(row, DARK, DetailLayout(120, bit_lines=False)).plain.count(line) == shown
 
 
@@ -347,10 +348,10 @@ def test_words_that_nobody_knows_stay_as_they_are() -> None:
 
 def test_texts_of_a_file_are_chinese_where_their_parts_are_known() -> None:
     set_language("zh")
-    settings = PortSettings(rts=ControlLine.LEAVE)
+    settings = PortSettings(rts=ControlLine.ON)
     detail = f"{settings}; no low latency setting; line errors unavailable; odd"
     opened = event_text(PortEvent(0, "p", PortEventKind.OPENED, detail))
-    shown = "115200 波特 8N1，DTR 关闭，RTS 保持不变"
+    shown = "115200 波特 8N1，DTR 关闭，RTS 打开"
     assert opened.endswith(f"p 已打开：{shown}；没有低延迟设置；无法得知线路错误；odd")
     assert _(str(settings)) == shown
     for kind, reason in (DAMAGED, ANOTHER):
@@ -373,7 +374,7 @@ def test_gaps_of_a_damaged_recording_are_shown_in_chinese(tmp_path: Path, sample
     for damaged in altered:
         path.write_bytes(damaged)
         try:
-            reader = RecordingReader(path)
+            reader = Recording(path)
             for _columns in reader.batches():
                 pass
         except FteSniffError as error:

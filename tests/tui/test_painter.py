@@ -14,7 +14,7 @@ from textual.color import Color as TextualColor
 from textual.color import rgb_to_lab
 from textual.theme import BUILTIN_THEMES, Theme
 
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Status, encode
+from fte_sniff.protocol import KINDS, Fault, Row, Status, encode
 from fte_sniff.protocol.columns import LOOKS, Ground
 from fte_sniff.protocol.dissect import byte_names
 from fte_sniff.tui.cells import RAISED_MARK
@@ -39,7 +39,7 @@ from fte_sniff.tui.panes.row import dump
 
 ALL_THEMES = {theme.name: theme for theme in CONTRAST_THEMES} | BUILTIN_THEMES
 FRAMES = {
-    kind.name: Frame("p", 0, encode(kind, {f.name: 1 for f in kind.fields if not f.legal_bits}), 1)
+    kind.name: Row("p", 0, encode(kind, {f.name: 1 for f in kind.fields if not f.legal_bits}), 1)
     for kind in KINDS
 }
 
@@ -163,7 +163,7 @@ def test_text_is_readable_among_16_colours_on_any_background(text: int, ground: 
 def test_fault_stands_out_in_the_bytes_of_the_cursors_row(name: str, colors: Colors) -> None:
     palette = palette_of(ALL_THEMES[name], colors)
     raw = bytes.fromhex("AA0101FF7000000000E6")
-    damage = Damage("p", 0, raw, 1, (Fault.BAD_TAIL,))
+    damage = Row("p", 0, raw, 1, (Fault.BAD_TAIL,), framed=False)
     for row in (damage, FRAMES["speed_feedback"]):
         page = dump(row, [row], 80, palette)
         start = page.plain.index("<") + 1
@@ -234,20 +234,20 @@ def test_adjacent_fields_differ_with_few_colours(kind: str, theme: str, colors: 
 def test_the_byte_with_the_fault_stands_out(colors: Colors) -> None:
     palette = palette_of(ALL_THEMES["textual-dark"], colors)
     raw = bytes.fromhex("AA010103E80007000 0EE".replace(" ", ""))
-    frame = Frame("p", 0, raw, 1, (Fault.RESERVED_NONZERO,))
-    sound = palette.of_bytes(Frame("p", 0, bytes.fromhex("AA010103E800000000EE"), 1))
+    frame = Row("p", 0, raw, 1, (Fault.RESERVED_NONZERO,))
+    sound = palette.of_bytes(Row("p", 0, bytes.fromhex("AA010103E800000000EE"), 1))
     differing = [
         at
         for at, pair in enumerate(zip(sound, palette.of_bytes(frame), strict=True))
         if pair[0] != pair[1]
     ]
     assert differing == [5, 6, 7, 8]
-    damage = Damage("p", 0, raw[:-1] + b"\xef", 1, (Fault.BAD_TAIL,))
+    damage = Row("p", 0, raw[:-1] + b"\xef", 1, (Fault.BAD_TAIL,), framed=False)
     *others, tail = palette.of_bytes(damage)
     assert len(set(others)) == 1
     assert tail.without_color not in others if colors is Colors.NONE else tail not in others
     raised = bytes.fromhex("550101000000000409EE")
-    *_, error, online, _tail = palette.of_bytes(Frame("p", 0, raised, 1))
+    *_, error, online, _tail = palette.of_bytes(Row("p", 0, raised, 1))
     assert error == online
     assert error.reverse or error.bgcolor
 

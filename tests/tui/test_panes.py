@@ -27,9 +27,7 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.formats.cell_text import rate_text, share_text, short_number, sparkline
 from fte_sniff.protocol import (
     KIND_BY_NAME,
-    Damage,
     Fault,
-    Frame,
     PortEvent,
     PortEventKind,
     Row,
@@ -37,7 +35,6 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.protocol import rows as columns
-from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui import i18n
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.cells import event_words, span_text, turns_text
@@ -68,6 +65,7 @@ from fte_sniff.tui.panes.switcher import STEP_SHARE
 from fte_sniff.tui.table import TableHeader
 from tests.analysis import conftest
 from tests.slow import first
+from tests.support.columns import read_rows
 from tests.tui.conftest import (
     NOON_NS,
     STEP_NS,
@@ -130,7 +128,7 @@ def feedback_rows(count: int) -> list[Row]:
     for number in range(count):
         name = "speed" if number % 2 else "speed_feedback"
         raw = encode(KIND_BY_NAME[name], {"motor": 1 + number // 2 % 4, "rpm": number})
-        rows.append(Frame("/dev/ttyUSB0", 10 * number, raw, NOON_NS + number * STEP_NS))
+        rows.append(Row("/dev/ttyUSB0", 10 * number, raw, NOON_NS + number * STEP_NS))
     return rows
 
 
@@ -310,7 +308,7 @@ def test_the_pane_scrolls_by_keys_and_every_bit_can_be_read_on_the_smallest_scre
     feed: Any,
 ) -> None:
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 2, "rpm": 5, "error": 2, "online": 11})
-    feed.give([Frame("p", 0, raw, NOON_NS)])
+    feed.give([Row("p", 0, raw, NOON_NS)])
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "i")
@@ -356,8 +354,7 @@ def test_rows_go_on_to_be_counted_while_no_pane_is_open(feed: Any, speed_rows: R
 
 
 ANY_ROWS = st.lists(
-    st.from_type(Frame) | st.builds(Damage, conftest.PORTS, conftest.OFFSETS,
-                                    conftest.DAMAGE_BYTES, conftest.TIMES, conftest.FAULTS),
+    conftest.FRAMES | conftest.DAMAGES,
     max_size=12,
 )  # fmt: skip
 WIDTHS = st.sampled_from([8, 20, 40, 79, 120, 199])
@@ -377,7 +374,7 @@ def test_every_line_of_every_pane_fits(
     rows: list[Row], data: st.DataObject, width: int, height: int, window_ns: int, bench: LineSetup
 ) -> None:
     store = RowStore(100, 3)
-    store.append(columns.Rows.from_rows(rows))
+    store.append(columns.Rows.of(rows))
     models = LiveModels(store, bench, 4)
     models.step(100)
     palette = data.draw(st.sampled_from([DARK, LIGHT]))
@@ -408,16 +405,16 @@ def _rows(lengths: list[int], ports: str = "p") -> list[Row]:
         at = offsets[port]
         offsets[port] += length
         if length == 10:
-            rows.append(Frame(port, at, FRAME, None))
+            rows.append(Row(port, at, FRAME, None))
         else:
             raw = bytes((at + n) % 256 for n in range(length))
-            rows.append(Damage(port, at, raw, None, (Fault.NOISE,)))
+            rows.append(Row(port, at, raw, None, (Fault.NOISE,), framed=False))
     return rows
 
 
 def _store(rows: list[Row]) -> RowStore:
     store = RowStore(10_000, 16)
-    store.append(columns.Rows.from_rows(rows))
+    store.append(columns.Rows.of(rows))
     return store
 
 
@@ -485,7 +482,7 @@ def test_rows_of_other_ports_are_not_neighbours() -> None:
 
 def test_a_row_that_left_has_no_neighbours() -> None:
     store = RowStore(5, 2)
-    store.append(columns.Rows.from_rows(_rows([10] * 9)))
+    store.append(columns.Rows.of(_rows([10] * 9)))
     with pytest.raises(IndexError):
         neighbours(store, 2, 100, 100)
     assert neighbours(store, 5, 100, 100)[0].offset == 40
@@ -495,10 +492,10 @@ def _page(
     rows: Sequence[Row], width: int, now_ns: int | None = NOON_NS, behind: Sequence[Row] = ()
 ) -> StatisticsPage:
     store = RowStore()
-    store.append(columns.Rows.from_rows(rows))
+    store.append(columns.Rows.of(rows))
     models = LiveModels(store, LineSetup())
     assert models.step(len(rows))
-    store.append(columns.Rows.from_rows(behind))
+    store.append(columns.Rows.of(behind))
     return StatisticsPage(models, now_ns, width, DARK)
 
 
@@ -525,7 +522,7 @@ def test_faults_are_counted_with_the_signs_of_the_table(odd_rows: list[Row]) -> 
 def feedback(at_ms: int, motor: int, error: int = 0, online: int = 0x0F) -> Row:
     values = {"motor": motor, "rpm": 5, "error": error, "online": online}
     raw = encode(KIND_BY_NAME["speed_feedback"], values)
-    return Frame("p", 10 * at_ms, raw, NOON_NS + at_ms * 1_000_000)
+    return Row("p", 10 * at_ms, raw, NOON_NS + at_ms * 1_000_000)
 
 
 def test_flags_of_a_motor_are_shown_as_in_stats() -> None:
@@ -570,7 +567,7 @@ def test_a_single_row_has_no_share_of_the_time() -> None:
 
 
 def test_without_times_no_rates_are_shown() -> None:
-    text = _page([Damage("p", 0, b"x", None, (Fault.NOISE,))], 100, None).text.plain
+    text = _page([Row("p", 0, b"x", None, (Fault.NOISE,), framed=False)], 100, None).text.plain
     assert "no times" in text
     assert "%" not in text
 
@@ -644,11 +641,11 @@ def test_the_details_explain_a_fault_and_its_place(odd_rows: list[Row]) -> None:
 
 
 def test_flags_are_shown_bit_by_bit_where_there_is_room() -> None:
-    from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+    from fte_sniff.protocol import KIND_BY_NAME, Row, encode
 
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
-    tight = detail_text(Frame("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=False)).plain
-    roomy = detail_text(Frame("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=True)).plain
+    tight = detail_text(Row("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=False)).plain
+    roomy = detail_text(Row("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=True)).plain
     assert "00001011" in tight
     assert "bit 2" not in tight
     assert "bit 2 is 0: motor 3" in roomy
@@ -659,12 +656,12 @@ STROKE = Style(color="red")
 
 def _row(name: str, at_s: float | None, **values: int) -> Row:
     time = None if at_s is None else NOON_NS + round(at_s * SECOND_NS)
-    return Frame("p", 0, encode(KIND_BY_NAME[name], values), time)
+    return Row("p", 0, encode(KIND_BY_NAME[name], values), time)
 
 
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
     facts = Facts()
-    batch = columns.Rows.concat([facts.feed(columns.Rows.from_rows(rows)), facts.interrupt()])
+    batch = columns.Rows.concat([facts.feed(columns.Rows.of(rows)), facts.interrupt()])
     motors, traces, events = Motors(), Traces(), MotorEvents()
     motors.observe(batch)
     traces.observe(batch)
@@ -735,7 +732,7 @@ def test_a_target_is_dated_by_its_first_command_wherever_batches_are_cut(cut: in
     ]
     motors = Motors()
     for start in range(0, len(rows), cut):
-        motors.observe(columns.Rows.from_rows(rows[start : start + cut]))
+        motors.observe(columns.Rows.of(rows[start : start + cut]))
     first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
     assert first.target is not None
     assert second.target is not None
@@ -766,7 +763,9 @@ def _troubled() -> list[Row]:
         answer = _row("speed_feedback", at + (0.02 if bad == 2 else 0.003), motor=motor, rpm=99)
         if bad == 3:
             damaged = (Fault.TRUNCATED,)
-            answer = Damage(answer.port, answer.offset, answer.raw[:-1], answer.t_ns, damaged)
+            answer = Row(
+                answer.port, answer.offset, answer.raw[:-1], answer.t_ns, damaged, framed=False
+            )
         if bad != 1:
             rows.append(answer)
     return rows
@@ -982,7 +981,7 @@ def test_targets_that_the_host_may_have_meant_are_in_the_scale(sent: dict[int, i
 
 
 def test_the_flipped_command_of_a_sample_does_not_flatten_its_motor(samples: Path) -> None:
-    rows = [*RecordingReader(samples / "damaged.mcap")]
+    rows = read_rows(samples / "damaged.mcap")
     view = replace(_look(rows, None), now_ns=rows[-1].t_ns)
     page = grid(view, 199, 37, DARK).plain
     assert "▲4336" in page

@@ -22,7 +22,6 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.protocol import rows as columns
-from fte_sniff.protocol.rows import Codebook
 from fte_sniff.tui import options as start_options
 from fte_sniff.tui import view_model
 from fte_sniff.tui.app import SniffApp
@@ -215,11 +214,11 @@ class Rereading:
         self.gone = False
         self.starts: list[int] = []
 
-    def load(self, start: int, count: int, codebook: Codebook) -> columns.Rows:
+    def load(self, start: int, count: int) -> columns.Rows:
         if self.gone:
             raise FileError("run.mcap: no such file any more")
         self.starts.append(start)
-        return columns.Rows.from_rows(self.rows[start : start + count], codebook)
+        return columns.Rows.of(self.rows[start : start + count])
 
 
 @pytest.fixture

@@ -18,8 +18,8 @@ from textual.widgets import Input
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.time_text import ClockTime
 from fte_sniff.errors import FilterError, InputTextError
-from fte_sniff.protocol import Damage, Fault, Gap, GapKind, Row
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.protocol import Fault, Gap, GapKind, Row
+from fte_sniff.recording.reader import Recording
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui import filters
 from fte_sniff.tui.app import SniffApp
@@ -517,7 +517,7 @@ def test_a_saved_recording_names_its_gaps(feed: Any, tmp_path: Path) -> None:
     options = StartOptions(row_filter=RowFilter.parse("motor = 1"), export_source=origin)
     play(feed, scenario, options=options, rows=100)
     for path, gaps, rows in ((every, [first, last], 100), (selected, [first], 33)):
-        reader = RecordingReader(path)
+        reader = Recording(path)
         assert [port.baud for port in reader.ports] == [9600]
         (selection,) = reader.selections()
         assert selection.filter_text == "motor = 1"
@@ -553,7 +553,7 @@ def test_the_rows_that_are_shown_or_selected_are_saved(feed: Any, tmp_path: Path
         await until(app, pilot, (tmp_path / "few.hex").exists)
         few = (tmp_path / "few.hex").read_text().splitlines()
         assert [line[12:14] for line in few] == ["00", "04", "08"]
-        feed.give([Damage("p", 0, b"\x01", None, (Fault.NOISE,))])
+        feed.give([Row("p", 0, b"\x01", None, (Fault.NOISE,), framed=False)])
         await settle(app, pilot)
         await press(app, pilot, "F")
         await save_to(app, pilot, tmp_path / "rows.mcap")

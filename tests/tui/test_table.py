@@ -20,18 +20,7 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
-from fte_sniff.protocol import (
-    COLUMNS,
-    KIND_BY_NAME,
-    KINDS,
-    Damage,
-    Fault,
-    Frame,
-    Row,
-    Status,
-    encode,
-    record,
-)
+from fte_sniff.protocol import COLUMNS, KIND_BY_NAME, KINDS, Fault, Row, Status, encode, record
 from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.cells import DELTA, ORDER, VALUES, TableView, layout_for, short_kind, value_parts
@@ -43,22 +32,24 @@ PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
 FAULTS = st.lists(st.sampled_from(list(Fault)), unique=True, max_size=3).map(tuple)
 FRAMES = st.builds(
-    Frame, PORTS, st.integers(0, 2**40), st.binary(min_size=10, max_size=10), TIMES, FAULTS
+    Row, PORTS, st.integers(0, 2**40), st.binary(min_size=10, max_size=10), TIMES, FAULTS
 ).filter(lambda row: row.raw[0] in (0xAA, 0x55))
 KIND_FRAMES = st.builds(
-    lambda kind, end, port: Frame(
+    lambda kind, end, port: Row(
         port, 0, encode(kind, {field.name: getattr(field, end) for field in kind.fields}), 0
     ),
     st.sampled_from(KINDS),
     st.sampled_from(("low", "high")),
     PORTS,
 )
-DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024), TIMES, FAULTS)
+DAMAGE = st.builds(
+    Row, PORTS, st.integers(0, 2**40), st.binary(max_size=16), TIMES, FAULTS, st.just(False)
+)
 ANY_ROW = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
 
 
 def short_values(row: Row, width: int = 1000) -> str:
-    kind = row.kind if isinstance(row, Frame) else None
+    kind = row.kind if row.framed else None
     parts = [] if kind is None else value_parts(kind, row.raw, width)
     return " ".join(text for text, _field in parts)
 
@@ -167,11 +158,11 @@ def test_flags_stand_among_the_values_only_where_they_are_out_of_order(
     values: dict[str, int], text: str
 ) -> None:
     raw = encode(KIND_BY_NAME["speed_feedback"], values)
-    assert short_values(Frame("p", 0, raw, None)) == text
+    assert short_values(Row("p", 0, raw, None)) == text
 
 
 @given(KIND_FRAMES)
-def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
+def test_the_longest_values_fit_where_there_is_room(row: Row) -> None:
     assert short_values(row) in painted(row, 128)
 
 
@@ -234,7 +225,7 @@ def test_a_cell_at_the_edge_is_whole_or_marked_as_cut(row: Row, width: int, hidd
     ("width", "offset"), [(141, ""), (143, "11…"), (145, "11800"), (152, "11800"), (159, "11800")]
 )
 def test_an_offset_is_never_another_number(width: int, offset: str) -> None:
-    row = Frame("p", 11800, bytes.fromhex("AA0000000000000000EE"), 1)
+    row = Row("p", 11800, bytes.fromhex("AA0000000000000000EE"), 1)
     assert painted(row, width)[139:].split()[:1] == offset.split()
 
 
@@ -248,7 +239,7 @@ def test_an_offset_is_never_another_number(width: int, offset: str) -> None:
     ],
 )
 def test_a_sound_frame_with_raised_flags_has_a_sign(raw: str, sign: str) -> None:
-    row = Frame("p", 0, bytes.fromhex(raw), 1)
+    row = Row("p", 0, bytes.fromhex(raw), 1)
     assert painted(row, 80)[0] == sign
     assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
     strip = Painter(layout_for(80, TableView()), DARK, 80).row(cell_of(row), Style.null())
@@ -277,7 +268,7 @@ def test_the_clock_is_utc() -> None:
 
 
 def test_a_row_whose_order_is_not_certain_has_a_sign_that_the_pane_explains() -> None:
-    row = Frame("p", 0, bytes.fromhex("AA0000000000000000EE"), 1, order_uncertain=True)
+    row = Row("p", 0, bytes.fromhex("AA0000000000000000EE"), 1, unordered=True)
     assert painted(row, 80)[0] == ORDER_MARK
     assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == LOOKS[Status.SUSPECT].mark
     assert (
@@ -298,16 +289,16 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_that_the_pane_explains() ->
 )
 def test_values_have_the_longest_form_that_fits(width: int, text: str) -> None:
     raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
-    assert short_values(Frame("p", 0, raw, None), width) == text
+    assert short_values(Row("p", 0, raw, None), width) == text
 
 
 @given(KIND_FRAMES, st.integers(0, 60))
-def test_values_are_found_in_every_form(row: Frame, width: int) -> None:
+def test_values_are_found_in_every_form(row: Row, width: int) -> None:
     assert row.kind is not None
     text = short_values(row, width)
     short = short_kind(row.kind.name, max(width, 11))
     for typed in filter(None, (text, short)):
-        assert Search.parse(typed).matches(Rows.from_rows([row])).all()
+        assert Search.parse(typed).matches(Rows.of([row])).all()
 
 
 @pytest.mark.parametrize(

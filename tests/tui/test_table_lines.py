@@ -10,16 +10,7 @@ from textual.pilot import Pilot
 from textual.widgets import Static
 
 from fte_sniff.analysis.model import StreamChange
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Frame,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KIND_BY_NAME, Gap, GapKind, PortEvent, PortEventKind, Row, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.cells import RAISED_MARK, Delta, TableView, layout_for
 from fte_sniff.tui.commands import SECTIONS, action_of
@@ -35,7 +26,7 @@ MS = 1_000_000
 
 def frame(kind: str, t_ms: int, **values: int) -> Row:
     raw = encode(KIND_BY_NAME[kind], values)
-    return Frame("/dev/ttyUSB0", 10 * t_ms, raw, NOON_NS + t_ms * MS)
+    return Row("/dev/ttyUSB0", 10 * t_ms, raw, NOON_NS + t_ms * MS)
 
 
 def exchange() -> list[Row]:

@@ -13,7 +13,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.live_models import LiveModels, ShownStreams
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Fault, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.filters import parse_filter
@@ -30,7 +30,7 @@ def frame(at_ms: int, name: str, port: str = "p", **values: int) -> Row:
     kind = KIND_BY_NAME[name]
     zeros = {field.name: 0 for field in kind.fields if field.legal_bits is None}
     raw = encode(kind, zeros | values)
-    return Frame(port, 10 * at_ms, raw, NOON_NS + at_ms * MS)
+    return Row(port, 10 * at_ms, raw, NOON_NS + at_ms * MS)
 
 
 def drive(seconds: int = 3) -> list[Row]:
@@ -234,7 +234,7 @@ def test_enter_typed_ahead_does_not_choose_from_the_lines_of_an_earlier_filter(f
 )
 def test_keys_about_rows_bring_the_table_back(feed: Any, key: str, stays: bool) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give([*drive(), Damage("p", 0, b"\x01", NOON_NS, (Fault.NOISE,)), *drive()])
+        feed.give([*drive(), Row("p", 0, b"\x01", NOON_NS, (Fault.NOISE,), framed=False), *drive()])
         await settle(app, pilot)
         await open_top(app, pilot)
         await press(app, pilot, key)
@@ -318,7 +318,7 @@ def _shown(rows: Sequence[Row], text: str) -> dict[str, int]:
     store.view.set_filter(parse_filter(text))
     shown = ShownStreams(store)
     for start in range(0, len(rows), 5):
-        store.append(Rows.from_rows(rows[start : start + 5]))
+        store.append(Rows.of(rows[start : start + 5]))
         while not store.view.filter_step():
             pass
         while not shown.step(3):
@@ -335,9 +335,7 @@ def test_streams_of_a_filter_are_those_of_its_rows() -> None:
 
 def test_a_new_filter_counts_from_the_start() -> None:
     store = RowStore()
-    store.append(
-        Rows.from_rows([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
-    )
+    store.append(Rows.of([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)]))
     store.view.set_filter(parse_filter("rpm < 10"))
     shown = ShownStreams(store)
     for text, count in (("rpm < 10", 10), ("rpm < 50", 50), ("motor = 1", 50)):
@@ -350,9 +348,7 @@ def test_a_new_filter_counts_from_the_start() -> None:
 
 def test_rows_that_are_hidden_again_are_counted_no_more() -> None:
     store = RowStore()
-    store.append(
-        Rows.from_rows([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)])
-    )
+    store.append(Rows.of([frame(at, "speed", motor=1 + at % 2, rpm=at) for at in range(100)]))
     store.view.set_filter(parse_filter("motor = 1"))
     store.view.filter_step()
     shown = ShownStreams(store)
@@ -374,7 +370,7 @@ def test_commands_are_counted_by_their_cmd() -> None:
     ]
     for step in (1, 6):
         store = RowStore()
-        store.append(Rows.from_rows(rows))
+        store.append(Rows.of(rows))
         models = LiveModels(store, LineSetup())
         while not models.step(step):
             pass

@@ -13,7 +13,7 @@ import pytest
 from textual import events
 from textual.pilot import Pilot
 
-from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Fault, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.cells import TableView, TimeStyle, layout_for
 from fte_sniff.tui.commands import PALETTE
@@ -42,7 +42,9 @@ from tests.tui.conftest import (
 
 def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.give([Damage(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,)), *speed_rows(100)])
+        feed.give(
+            [Row(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,), framed=False), *speed_rows(100)]
+        )
         await settle(app, pilot)
         for count, key in zip(range(100, 2100, 500), ("up", "pageup", "g", "E"), strict=True):
             await press(app, pilot, key)
@@ -257,7 +259,7 @@ def test_rows_without_times_have_none_to_count_from_and_are_not_played(feed: Any
         await press(app, pilot, "greater_than_sign")
         assert "nothing is played" in page(app)
 
-    file_of([Damage("p", 0, b"\x01", None, (Fault.NOISE,))], feed)
+    file_of([Row("p", 0, b"\x01", None, (Fault.NOISE,), framed=False)], feed)
     play(feed, scenario)
 
 
@@ -367,7 +369,7 @@ def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_row
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         fast = encode(KIND_BY_NAME["speed_feedback"], {"motor": 4, "rpm": -30_000})
         far = encode(KIND_BY_NAME["position_feedback"], {"motor": 4, "pulses": -(2**31)})
-        feed.give([Frame("a", 0, raw, 1_000_000_000) for raw in (fast, far)])
+        feed.give([Row("a", 0, raw, 1_000_000_000) for raw in (fast, far)])
         await settle(app, pilot)
         assert [text.rstrip() for text in row_texts(app)[:2]] == [
             "  00:01.000 speed fb motor=4 rpm=-30000",

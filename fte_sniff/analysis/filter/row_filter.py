@@ -37,16 +37,16 @@ from fte_sniff.protocol import (
     COLUMNS,
     KINDS,
     ColumnType,
-    Damage,
     Fault,
-    Frame,
+    PortEvent,
+    PortEventKind,
     Row,
     Status,
     encode,
     status_of,
 )
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import Bools, Rows
+from fte_sniff.protocol.rows import NO_FACT, Bools, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 _TIMES: Final = frozenset(one.name for one in COLUMNS if one.type is ColumnType.TIME)
@@ -135,7 +135,7 @@ class StreamFilter:
 
     def matches(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Bools:
         """Whether each of the next rows passes; the changes are between them."""
-        if self._previous is not None and not rows.has_facts:
+        if self._previous is not None and not (rows.previous != NO_FACT).any():
             rows = self._previous.add(rows, changes)
         return self._filter.matches(rows)
 
@@ -163,7 +163,7 @@ class Alert:
         self.count = 0
         self.last: Row | None = None
 
-    def observe(self, rows: Rows, now_s: float) -> bool:
+    def observe(self, rows: Rows, now_s: float, _events: Sequence[PortEvent] = ()) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
         if not len(rows):  # most polls of a quiet line
             return False
@@ -178,6 +178,23 @@ class Alert:
         return is_due
 
 
+class SilenceAlert:
+    """Counts the silences of wires that last some seconds, and signals each."""
+
+    last: Row | None = None
+
+    def __init__(self, seconds: float) -> None:
+        self._least_ms = round(seconds * 1000)
+        self.count = 0
+
+    def observe(self, _rows: Rows, _now_s: float, events: Sequence[PortEvent] = ()) -> bool:
+        """Count the next events; returns whether to signal now."""
+        kind = PortEventKind.SILENT
+        found = [one for one in events if one.kind is kind and one.count == self._least_ms]
+        self.count += len(found)
+        return bool(found)
+
+
 def _refused(error: BaseException) -> FilterError:
     why = printable(str(error).split("\n", 1)[0][:120])
     return FilterError(
@@ -190,8 +207,8 @@ def _test_rows() -> Iterator[Row]:
     for kind in KINDS:
         for end in ("low", "high"):
             values = {field.name: getattr(field, end) for field in kind.fields}
-            yield Frame("port", 0, encode(kind, values), 0)
-    yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
+            yield Row("port", 0, encode(kind, values), 0)
+    yield Row("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR), framed=False)
 
 
-_TEST_ROWS: Final = Rows.from_rows(_test_rows())
+_TEST_ROWS: Final = Rows.of(_test_rows())

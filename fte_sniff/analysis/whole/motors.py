@@ -31,8 +31,8 @@ from fte_sniff.analysis.whole.relations import (
     with_late,
 )
 from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, FrameKind, Role, motor_bit
-from fte_sniff.protocol.table import NO_TIME, Bools, Ints, Rows
 
 LOOK_BACK: Final = 20_000
 """Rows that `motors_at` needs at most: those of 10 s of two full lines."""

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.whole.relations import values_at
+from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import KINDS, MOTORS, Direction
-from fte_sniff.protocol.table import Ints, Rows
 
 Floats: TypeAlias = "npt.NDArray[np.float64]"
 

@@ -25,6 +25,17 @@ import polars as pl
 
 from fte_sniff.analysis.model import BaudChange
 from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.rows import (
+    COLUMNS,
+    FACTS,
+    NO_FACT,
+    NO_KIND,
+    NO_TIME,
+    Bools,
+    Ints,
+    Rows,
+    field_of,
+)
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FRAME_LENGTH,
@@ -38,17 +49,6 @@ from fte_sniff.protocol.spec import (
     Fault,
     Role,
     motor_bit,
-)
-from fte_sniff.protocol.table import (
-    COLUMNS,
-    FACTS,
-    NO_FACT,
-    NO_KIND,
-    NO_TIME,
-    Bools,
-    Ints,
-    Rows,
-    field_of,
 )
 
 DEADLINE_NS: Final = 1_000_000_000

@@ -24,8 +24,8 @@ from fte_sniff.analysis.whole.relations import (
 )
 from fte_sniff.analysis.whole.table import EMPTY, RowTest, Table
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
-from fte_sniff.protocol.table import NO_TIME, Ints, Rows
 
 Item: TypeAlias = Rows | PortEvent | Gap | BaudChange
 

@@ -29,8 +29,8 @@ from fte_sniff.analysis.whole.relations import (
     with_facts,
 )
 from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, VALUE_FIELDS, Role, byte_time_ns
-from fte_sniff.protocol.table import NO_KIND, NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
 
 RowTest: TypeAlias = Callable[[Rows], Bools]
 """Whether each row passes, such as `RowFilter.matches`; the rows have their facts."""

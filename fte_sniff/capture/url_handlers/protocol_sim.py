@@ -23,7 +23,7 @@ from fte_sniff.capture.simulation import (
     parse_parameters,
 )
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Chunk, Frame, Framer
+from fte_sniff.protocol import Chunk, Framer
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -66,9 +66,9 @@ class SimSerial(SerialBase):
             self._simulation = Simulation(parameters_of_url(self.port), self.baudrate)
         except PortError as error:
             raise SerialException(str(error)) from error
-        self._changed = threading.Condition()
+        # A bridge reads and writes it from two threads.
+        self._lock = threading.Lock()
         self._arrived = bytearray()
-        self._cancelled = False
         self._silence_until_ns = 0
         self._commands = Framer(_SCHEME, self.baudrate)
         self._started_ns = time.monotonic_ns()
@@ -77,38 +77,29 @@ class SimSerial(SerialBase):
         self.is_open = True
 
     def close(self) -> None:
-        """End the simulation; a waiting read returns what it has."""
-        if self.is_open:
-            with self._changed:
-                self.is_open = False
-                self._changed.notify_all()
+        """End the simulation."""
+        self.is_open = False
 
     @property
     def in_waiting(self) -> int:
         """Number of bytes that can be read at once; raises SerialException when unplugged."""
-        with self._opened():
+        with self._lock:
             self._advance()
-            if not self._arrived:
-                self._raise_if_unplugged()
             return len(self._arrived)
 
     def read(self, size: int = 1, /) -> bytes:
-        """Up to `size` bytes: fewer only after `timeout` seconds, `cancel_read` or `close`."""
+        """Up to `size` bytes, fewer after `timeout` seconds.
+
+        Raises SerialException when unplugged, once all that came before was read.
+        """
         until_ns = None if self.timeout is None else self._elapsed_ns() + int(self.timeout * 1e9)
-        with self._opened():
-            while self.is_open and not self._cancelled:
-                self._advance()
-                if len(self._arrived) >= size or self._coming is None:
-                    break
-                next_ns = self._coming.t_ns
-                if until_ns is not None:
-                    if self._elapsed_ns() >= until_ns:
-                        break
-                    next_ns = min(next_ns, until_ns)
-                self._changed.wait(max(next_ns - self._elapsed_ns(), 0) / 1e9)
-            self._cancelled = False
-            if size and not self._arrived:
-                self._raise_if_unplugged()
+        while next_ns := self._next_ns(size):
+            now_ns = self._elapsed_ns()
+            if until_ns is not None and now_ns >= until_ns:
+                break
+            end_ns = next_ns if until_ns is None else min(next_ns, until_ns)
+            time.sleep(max(0, end_ns - now_ns) / 1e9)
+        with self._lock:
             data = bytes(self._arrived[:size])
             del self._arrived[:size]
             return data
@@ -116,51 +107,12 @@ class SimSerial(SerialBase):
     def write(self, data: Buffer, /) -> int:
         """Send bytes to the simulated controller, which obeys the control frames in them."""
         commands = bytes(data)
-        with self._opened():
+        with self._lock:
             self._advance()
             now_ns = self._elapsed_ns()
             self._silence_until_ns = now_ns + _SILENCE_NS
             self._obey(now_ns, commands)
         return len(commands)
-
-    def cancel_read(self) -> None:
-        """Make a waiting read in another thread, or else the next one, return what it has."""
-        with self._opened():
-            self._cancelled = True
-            self._changed.notify_all()
-
-    def reset_input_buffer(self) -> None:
-        """Discard what has arrived and was not read."""
-        with self._opened():
-            self._advance()
-            self._arrived.clear()
-
-    def cancel_write(self) -> None:
-        """Do nothing: a write never blocks."""
-
-    def flush(self) -> None:
-        """Do nothing: a write is done when it returns."""
-
-    def reset_output_buffer(self) -> None:
-        """Check that the port is open: nothing waits to be sent."""
-        self._opened()
-
-    @property
-    def out_waiting(self) -> int:
-        """Always 0: nothing waits to be sent."""
-        return 0
-
-    @property
-    def cts(self) -> bool:
-        """Clear to send: always."""
-        return True
-
-    dsr = cd = cts
-
-    @property
-    def ri(self) -> bool:
-        """Ring indicator: never."""
-        return False
 
     # pyserial calls these when a setting changes.
 
@@ -177,15 +129,21 @@ class SimSerial(SerialBase):
 
     def _update_dtr_state(self) -> None: ...
 
-    def _opened(self) -> threading.Condition:
-        if not self.is_open:
-            raise PortNotOpenError
-        return self._changed
+    def _next_ns(self, size: int) -> int:
+        """When more bytes come, nanoseconds since the start; 0 if there are enough, or all."""
+        with self._lock:
+            self._advance()
+            if len(self._arrived) >= size or self._coming is None:
+                return 0
+            return self._coming.t_ns
 
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
 
     def _advance(self) -> None:
+        """Move what has arrived by now; raises SerialException where nothing is left to come."""
+        if not self.is_open:
+            raise PortNotOpenError
         elapsed_ns = self._elapsed_ns()
         while (
             self._coming is not None
@@ -196,15 +154,14 @@ class SimSerial(SerialBase):
             self._coming = next(self._simulation, None) if self._simulation else None
         if elapsed_ns < self._silence_until_ns:
             self._obey(elapsed_ns, b"")
+        if self._coming is None and not self._arrived:
+            raise SerialException("the simulated port is unplugged: all its frames were sent")
 
     def _obey(self, now_ns: int, written: bytes) -> None:
-        for row in self._commands.feed(Chunk(_SCHEME, now_ns, written)):
-            if self._simulation and isinstance(row, Frame) and row.kind and not row.faults:
+        self._commands.push(Chunk(_SCHEME, now_ns, written))
+        for row in self._commands.drain():
+            if self._simulation and row.kind and not row.faults:
                 self._simulation.controller.obey(row.kind, row.values)
-
-    def _raise_if_unplugged(self) -> None:
-        if self.is_open and self._coming is None:
-            raise SerialException("the simulated port is unplugged: all its frames were sent")
 
 
 Serial = SimSerial

@@ -25,7 +25,6 @@ from fte_sniff.protocol import (
     KINDS,
     Direction,
     Field,
-    Frame,
     FrameKind,
     Row,
     Status,
@@ -586,5 +585,5 @@ class MotorsPane(Pane):
 
 def _motor_of_row(row: Row) -> int | None:
     """The motor that a row names or, if it is damaged, probably belonged to."""
-    values = row.values if isinstance(row, Frame) else {}
+    values = row.values
     return values.get(NAME_OF_ROLE[Role.MOTOR], row.motor_hint)

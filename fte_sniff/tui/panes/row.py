@@ -7,9 +7,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, tzinfo
-from functools import lru_cache
 from itertools import groupby, takewhile
 
 from rich.cells import cell_len
@@ -21,20 +20,14 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
-from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
+from fte_sniff.protocol import Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.dissect import (
-    CONTEXT,
-    LEARNED,
     ExplainedBit,
     ExplainedField,
     dissect,
     explain,
-    explain_readings,
-    is_doubtful,
-    readings,
 )
-from fte_sniff.protocol.rows import Reading
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.i18n import _, later
@@ -104,8 +97,8 @@ def detail_text(
     lines = _heading(row, palette, layout, zone)
     style = palette.statuses[row.status]
     mark = LOOKS[row.status].mark
-    marked = [(mark, text, style) for text in (*explain(row), *explain_readings(row))]
-    if row.order_uncertain:
+    marked = [(mark, text, style) for text in explain(row)]
+    if row.unordered:
         marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
     marked += [(Sign.PAIRED.value, text, palette.signs) for text in layout.relations]
     for sign, text, own in marked:
@@ -128,8 +121,8 @@ def _marked_lines(mark: str, text: str, style: Style, layout: DetailLayout) -> l
 
 
 def _heading(row: Row, palette: Palette, layout: DetailLayout, zone: tzinfo) -> list[Text]:
-    kind = row.kind if isinstance(row, Frame) else None
-    name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
+    kind = row.kind
+    name = kind.name if kind else _("unknown frame") if row.framed else _("damage")
     time = _("no time") if row.t_ns is None else iso_time(row.t_ns, zone)
     position = _(
         "offset {offset:,}  {length} bytes  {port}",
@@ -253,7 +246,7 @@ class DetailPane(Pane):
             context.field,
             tuple(relation_lines(context)),
         )
-        setup, zone, row = context.line_setup, context.zone, _with_readings(context)
+        setup, zone, row = context.line_setup, context.zone, context.row
         if row is None:
             self.set_page_of(Text, _("no row"))
         elif (
@@ -262,21 +255,6 @@ class DetailPane(Pane):
         ):
             self._index = context.index
             self.scroll_home(animate=False)
-
-
-def _with_readings(context: PaneContext) -> Row | None:
-    """The cursor's row, with its readings if it is doubtful."""
-    row, index = context.row, context.index
-    if row is None or index is None or not is_doubtful(row.faults):
-        return row
-    rows = tuple(neighbours(context.store, index, LEARNED, CONTEXT))
-    return replace(row, readings=_readings(rows, rows.index(row)))
-
-
-@lru_cache(maxsize=16)
-def _readings(rows: tuple[Row, ...], at: int) -> tuple[Reading, ...]:
-    """The readings of a row among its neighbours; a pane is drawn several times a second."""
-    return readings(rows, at)
 
 
 CONTEXT_LINES = 6

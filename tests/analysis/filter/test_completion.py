@@ -9,19 +9,9 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, both, cell_filters
-from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
-    KINDS,
-    Damage,
-    Direction,
-    Fault,
-    Frame,
-    Row,
-    Status,
-    encode,
-)
+from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, Direction, Fault, Row, Status, encode
 from fte_sniff.protocol.rows import Rows
-from tests.protocol.oracle import frame_faults
+from tests.support.faults import frame_faults
 
 CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
 
@@ -98,9 +88,9 @@ RAWS = st.sampled_from(
     ]
     + [bytes.fromhex("AA7701000100000000EE")]
 )
-FRAMES = st.builds(lambda port, raw: Frame(port, 0, raw, NOON_NS, frame_faults(raw)), PORTS, RAWS)
+FRAMES = st.builds(lambda port, raw: Row(port, 0, raw, NOON_NS, frame_faults(raw)), PORTS, RAWS)
 DAMAGE = st.builds(
-    lambda port, faults, t_ns: Damage(port, 0, b"\x01\x02", t_ns, tuple(faults)),
+    lambda port, faults, t_ns: Row(port, 0, b"\x01\x02", t_ns, tuple(faults), framed=False),
     PORTS,
     st.lists(st.sampled_from(list(Fault)), unique=True, max_size=2),
     st.sampled_from([None, NOON_NS - 1, NOON_NS + 1]),
@@ -112,10 +102,10 @@ ROWS = st.one_of(FRAMES, DAMAGE)
 def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: Row) -> None:
     for cell in cell_filters(row):
         only, without = RowFilter.parse(cell.only), RowFilter.parse(cell.without)
-        assert list(only.select(Rows.from_rows([row]))) == [row]
-        assert not without.select(Rows.from_rows([row]))
+        assert list(only.select(Rows.of([row]))) == [row]
+        assert not without.select(Rows.of([row]))
         if cell.column != "time" or other.t_ns is not None:
-            others = Rows.from_rows([other])
+            others = Rows.of([other])
             assert len(only.select(others)) + len(without.select(others)) == 1
 
 

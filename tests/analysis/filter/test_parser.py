@@ -14,7 +14,7 @@ from fte_sniff.analysis.filter.compiler import chain, combine
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import MistakeError, Term, TermType
 from fte_sniff.errors import FilterError
-from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row
+from fte_sniff.protocol import COLUMNS, Fault, Row
 from fte_sniff.protocol.rows import Rows
 from tests.examples import examples
 
@@ -184,13 +184,13 @@ def test_a_mistake_is_reported_with_its_position_and_a_fix(
     ids=_short,
 )
 def test_filters_within_the_limits_work(text: str) -> None:
-    assert len(RowFilter.parse(text).mask(row_frame(Rows.from_rows(ROWS)))) == len(ROWS)
+    assert len(RowFilter.parse(text).mask(row_frame(Rows.of(ROWS)))) == len(ROWS)
 
 
 ROWS: list[Row] = [
-    Frame("port", 0, bytes.fromhex("AA010103E800000000EE"), 5),
-    Frame("port", 10, bytes.fromhex("550204FFFFFFFF1F2FEE"), None, (Fault.UNDEFINED_FLAGS,)),
-    Damage("port", 20, b"\xff" * 30, None, (Fault.NOISE,)),
+    Row("port", 0, bytes.fromhex("AA010103E800000000EE"), 5),
+    Row("port", 10, bytes.fromhex("550204FFFFFFFF1F2FEE"), None, (Fault.UNDEFINED_FLAGS,)),
+    Row("port", 20, b"\xff" * 30, None, (Fault.NOISE,), framed=False),
 ]
 
 PIECES = st.sampled_from(
@@ -223,7 +223,7 @@ def _parses_or_explains(text: str) -> None:
         message = str(error)
     else:
         message = ""
-        mask = wanted.mask(row_frame(Rows.from_rows(ROWS)))
+        mask = wanted.mask(row_frame(Rows.of(ROWS)))
         assert len(mask) == len(ROWS)
         assert mask.null_count() == 0
         assert set(wanted.expression.meta.root_names()) == wanted.names
@@ -303,8 +303,8 @@ def test_largest_filters_are_computed_in_any_thread(text: str) -> None:
         other = threads.submit(RowFilter.parse, text).result()
     assert (
         RowFilter.parse(text)
-        .mask(row_frame(Rows.from_rows(ROWS)))
-        .equals(other.mask(row_frame(Rows.from_rows(ROWS))))
+        .mask(row_frame(Rows.of(ROWS)))
+        .equals(other.mask(row_frame(Rows.of(ROWS))))
     )
 
 

@@ -14,28 +14,17 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
-from fte_sniff.protocol import (
-    COLUMNS,
-    KIND_BY_NAME,
-    ColumnType,
-    Damage,
-    Fault,
-    Frame,
-    Row,
-    Value,
-    encode,
-    record,
-)
+from fte_sniff.protocol import COLUMNS, KIND_BY_NAME, ColumnType, Fault, Row, Value, encode, record
 from fte_sniff.protocol.rows import NO_ROWS, Rows
-from tests.protocol.oracle import frame_faults
+from tests.support.faults import frame_faults
 
 NOON = 1_767_268_800_000_000_000
 """2026-01-01T12:00:00Z."""
 
 
-def _frame(at: int, kind: str, **values: int) -> Frame:
+def _frame(at: int, kind: str, **values: int) -> Row:
     raw = encode(KIND_BY_NAME[kind], values)
-    return Frame("/dev/ttyUSB0", at * 10, raw, NOON + at * 1_000_000_000, frame_faults(raw))
+    return Row("/dev/ttyUSB0", at * 10, raw, NOON + at * 1_000_000_000, frame_faults(raw))
 
 
 ROWS: dict[str, Row] = {
@@ -47,19 +36,24 @@ ROWS: dict[str, Row] = {
     "fb": _frame(5, "speed_feedback", motor=1, rpm=990, error=0x0F, online=0x0F),
     "pfb": _frame(6, "position_feedback", motor=4, pulses=-5, error=0, online=0x07),
     "flags": _frame(7, "speed_feedback", motor=3, rpm=0, error=0x10, online=0x1F),
-    "unknown": Frame("it's", 0, bytes.fromhex("AA0900000000000000EE"), NOON, (Fault.UNKNOWN_CMD,)),
-    "noise": Damage("it's", 10, b"\x00\x01\x02", None, (Fault.NOISE,)),
-    "cut": Damage(
-        "it's", 13, bytes.fromhex("55010103"), NOON + 90, (Fault.TRUNCATED, Fault.LINE_ERROR)
+    "unknown": Row("it's", 0, bytes.fromhex("AA0900000000000000EE"), NOON, (Fault.UNKNOWN_CMD,)),
+    "noise": Row("it's", 10, b"\x00\x01\x02", None, (Fault.NOISE,), framed=False),
+    "cut": Row(
+        "it's",
+        13,
+        bytes.fromhex("55010103"),
+        NOON + 90,
+        (Fault.TRUNCATED, Fault.LINE_ERROR),
+        framed=False,
     ),
 }
-FRAMES = {name for name, row in ROWS.items() if isinstance(row, Frame)}
+FRAMES = {name for name, row in ROWS.items() if row.framed}
 OK = FRAMES - {"flags", "unknown"}
 WITH_RPM = {"fast", "back", "pos", "fb", "flags"}
 
 
 def _wanted(text: str) -> set[str]:
-    mask = RowFilter.parse(text).mask(row_frame(Rows.from_rows(list(ROWS.values()))))
+    mask = RowFilter.parse(text).mask(row_frame(Rows.of(list(ROWS.values()))))
     return {name for name, wanted in zip(ROWS, mask, strict=True) if wanted}
 
 
@@ -209,7 +203,7 @@ def test_a_filter_keeps_these_rows(text: str, names: set[str]) -> None:
 
 @pytest.mark.parametrize(("text", "names"), WANTED[::7])
 def test_select_equals_mask(text: str, names: set[str]) -> None:
-    found = RowFilter.parse(text).select(Rows.from_rows(ROWS.values()))
+    found = RowFilter.parse(text).select(Rows.of(ROWS.values()))
     assert list(found) == [row for name, row in ROWS.items() if name in names]
 
 
@@ -241,22 +235,25 @@ def _matches(tokens: Sequence[str], raw: bytes) -> bool:
 def test_a_byte_pattern_matches_only_at_byte_boundaries(
     tokens: list[str], raws: list[bytes]
 ) -> None:
-    rows = [Damage("p", 0, raw, None, (Fault.NOISE,)) for raw in raws]
+    rows = [Row("p", 0, raw, None, (Fault.NOISE,), framed=False) for raw in raws]
     wanted = RowFilter.parse(f"raw LIKE '{' '.join(tokens)}'")
     expected = [_matches(tokens, raw) for raw in raws]
-    assert wanted.mask(row_frame(Rows.from_rows(rows))).to_list() == expected
-    assert wanted.matches(Rows.from_rows(rows)).tolist() == expected
+    assert wanted.mask(row_frame(Rows.of(rows))).to_list() == expected
+    assert wanted.matches(Rows.of(rows)).tolist() == expected
 
 
 @pytest.mark.parametrize("special", [*" \t\n#-&~é中[].*()|\\^$+?{}<>@/", "[a].*(b)|c\\d^$", "\0"])
 def test_a_pattern_takes_special_characters_as_they_are(special: str) -> None:
-    rows = [Damage(port, 0, b"\0", None, (Fault.NOISE,)) for port in (f"A{special}1", "Ax1", "A1")]
+    rows = [
+        Row(port, 0, b"\0", None, (Fault.NOISE,), framed=False)
+        for port in (f"A{special}1", "Ax1", "A1")
+    ]
     for text in (
         f"port LIKE '_{special}%'",
         f"port ILIKE 'a{special}1'",
         f"port LIKE 'A{special}1'",
     ):
-        assert list(RowFilter.parse(text).select(Rows.from_rows(rows))) == rows[:1]
+        assert list(RowFilter.parse(text).select(Rows.of(rows))) == rows[:1]
 
 
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])
@@ -269,7 +266,7 @@ def test_no_rows_give_no_rows(text: str) -> None:
 def test_a_filter_reads_only_the_columns_it_names() -> None:
     wanted = RowFilter.parse("motor = 1 AND (noise OR raw LIKE 'AA%')")
     assert wanted.names == {"motor", "faults", "raw"}
-    assert wanted.mask(row_frame(Rows.from_rows(list(ROWS.values())), wanted.names)).sum() == 1
+    assert wanted.mask(row_frame(Rows.of(list(ROWS.values())), wanted.names)).sum() == 1
 
 
 def test_the_help_names_every_field_and_its_examples_work() -> None:
@@ -357,14 +354,11 @@ CONDITIONS = st.recursive(
 def test_any_condition_follows_three_valued_logic(condition: tuple[str, Predicate]) -> None:
     text, predicate = condition
     expected = [predicate(record(row)) is True for row in ROWS.values()]
-    assert (
-        RowFilter.parse(text).mask(row_frame(Rows.from_rows(list(ROWS.values())))).to_list()
-        == expected
-    )
+    assert RowFilter.parse(text).mask(row_frame(Rows.of(list(ROWS.values())))).to_list() == expected
 
 
 def test_a_mask_is_never_null() -> None:
-    mask = RowFilter.parse("rpm > 0").mask(row_frame(Rows.from_rows(list(ROWS.values()))))
+    mask = RowFilter.parse("rpm > 0").mask(row_frame(Rows.of(list(ROWS.values()))))
     assert mask.dtype == pl.Boolean()
     assert mask.null_count() == 0
 
@@ -372,9 +366,9 @@ def test_a_mask_is_never_null() -> None:
 def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
     frames = [_frame(motor, "speed", motor=motor, rpm=1) for motor in (1, 2, 1)]
     alert = Alert(RowFilter.parse("motor = 1"))
-    assert not alert.observe(Rows.from_rows(frames[1:2]), 0.0)
+    assert not alert.observe(Rows.of(frames[1:2]), 0.0)
     assert not alert.observe(NO_ROWS, 0.0)
-    assert [alert.observe(Rows.from_rows(frames), at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
+    assert [alert.observe(Rows.of(frames), at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
         *(True, False, False, True)
     ]
     assert alert.count == 8

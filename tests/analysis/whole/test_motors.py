@@ -7,8 +7,8 @@ import pytest
 
 from fte_sniff.analysis.whole.motors import MotorState, Trouble, motors_at
 from fte_sniff.analysis.whole.plots import envelope, motor_values
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Direction
-from fte_sniff.protocol.table import Row, Rows
 from tests.analysis.captures import MS, SECOND, START, damage, frame, polled, table_of
 
 

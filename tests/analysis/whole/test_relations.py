@@ -9,8 +9,8 @@ from fte_sniff.analysis.whole.relations import AnswerState, motor_hints, row_bef
 from fte_sniff.analysis.whole.segments import Item
 from fte_sniff.analysis.whole.table import Table
 from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import MOTORS, Direction
-from fte_sniff.protocol.table import Row
 from tests.analysis.captures import SECOND, captures, damage, frame, polled, table_of
 
 ANSWERED, UNANSWERED, UNKNOWN, UNCOVERED, HIDDEN = AnswerState

@@ -19,15 +19,15 @@ import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.facts import Facts
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
-from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row, record
+from fte_sniff.protocol import Chunk, Fault, Framer, Row, record
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.scan import read, scan
 from tests.examples import examples
 from tests.recording.conftest import some_rows
-from tests.support.columns import in_columns, without_facts
+from tests.support.columns import entries, fed, without_facts
 from tests.support.recorded_rows import write_recording
 from tests.torture.damage import CHUNK, records
 from tests.waiting import BOUND_S
@@ -46,7 +46,7 @@ def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
 def _rows(path: Path) -> list[Row]:
     """The rows with their facts."""
     facts = Facts()
-    return [*facts.feed(Rows.from_rows(RecordingReader(path))), *facts.interrupt()]
+    return [*facts.feed(Rows.of(Recording(path))), *facts.interrupt()]
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
@@ -140,7 +140,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
     rows = _rows(SAMPLES / "clean.mcap")
     for path, part in ((late, rows[600:]), (early, rows[:600])):
         with RecordingWriter(path, [PortFacts("p")]) as writer:
-            writer.write(in_columns(part))
+            writer.write(*entries(part))
     offsets = [row.offset for row in rows]
     for paths in (tmp_path, tmp_path / "*.mcap", f"{tmp_path}/[ab].mcap", [late, early]):
         assert fte_sniff.read(paths)["offset"].to_list() == offsets
@@ -180,7 +180,7 @@ def test_a_damaged_recording_is_read_with_a_warning_that_names_the_loss(tmp_path
     middle = len(whole) // 2
     flipped.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
     for path in (cut, flipped):
-        reader = RecordingReader(path)
+        reader = Recording(path)
         rows = without_facts(record(row) for row in reader)
         assert len(rows) < len(_rows(SAMPLES / "clean.mcap"))
         lost = [*reader.losses, reader.ending]
@@ -229,10 +229,10 @@ def test_the_first_example_of_the_documentation_shows_no_motor_that_does_not_exi
     sound, flipped = (f"55 01 {motor} 03 E8 00 00 00 0F EE" for motor in ("01", "41"))
     raw = bytes.fromhex(f"{sound} {flipped} {sound}")
     framer = Framer("p")
-    rows = framer.feed(Chunk("p", 10**18, raw)) + framer.flush()
+    rows = fed(framer, Chunk("p", 10**18, raw)) + list(framer.finish())
     assert [row.faults for row in rows] == [(), (Fault.BAD_MOTOR,), ()]
     (tmp_path / "logs").mkdir()
-    batch = Rows.from_rows(rows)
+    batch = Rows.of(rows)
     write_recording(tmp_path / "logs/x.mcap", [PortFacts("p")], [batch])
     (tmp_path / "capture.mcap").write_bytes((tmp_path / "logs/x.mcap").read_bytes())
     page = (SAMPLES.parent / "docs/python.md").read_text("utf-8")
@@ -266,7 +266,7 @@ def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
     path = folder / "chunks.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         for start in range(0, len(rows), 100):
-            writer.write(in_columns(rows[start : start + 100]))
+            writer.write(*entries(rows[start : start + 100]))
             writer.flush()
     return path
 
@@ -278,10 +278,10 @@ def _robots(folder: Path) -> list[Path]:
         paths.append(folder / f"robot={robot}" / "site=a%20b" / "a.mcap")
         paths[-1].parent.mkdir(parents=True)
         rows = [
-            Frame(f"p{robot}", 10 * at, FRAME, START + robot * 3600 * 10**9 + at * 10**6)
+            Row(f"p{robot}", 10 * at, FRAME, START + robot * 3600 * 10**9 + at * 10**6)
             for at in range(100)
         ]
-        write_recording(paths[-1], [PortFacts(f"p{robot}")], [Rows.from_rows(rows)])
+        write_recording(paths[-1], [PortFacts(f"p{robot}")], [Rows.of(rows)])
     return paths
 
 
@@ -339,15 +339,15 @@ def test_a_query_that_skips_files_gives_what_the_whole_gives(
 ) -> None:
     """Rows of one port may come before earlier ones of another, also by a long time."""
     folder = tmp_path_factory.mktemp("files")
-    for number, (at_once, entries) in enumerate(files):
+    for number, (at_once, own) in enumerate(files):
         path = folder / f"{number}.mcap"
-        rows = [Frame(port, 10 * at, FRAME, START + ns) for at, (port, ns) in enumerate(entries)]
+        rows = [Row(port, 10 * at, FRAME, START + ns) for at, (port, ns) in enumerate(own)]
         if at_once:
-            write_recording(path, [PortFacts("a")], [Rows.from_rows(rows)])
+            write_recording(path, [PortFacts("a")], [Rows.of(rows)])
             continue
         with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
             for row in rows:
-                writer.write(in_columns([row]))
+                writer.write(*entries([row]))
                 writer.flush()
     whole = read(folder)
     for wanted in asked:
@@ -358,7 +358,7 @@ def test_chunks_after_the_last_time_of_a_filter_are_not_read(tmp_path: Path) -> 
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PortFacts("a")]) as writer:
         for number in range(10):
-            writer.write(in_columns(Frame("a", 10 * number, FRAME, START + number)))
+            writer.write(*entries(Row("a", 10 * number, FRAME, START + number)))
             writer.flush()
     content = bytearray(path.read_bytes())
     last = [place for place in records(bytes(content)) if place[0] == CHUNK][-1]
@@ -378,13 +378,13 @@ def test_a_query_reads_what_a_recording_has_when_it_runs(tmp_path: Path, is_clos
     path = tmp_path / "x.mcap"
     later, port = START + 10**12, "/dev/ttyUSB1"
     writer = RecordingWriter(path, [PortFacts("/dev/ttyUSB0")])
-    writer.write(in_columns(some_rows(60)))
+    writer.write(*entries(some_rows(60)))
     writer.flush()
     table = scan(path)
     after = table.filter(pl.col("time") >= datetime.fromtimestamp(later // 10**9, UTC))
     other = table.filter(pl.col("port") == port)
     assert len(after.collect()) == len(other.collect()) == 0
-    writer.write(in_columns(some_rows(202, port, later)))
+    writer.write(*entries(some_rows(202, port, later)))
     writer.flush()
     if is_closed:
         writer.close()
@@ -396,7 +396,7 @@ def test_a_query_reads_the_file_that_has_the_name_when_it_runs(tmp_path: Path) -
     path, other = tmp_path / "x.mcap", tmp_path / "other"
     for name, port in ((path, "a"), (other, "b")):
         with RecordingWriter(name, [PortFacts(port)]) as writer:
-            writer.write(in_columns(some_rows(60, port)))
+            writer.write(*entries(some_rows(60, port)))
     table = scan(path).filter(pl.col("port") == "b")
     assert len(table.collect()) == 0
     other.replace(path)

@@ -4,7 +4,7 @@ _write = RecordingWriter.write
 
 def _write_late(self, rows):
     if self.path.stem[-5:].isdigit() and not self.path.stem.endswith("00001"):
-        rows = rows.with_columns(t_ns=rows.t_ns + 1_000_000)
+        rows = rows.replace(t_ns=rows.t_ns + 1_000_000)
     _write(self, rows)
 
 

@@ -1,0 +1,104 @@
+"""The name by which a lost port is found again, and whether what has the name now is that port.
+
+    URL of a server                             the URL
+    a link that the user names                  the link
+    an adapter with a serial number of its own  its link in /dev/serial/by-id
+    another adapter                             its USB socket: the link in /dev/serial/by-path
+    without such links (a container)            the device
+
+The number of a pseudo-terminal is given to the next program that makes one, so it is not evidence:
+a pseudo-terminal is found again only by a link that was made anew since.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import serial
+from serial.tools.list_ports import comports
+from serial.tools.list_ports_common import ListPortInfo
+
+from fte_sniff.capture.discovery import is_pseudo_terminal
+from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
+from fte_sniff.capture.url_handlers import url_scheme
+from fte_sniff.errors import PortError
+
+LINKS: Final = Path("/dev/serial")
+"""Where udev makes links to adapters, by their ids and by their sockets."""
+
+Made: TypeAlias = tuple[tuple[int, int], ...]
+"""Inode and change time of each link of a name."""
+
+_MOST_LINKS: Final = 40
+
+
+class LastingPort:
+    """A port that is opened again after each loss."""
+
+    def __init__(self, name: str, settings: PortSettings) -> None:
+        """Name the port; nothing is opened."""
+        self._name, self._settings = name, settings
+        self._made: Made | None = None
+        """How the name was made when it was opened; None before."""
+
+    @property
+    def comes_back(self) -> bool:
+        """Whether its name can lead to it again; known once it was opened."""
+        if "://" in self._name:
+            return url_scheme(self._name).comes_back
+        return os.path.islink(self._name) or not is_pseudo_terminal(self._name)  # noqa: PTH114
+
+    def open(self) -> serial.Serial:
+        """Open it, for the first time or again; raises PortError if it is away or refused."""
+        if self._made is not None and not self._is_anew():
+            raise PortError("{port} is away", port=self._name)
+        port = open_port(self._name, self._settings)
+        if self._made is None and (device := device_of(port)) is not None:
+            self._name = lasting_name(self._name, device, comports())
+        self._made = made(self._name)
+        return port
+
+    def _is_anew(self) -> bool:
+        return made(self._name) != self._made or not is_pseudo_terminal(self._name)
+
+
+def made(name: str) -> Made:
+    """How the links of a name were made; empty for a name that is not a link."""
+    found = list[tuple[int, int]]()
+    while len(found) < _MOST_LINKS and os.path.islink(name):  # noqa: PTH114
+        facts = os.lstat(name)
+        found.append((facts.st_ino, facts.st_ctime_ns))
+        name = os.path.join(os.path.dirname(name), os.readlink(name))  # noqa: PTH115, PTH118, PTH120
+    return tuple(found)
+
+
+def lasting_name(
+    name: str, device: str, plugged_in: Sequence[ListPortInfo], links: Path = LINKS
+) -> str:
+    """The name to open later, for an open port and the ports that are plugged in now."""
+    if "://" not in name and Path(name).is_symlink():
+        return name
+    folders = ("by-id", "by-path") if _has_own_serial_number(device, plugged_in) else ("by-path",)
+    for folder in folders:
+        for link in sorted((links / folder).glob("*")):
+            if link.resolve() == Path(device).resolve():
+                return str(link)
+    return device
+
+
+def _has_own_serial_number(device: str, plugged_in: Sequence[ListPortInfo]) -> bool:
+    """Whether an adapter has a serial number that no other one has."""
+    own = [port for port in plugged_in if os.path.realpath(port.device) == os.path.realpath(device)]
+    if not own or own[0].serial_number is None:
+        return False
+    ids = own[0].vid, own[0].pid, own[0].serial_number
+    # The ports of one adapter share its socket: 1-1.2:1.0 and 1-1.2:1.1.
+    sockets = {
+        (port.location or "").partition(":")[0]
+        for port in plugged_in
+        if (port.vid, port.pid, port.serial_number) == ids
+    }
+    return len(sockets) == 1

@@ -1,0 +1,117 @@
+"""A wire on which nothing comes, or nothing but what is not data.
+
+    bytes   ####        ####
+    events      .. silent   bytes again       after 2 s without a byte
+
+Also reported, once until a frame comes: 5 s of only 00, of one other byte, or of bytes without a
+frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+DEFAULT_SILENCE_S: Final = 2.0
+"""Seconds without a byte after which a wire is reported as silent."""
+NO_FRAME_NS: Final = 5_000_000_000
+"""How long bytes without a frame come before they are reported."""
+FEW_BYTES: Final = 30
+"""Fewer bytes without a frame are not reported."""
+
+
+class SilenceWatch:
+    """Observes one wire; `observe` and `check` are called often, also while nothing comes."""
+
+    def __init__(self, port: str, silences_s: Sequence[float] = (DEFAULT_SILENCE_S,)) -> None:
+        """Report a silence when it has lasted each of these times, seconds."""
+        self._port = port
+        self._silences_s = sorted(set(silences_s))
+        self._last_ns: int | None = None
+        """When the last bytes came; None before the first, and after a loss."""
+        self._reported = 0
+        """How many of the times the present silence has lasted."""
+        self._begin()
+
+    def observe(self, chunk: Chunk) -> Iterator[PortEvent]:
+        """Add a chunk; yields what it ends or shows."""
+        t_ns = chunk.t_ns or 0
+        if chunk.data:
+            if self._reported and self._last_ns is not None:
+                yield self._again(t_ns, t_ns - self._last_ns)
+            self._last_ns, self._reported = t_ns, 0
+            self._add(chunk.data, t_ns)
+        elif self._last_ns is not None:
+            yield from self._silent(t_ns, (t_ns - self._last_ns) / 1e9)
+
+    def frame_came(self) -> None:
+        """Note a readable frame: the line is right."""
+        self._begin()
+        self._is_named = False
+
+    def lost(self) -> None:
+        """Note that the port was lost: it is not silent."""
+        self._last_ns, self._reported = None, 0
+        self._begin()
+
+    def check(self, now_ns: int) -> Iterator[PortEvent]:
+        """Report bytes without a frame, once they have come for NO_FRAME_NS."""
+        since_ns = self._since_ns
+        is_due = since_ns is not None and now_ns - since_ns >= NO_FRAME_NS
+        if is_due and not self._is_named and self._count >= FEW_BYTES:
+            self._is_named = True
+            yield PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
+
+    _is_named = False
+
+    def _begin(self) -> None:
+        self._since_ns: int | None = None
+        self._count = 0
+        self._values = set[int]()
+
+    def _add(self, data: bytes, t_ns: int) -> None:
+        if self._since_ns is None:
+            self._since_ns = t_ns
+        self._count += len(data)
+        if len(self._values) < 2:
+            self._values.update(data)
+
+    def _what(self) -> TranslatableText:
+        seconds = NO_FRAME_NS // 1_000_000_000
+        if self._values == {0}:
+            return TranslatableText(
+                "only 00 for {seconds} s: the wire is held low (a break, no power, no ground), or "
+                "far slower than the baud",
+                seconds=seconds,
+            )
+        if len(self._values) == 1:
+            return TranslatableText(
+                "only {byte} for {seconds} s: an open wire, swapped polarity, or another baud",
+                byte=f"{min(self._values):02X}",
+                seconds=seconds,
+            )
+        return TranslatableText(
+            "no frame in {count:,} bytes for {seconds} s: another baud, swapped polarity, or "
+            "another device; `fte-sniff doctor {port} --probe` tries other bauds",
+            count=self._count,
+            seconds=seconds,
+            port=self._port,
+        )
+
+    def _silent(self, t_ns: int, silence_s: float) -> Iterator[PortEvent]:
+        while self._reported < len(self._silences_s):
+            limit_s = self._silences_s[self._reported]
+            if silence_s < limit_s:
+                return
+            self._reported += 1
+            detail = TranslatableText("silent for {seconds:.1f} s", seconds=limit_s)
+            count = round(limit_s * 1000)
+            yield PortEvent(t_ns, self._port, PortEventKind.SILENT, detail, count)
+
+    def _again(self, t_ns: int, silence_ns: int) -> PortEvent:
+        detail = TranslatableText("bytes again after {seconds:.1f} s", seconds=silence_ns / 1e9)
+        count = silence_ns // 1_000_000
+        return PortEvent(t_ns, self._port, PortEventKind.BYTES_AGAIN, detail, count)

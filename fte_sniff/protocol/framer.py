@@ -1,0 +1,381 @@
+"""The framer: chunks in, rows out, with every byte of a port's stream in exactly one row.
+
+A chunk of n bytes was read at t. Its byte i began at `max(P, t - (n - i) * byte time)`, where P is
+the latest time at which earlier bytes were read. So times never fall:
+
+    read before        read at t
+    P                  |          n bytes in one read
+    |     [byte 0][byte 1] ... [byte n - 1]
+
+Silence is the time between P and the first byte of a chunk; an empty chunk reports silence. 20 ms
+of it end a gap, except the start of a frame, which may go on for 500 ms: the reading process may
+have been held up.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from fte_sniff.protocol.gap import IS_HEADER, LEGAL
+from fte_sniff.protocol.islands import (
+    CERTAIN,
+    CORE,
+    MARGIN,
+    Segments,
+    State,
+    Walk,
+    Wall,
+    kinds_of,
+)
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import (
+    MOST_BYTES,
+    NO_KIND,
+    NO_ROWS,
+    NO_TIME,
+    Array,
+    Bools,
+    Codes,
+    Ints,
+    Rows,
+    fault_bits,
+)
+from fte_sniff.protocol.spec import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    KINDS,
+    TAIL,
+    Fault,
+    byte_time_ns,
+)
+
+SETTLING_NS: Final = 20_000_000
+"""Silence after which all bytes are decided, but the start of a frame."""
+GIVING_UP_NS: Final = 500_000_000
+"""Silence after which the start of a frame is truncated."""
+KNOWN: Final = 8
+"""Frames in a row with 00 in the reserve after which the line is known to have it."""
+
+
+class _Arrival(NamedTuple):
+    """When the bytes of a chunk came."""
+
+    stop: int
+    t_ns: int | None
+    floor_ns: int
+    """Earliest time at which one of them can have begun."""
+    byte_ns: int
+
+
+class _Times:
+    """The arrival times of one port's bytes, chunk by chunk."""
+
+    def __init__(self, byte_ns: int) -> None:
+        self.byte_ns = byte_ns
+        self._arrivals: list[_Arrival] = []
+        self._size = self._floor_ns = 0
+        self._silent_since: int | None = None
+
+    def append(self, chunk: Chunk) -> int:
+        """Append a chunk; returns the silence before it, nanoseconds, 0 if unknown."""
+        if not chunk.data:
+            return self._silence_at(chunk.t_ns)
+        self._size += len(chunk.data)
+        byte_ns = 0 if chunk.at_once else self.byte_ns
+        self._arrivals.append(_Arrival(self._size, chunk.t_ns, self._floor_ns, byte_ns))
+        before, self._silent_since = self._silent_since, chunk.t_ns
+        if chunk.t_ns is None:
+            return 0
+        self._silent_since = self._floor_ns = max(self._floor_ns, chunk.t_ns)
+        if before is None or chunk.is_late:
+            return 0
+        return max(0, chunk.t_ns - len(chunk.data) * self.byte_ns - before)
+
+    def _silence_at(self, t_ns: int | None) -> int:
+        if t_ns is None or self._silent_since is None:
+            return 0
+        return max(0, t_ns - self._silent_since)
+
+    def reset_clock(self) -> None:
+        """Let the next times be earlier than those so far."""
+        self._floor_ns, self._silent_since = 0, None
+
+    def began(self, offsets: Ints) -> tuple[Ints, Ints]:
+        """When the bytes at these offsets, rising, began, and how long before they were read."""
+        arrivals = self._arrivals
+        columns = zip(*arrivals, strict=True) if arrivals else ((0,), (None,), (0,), (0,))
+        stops, times, floors, byte_times = columns
+        of_byte = np.searchsorted(stops, offsets, "right")
+        t_ns = np.array([NO_TIME if t_ns is None else t_ns for t_ns in times])[of_byte]
+        behind = np.array(stops)[of_byte] - offsets
+        began = np.maximum(t_ns - behind * np.array(byte_times)[of_byte], np.array(floors)[of_byte])
+        is_known = t_ns != NO_TIME
+        delays = np.where(is_known, np.maximum(t_ns - began, 0), NO_TIME)
+        return np.where(is_known, began, NO_TIME), delays
+
+    def forget(self, offset: int) -> None:
+        """Drop the times of the bytes before an offset."""
+        done = bisect_left(self._arrivals, offset + 1, key=lambda one: one.stop)
+        del self._arrivals[:done]
+
+
+def _reserves() -> Array:
+    """By kind: a mask of the bytes of the reserve that may be anything, as two words."""
+    masks = np.zeros((NO_KIND + 1, MOST_BYTES), np.uint8)
+    for code, kind in enumerate(KINDS):
+        masks[code, kind.open_reserve.start : kind.open_reserve.stop] = 255
+    return masks.view("<u8")
+
+
+_RESERVES: Final = _reserves()
+_HAS_RESERVE: Final[Bools] = np.any(_RESERVES, axis=1)
+
+
+class _ReserveCheck:
+    """Finds frames whose reserve is not 00 although it is 00 on the rest of the line."""
+
+    def __init__(self) -> None:
+        self._zeros = 0
+
+    def unusual(self, raw: Codes, is_frame: Bools) -> Bools:
+        """Which rows, in stream order, are such frames."""
+        found = np.zeros(len(raw), np.bool_)
+        kinds = kinds_of(raw)
+        with_reserve = is_frame & _HAS_RESERVE[kinds]
+        masks, words = _RESERVES[kinds], raw.view("<u8")
+        is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
+        at = np.flatnonzero(with_reserve)
+        if not len(at):
+            return found
+        numbers = np.arange(len(at))
+        last_set = np.maximum.accumulate(np.where(is_set[at], numbers, -1 - self._zeros))
+        before = np.append(-1 - self._zeros, last_set[:-1])
+        found[at] = is_set[at] & (numbers - 1 - before >= KNOWN)
+        self._zeros = min(int(numbers[-1] - last_set[-1]), KNOWN)
+        return found
+
+
+class Framer:
+    """Turns the chunks of one port into rows that cover its stream without gap or overlap."""
+
+    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
+        """Frame the bytes of a port, which is named in every row, at `baud` bits per second.
+
+        Raises ValueRangeError if `baud` is less than 1.
+        """
+        self._ports = (port,)
+        self._times = _Times(byte_time_ns(baud))
+        self._reserve = _ReserveCheck()
+        self._chunks: list[bytes] = []
+        """The bytes that were pushed since the last drain."""
+        self._data = b""
+        """The bytes before them that are in no row yet, or have an influence on others."""
+        self._base = 0
+        """Stream offset of the first byte of `_data`; all other offsets are in the stream, too."""
+        self._size = 0
+        self._state = State(0, 0)
+        self._emitted = 0
+        """Where the first byte is that is in no row; from there to the state is noise."""
+        self._walls: list[Wall] = []
+        self._errors: list[tuple[int, int]] = []
+        """Half-open ranges with errors of the UART, rising."""
+
+    def set_baud(self, baud: int) -> None:
+        """Set the bits per second of the line from the next chunk on; raises ValueRangeError."""
+        self._times.byte_ns = byte_time_ns(baud)
+
+    def reset_clock(self) -> None:
+        """Let the next times be earlier than those so far, for logs whose clock was set."""
+        self._times.reset_clock()
+
+    @property
+    def pending_since_ns(self) -> int | None:
+        """When the first byte that was in no row at the last `drain` began; None without one."""
+        if self._emitted == self._size:
+            return None
+        began = int(self._times.began(np.array([self._emitted]))[0][0])
+        return None if began == NO_TIME else began
+
+    def push(self, chunk: Chunk) -> None:
+        """Take the bytes of a chunk; `drain` decides them. Never raises on wire data."""
+        silence_ns = self._times.append(chunk)
+        if silence_ns >= SETTLING_NS:
+            self._wall(is_soft=True)
+        if silence_ns >= GIVING_UP_NS:
+            self._wall(is_soft=False)
+        if chunk.data:
+            self._errors += (
+                (self._size + start, self._size + stop) for start, stop in chunk.line_errors
+            )
+            self._chunks.append(chunk.data)
+            self._size += len(chunk.data)
+
+    def _wall(self, *, is_soft: bool) -> None:
+        wall = Wall(self._size, is_soft)
+        if wall not in self._walls[-2:]:
+            self._walls.append(wall)
+
+    def end(self) -> None:
+        """End the frame: `drain` decides all bytes so far, and further ones do not join them."""
+        self._wall(is_soft=False)
+
+    def finish(self) -> Rows:
+        """Decide all bytes, and return the rows since the last `drain`: the stream ends here."""
+        self.end()
+        return self.drain()
+
+    def restart(self) -> Rows:
+        """Finish, and start a new stream whose offsets and times continue."""
+        rows = self.finish()
+        self._reserve = _ReserveCheck()
+        return rows
+
+    def drain(self) -> Rows:
+        """The rows that were decided since the last call."""
+        self._data = b"".join([self._data, *self._chunks])
+        self._chunks.clear()
+        base = self._base
+        walls = [wall._replace(at=wall.at - base) for wall in self._walls]
+        state = self._state._replace(at=self._state.at - base, wall=self._state.wall - base)
+        walk = Walk(self._data, base, state, walls)
+        rows = self._rows(walk.segments(), walk.state.at)
+        state = walk.state
+        del self._walls[: state.number]
+        self._state = state._replace(at=state.at + base, wall=state.wall + base, number=0)
+        self._forget()
+        return rows
+
+    def _forget(self) -> None:
+        """Drop the bytes that have no influence any more."""
+        at = self._state.at
+        needed = max(self._state.wall, at - at % CORE - MARGIN)
+        start = max(self._base, min(self._emitted, needed))
+        self._data, self._base = self._data[start - self._base :], start
+        self._times.forget(self._emitted)
+        self._errors = [error for error in self._errors if error[1] > self._emitted]
+
+    # Rows
+
+    def _rows(self, segments: Segments, at: int) -> Rows:
+        """The rows of segments, and of the noise between them; offsets are in the data."""
+        data = np.frombuffer(self._data, np.uint8)
+        faults, framed, is_kept = judged(data, segments)
+        start, stop = segments.start[is_kept], segments.stop[is_kept]
+        faults, framed = faults[is_kept], framed[is_kept]
+        first, last = np.append(self._emitted - self._base, stop), np.append(start, at)
+        last[-1] -= (last[-1] - first[-1]) % MOST_BYTES
+        self._emitted = int(last[-1]) + self._base
+        noise, noise_length = _cut(first, last)
+        is_row = stop > start
+        offset = np.concatenate([start[is_row], noise])
+        if not len(offset):
+            return NO_ROWS
+        order = np.argsort(offset, kind="stable")
+        columns = [
+            (stop - start)[is_row], noise_length,
+            faults[is_row], np.full(len(noise), _NOISE),
+            framed[is_row], np.zeros(len(noise), np.bool_),
+        ]  # fmt: skip
+        length, faults, framed = (
+            np.concatenate(columns[at : at + 2])[order] for at in range(0, len(columns), 2)
+        )
+        return self._as_rows(offset[order], length, faults, framed)
+
+    def _as_rows(self, offset: Ints, length: Ints, faults: Array, framed: Bools) -> Rows:
+        """The rows at these offsets in the data."""
+        raw = _bytes_of(self._data, offset, length)
+        faults[self._reserve.unusual(raw, framed & (faults == 0))] |= _RESERVED
+        offset = offset + self._base
+        for start, stop in self._errors:
+            low, high = np.searchsorted(offset, (start, stop)).tolist()
+            if low == 0 or offset[low - 1] + length[low - 1] > start:
+                low = max(0, low - 1)
+            faults[low:high] |= _LINE_ERROR
+        t_ns, delay_ns = self._times.began(offset)
+        return Rows.blank(
+            len(offset), self._ports, t_ns=t_ns, offset=offset, delay_ns=delay_ns,
+            length=length, faults=faults, framed=framed, raw=raw,
+        )  # fmt: skip
+
+
+def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
+    """The starts and lengths of rows of noise; every run of noise is cut each 16 bytes."""
+    counts = -(-np.maximum(last - first, 0) // MOST_BYTES)
+    before = np.cumsum(counts) - counts
+    start = np.repeat(first - MOST_BYTES * before, counts) + MOST_BYTES * np.arange(counts.sum())
+    return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)
+
+
+_MASKS: Final = (np.arange(MOST_BYTES) < np.arange(MOST_BYTES + 1)[:, None]) * np.uint8(255)
+
+
+def _bytes_of(data: bytes, offset: Ints, length: Ints) -> Codes:
+    """The bytes of rows, padded with zeros."""
+    padded = data + bytes(MOST_BYTES)
+    windows: Array = np.ndarray((len(data),), f"V{MOST_BYTES}", padded, 0, (1,))
+    words = windows[offset].view("<u8").reshape(-1, 2) & _MASKS.view("<u8")[length]
+    found: Codes = words.view(np.uint8)
+    return found
+
+
+# What is wrong with a segment
+
+_NOISE, _RESERVED, _LINE_ERROR, _AMBIGUOUS, _UNKNOWN_CMD = (
+    fault_bits([fault])
+    for fault in (
+        Fault.NOISE,
+        Fault.RESERVED_NONZERO,
+        Fault.LINE_ERROR,
+        Fault.AMBIGUOUS,
+        Fault.UNKNOWN_CMD,
+    )
+)
+_DAMAGES: Final = [
+    fault_bits([fault])
+    for fault in (Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL)
+]
+_OFFSETS: Final = np.arange(FRAME_LENGTH)
+
+
+def _field_faults() -> Array:
+    """By kind and offset: the fault of an illegal byte there."""
+    found = np.zeros((len(KINDS), FRAME_LENGTH), np.uint16)
+    for code, kind in enumerate(KINDS):
+        found[code, kind.reserved.start : kind.reserved.stop] = _RESERVED
+        for field in kind.fields:
+            found[code, field.start] = fault_bits([field.fault] if field.fault else [])
+    return found
+
+
+_FIELD_FAULTS: Final = _field_faults()
+
+
+def judged(data: Codes, segments: Segments) -> tuple[Array, Bools, Bools]:
+    """By segment: its faults, whether it is a frame, and whether it is not noise after all."""
+    faults = np.zeros(len(segments.start), np.uint16)
+    framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)
+    odd = np.flatnonzero((segments.probability < CERTAIN) & (segments.stop > segments.start))
+    start, stop = segments.start[odd], segments.stop[odd]
+    length = stop - start
+    headed, tailed, is_ten = IS_HEADER[data[start]], data[stop - 1] == TAIL, length == FRAME_LENGTH
+    is_kept[odd] = headed | is_ten
+    framed[odd] = is_frame = headed & tailed & is_ten
+    damage = [length < FRAME_LENGTH, length > FRAME_LENGTH, ~headed, ~tailed]
+    faults[odd] = np.select(damage, _DAMAGES)
+    faults[odd[is_frame]] = frame_faults(data[start[is_frame][:, None] + _OFFSETS])
+    return faults, framed, is_kept
+
+
+def frame_faults(raw: Codes) -> Array:
+    """The faults of framed bytes, shape (frames, 10); those of legal ones have another reading."""
+    kinds = kinds_of(raw)
+    known = np.minimum(kinds, NO_KIND - 1)
+    is_illegal = ~LEGAL[known[:, None], _OFFSETS, raw]
+    found = np.bitwise_or.reduce(np.where(is_illegal, _FIELD_FAULTS[known], 0), axis=1)
+    found[kinds == NO_KIND] = _UNKNOWN_CMD
+    found[found == 0] = _AMBIGUOUS
+    faults: Array = found.astype(np.uint16)
+    return faults

@@ -1,0 +1,315 @@
+"""How gaps are divided: scores of all candidates, posterior probabilities; all gaps at once.
+
+A gap is the bytes between two runs of frames in step. It is divided into frames, damaged frames and
+noise. A candidate is a span of 1 to 14 bytes that may have been one frame: whole, or with one
+damage, which leaves `head` first bytes and `rest` last bytes of the frame:
+
+    truncated     AA 01 01 03 E8 ..............      bytes lost: 1-9 are left, head + rest of them
+    overlong      AA 01 01 03 77 E8 00 00 00 00 EE   1-4 bytes inserted: head + rest is 10
+    changed       AB 01 01 03 E8 00 00 00 00 EE      1-6 adjacent bytes replaced
+
+The score of a candidate is a prior probability times a likelihood ratio: the probability of its
+bytes if they were sent as such a frame, divided by their probability as random bytes. A random byte
+scores 1, so noise of any length scores only what it costs to begin. Forward and backward sums over
+all divisions give the posterior probability of each candidate. Those above 0.5 are segments (they
+cannot overlap); what is between them is noise.
+
+The gaps of a table are right-aligned, so that a step of a sum is one operation over all of them:
+
+    offset    0  1  2  3  4  5  6  7            scores[offset, length, gap]
+    gap 0     .  .  .  AA 01 12 34 EE
+    gap 1     .  AA 01 01 03 E8 00 00
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+
+from fte_sniff.protocol.rows import Array, Bools, Ints
+from fte_sniff.protocol.spec import (
+    FRAME_LENGTH,
+    FTE_FORMAT,
+    HEADER_BYTES,
+    HEADERS,
+    KINDS,
+    NUM_OFFSET,
+    TAIL,
+    FrameKind,
+)
+
+INTACT: Final = 0.9
+"""Share of frames that arrive as they were sent; four kinds of damage and noise share the rest."""
+_EACH_DAMAGE: Final = (1 - INTACT) / 5
+_MOST_INSERTED: Final = 4
+_WIDEST_CHANGE: Final = 6
+_NOISE_BEGINS: Final = _EACH_DAMAGE / 30
+_NOISE_CONTINUES: Final = 0.98
+_BROKEN: Final = 1e-5
+"""Score of a frame that was damaged twice, or in another way, and keeps its tail."""
+_CONTAINING: Final = 1 / 4
+"""Factor of an overlong frame that contains a whole one: rather, there is damage beside that."""
+_UNUSUAL: Final = 0.002
+"""Share of framed bytes with an illegal value: an unknown CMD, a bad motor, undefined flags."""
+
+LONGEST: Final = FRAME_LENGTH + _MOST_INSERTED
+"""Bytes of the longest damaged frame."""
+_MOST_GAPS: Final = 512
+"""Gaps in a table."""
+
+
+# The score of each byte, by kind and offset
+
+
+def _distribution(shares: Mapping[int, float]) -> Array:
+    """The score of each byte value: `shares` for the values in it, the rest is uniform."""
+    scores: Array = np.full(256, (1 - sum(shares.values())) / (256 - len(shares)))
+    for byte, share in shares.items():
+        scores[byte] = share
+    return scores * 256
+
+
+_PAYLOAD = _distribution(
+    {0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3, *HEADER_BYTES, TAIL), 0.03)}
+)
+"""Payload bytes are not uniform, and imitate headers and tails more often than chance does."""
+
+
+def _byte_scores(kind: FrameKind) -> Iterator[Array]:
+    defaults = {field.start: field.default for field in kind.fields}
+    for offset, legal in enumerate(FTE_FORMAT.legal_bytes(kind)):
+        default = defaults.get(offset)
+        if legal is None and default is None:
+            yield _distribution({0: 0.5}) if offset == NUM_OFFSET else _PAYLOAD
+            continue
+        shares = dict.fromkeys(range(256), 0.0)
+        own = legal or bytes(range(256))
+        for byte in own:
+            shares[byte] = 1 / len(own) if default is None else 0.1 / (len(own) - 1)
+        if default is not None:
+            shares[default] = 0.9
+        yield np.array([shares[byte] * 256 for byte in range(256)])
+
+
+def _share(kind: FrameKind) -> float:
+    cmds = sum(len(one.cmds) for one in KINDS if one.direction == kind.direction)
+    return len(kind.cmds) / cmds / len(HEADERS)
+
+
+_SCORES: Final = np.array([list(_byte_scores(kind)) for kind in KINDS], np.float32)
+"""By kind, offset and byte; 0 for an illegal byte."""
+LEGAL: Final = _SCORES > 0
+_SHARES: Final = np.array([_share(kind) for kind in KINDS], np.float32)
+_OFFSETS: Final = np.arange(FRAME_LENGTH)
+_BACK: Final = FRAME_LENGTH - 1 - _OFFSETS
+_KINDS: Final = np.arange(len(KINDS))[:, None]
+_LENGTHS: Final = np.arange(LONGEST + 1)
+_ANY_FRAMED: Final = _UNUSUAL * 256 / len(HEADERS) * 256
+"""Score of ten bytes with a header and a tail that are no legal frame."""
+IS_HEADER: Final = np.isin(np.arange(256), list(HEADER_BYTES))
+
+
+def _damage() -> Array:
+    """By length of a candidate, last and first bytes that are left: the prior of that damage."""
+    prior: Array = np.zeros((LONGEST + 1, FRAME_LENGTH + 1, FRAME_LENGTH + 1))
+    for left in range(1, FRAME_LENGTH):
+        for head in range(left + 1):
+            lost = _EACH_DAMAGE / (FRAME_LENGTH - 1) / (left + 1)
+            prior[left, left - head, head] = lost
+            if FRAME_LENGTH - left <= _WIDEST_CHANGE:
+                changed = _EACH_DAMAGE / _WIDEST_CHANGE / (left + 1)
+                prior[FRAME_LENGTH, left - head, head] = changed
+    for head in range(1, FRAME_LENGTH):
+        inserted = _EACH_DAMAGE / _MOST_INSERTED / (FRAME_LENGTH - 1)
+        prior[FRAME_LENGTH + 1 :, FRAME_LENGTH - head, head] = inserted
+    for length in range(2, LONGEST + 1):
+        for head in range(min(length, FRAME_LENGTH)):
+            prior[length, 1 : min(length, FRAME_LENGTH) - head, head] += _BROKEN
+    return prior.astype(np.float32)
+
+
+_DAMAGE: Final = _damage()
+_HEAD_ONLY: Final = _DAMAGE[:, 0, 1:].T
+"""By first bytes that are left, and length."""
+_REST_ONLY: Final = _DAMAGE[:, 1:, 0].T
+"""By last bytes that are left, and length."""
+_BOTH: Final = [_DAMAGE[length, 1:, 1:].T for length in _LENGTHS]
+"""By length, first and last bytes that are left."""
+
+
+class Divided(NamedTuple):
+    """The segments of some gaps that are not noise, in columns, by gap and offset."""
+
+    gap: Ints
+    """Number of the gap."""
+    start: Ints
+    """Offset of the first byte in the data."""
+    stop: Ints
+    probability: Array
+    """Of a whole frame (0-1); 0 for all others."""
+
+
+class Gaps(NamedTuple):
+    """Some gaps of a buffer, in columns."""
+
+    start: Ints
+    stop: Ints
+    is_open_before: Bools
+    """Whether a frame may have begun before the gap."""
+    is_open_after: Bools
+    """Whether a frame may reach over the end of the gap."""
+
+    def select(self, gaps: Ints) -> Gaps:
+        """The gaps with these numbers."""
+        before, after = self.is_open_before[gaps], self.is_open_after[gaps]
+        return Gaps(self.start[gaps], self.stop[gaps], before, after)
+
+
+def divide(data: Array, gaps: Gaps) -> Divided:
+    """Divide gaps of a buffer of bytes."""
+    order = np.argsort(gaps.stop - gaps.start, kind="stable")
+    parts = []
+    for at in range(0, len(order), _MOST_GAPS):
+        own = order[at : at + _MOST_GAPS]
+        found = _divide(data, gaps.select(own))
+        parts.append(found._replace(gap=own[found.gap]))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    rows = np.lexsort((columns[1], columns[0]))
+    return Divided(*(column[rows] for column in columns))
+
+
+def _divide(data: Array, gaps: Gaps) -> Divided:
+    """Divide gaps in one table."""
+    sizes = gaps.stop - gaps.start
+    width = int(sizes.max())
+    at = gaps.stop - width + np.arange(width)[:, None]
+    block = np.where(at >= gaps.start, data[np.maximum(at, 0)], 0).astype(np.uint8)
+    first = width - sizes
+    scores, is_whole = _scores(block, first, gaps.is_open_after)
+    posterior = _posteriors(scores, block, first, gaps.is_open_before)
+    start, length, gap = np.nonzero(posterior > 0.5)
+    probability = posterior[start, length, gap]
+    probability[(length != FRAME_LENGTH - 1) | ~is_whole[start, gap]] = 0
+    start += (gaps.start - first)[gap]
+    return Divided(gap, start, start + length + 1, probability)
+
+
+def _scores(block: Array, first: Ints, is_open: Bools) -> tuple[Array, Bools]:
+    """Scores by offset, length and gap, and where whole frames are.
+
+    The table has `LONGEST` offsets more before and after the gaps.
+    """
+    width, count = block.shape
+    scores = np.zeros((LONGEST + width + 1 + LONGEST, LONGEST + 1, count))
+    own = scores[LONGEST:]
+    is_inside = np.arange(width)[:, None] >= first
+    start, column = np.nonzero(IS_HEADER[block] & is_inside)
+    left = width - start
+    heads = _prefixes(block, start, column)
+    by_count = heads.sum(axis=1)
+    own[start, :, column] = np.einsum("nh,hl->nl", by_count, _HEAD_ONLY)
+    end, end_column = np.nonzero((block == TAIL) & is_inside)
+    end += 1
+    rests = _suffixes(block, end, end_column, first)
+    only = np.einsum("nr,rl->nl", np.einsum("k,nkr->nr", _SHARES, rests), _REST_ONLY)
+    begins = end[:, None] - _LENGTHS
+    only[begins < first[end_column][:, None]] = 0
+    scores[LONGEST + begins, _LENGTHS, end_column[:, None]] += only
+    numbers = np.full((width + 1 + LONGEST, count), -1)
+    numbers[end, end_column] = np.arange(len(end))
+    mates = numbers[start[:, None] + _LENGTHS[2:], column[:, None]]
+    lengths, one = np.nonzero(mates.T >= 0)
+    other, lengths = mates[one, lengths], lengths + 2
+    own[start[one], lengths, column[one]] += _pairs(heads, rests, one, other, lengths)
+    framed = one[lengths == FRAME_LENGTH]
+    whole = INTACT * by_count[framed, -1]
+    at, of = start[framed], column[framed]
+    own[at, FRAME_LENGTH, of] = np.where(whole > 0, whole, own[at, FRAME_LENGTH, of] + _ANY_FRAMED)
+    is_whole = np.zeros((width, count), np.bool_)
+    is_whole[at[whole > 0], of[whole > 0]] = True
+    contains = is_whole.copy()
+    for more in range(1, _MOST_INSERTED + 1):
+        contains[:-more] |= is_whole[more:]
+        own[:width, FRAME_LENGTH + more][contains] *= _CONTAINING
+    cut = np.flatnonzero((left < FRAME_LENGTH) & is_open[column])
+    own[start[cut], left[cut], column[cut]] += INTACT * by_count[cut, left[cut] - 1]
+    over, length = np.nonzero(left[:, None] < _LENGTHS)
+    own[start[over], length, column[over]] = 0
+    return scores, is_whole
+
+
+def _prefixes(block: Array, start: Ints, column: Ints) -> Array:
+    """By candidate, kind and number of bytes - 1: the score of a frame's first bytes there."""
+    width = len(block)
+    at = start[:, None] + _OFFSETS
+    raw = block[np.minimum(at, width - 1), column[:, None]]
+    scores = _SCORES[_KINDS, _OFFSETS, raw[:, None, :]] * (at < width)[:, None, :]
+    found: Array = np.cumprod(scores, axis=2, out=scores)
+    found *= _SHARES[:, None]
+    return found
+
+
+def _suffixes(block: Array, end: Ints, column: Ints, first: Ints) -> Array:
+    """By candidate, kind and number of bytes - 1: the score of a frame's last bytes up to there."""
+    at = end[:, None] - 1 - _OFFSETS
+    raw = block[np.maximum(at, 0), column[:, None]]
+    is_inside = at >= first[column][:, None]
+    scores = _SCORES[_KINDS, _BACK, raw[:, None, :]] * is_inside[:, None, :]
+    found: Array = np.cumprod(scores, axis=2, out=scores)
+    return found
+
+
+def _pairs(heads: Array, rests: Array, one: Ints, other: Ints, lengths: Ints) -> Array:
+    """The scores of candidates with first and last bytes; `lengths` rise."""
+    found = np.empty(len(one), np.float32)
+    bounds = np.searchsorted(lengths, np.arange(LONGEST + 2)).tolist()
+    for length in range(2, LONGEST + 1):
+        own = slice(bounds[length], bounds[length + 1])
+        left = np.einsum("pkh,hr->pkr", heads[one[own]], _BOTH[length])
+        found[own] = np.einsum("pkr,pkr->p", left, rests[other[own]])
+    return found
+
+
+def _posteriors(scores: Array, block: Array, first: Ints, is_open: Bools) -> Array:
+    """By offset, length - 1 and gap: the probability that this candidate is a segment.
+
+    Noise ends before a header, or with the gap.
+    """
+    width, count = block.shape
+    is_header = IS_HEADER[block].astype(np.float64)
+    begins = _NOISE_BEGINS * _NOISE_CONTINUES
+    at, by_length, by_gap = scores.strides
+    # By offset and length: the score of the candidate that ends behind the offset.
+    ending = as_strided(scores[LONGEST:, 1:], (width, LONGEST, count), (at, by_length - at, by_gap))
+    entering = np.zeros((LONGEST + width, count))
+    before, noise = np.zeros((width + 1, count)), np.zeros((width + 1, count))
+    before[first, np.arange(count)] = 1
+    column = np.flatnonzero(is_open)
+    for number in range(1, LONGEST):
+        before[np.minimum(first[column] + number, width), column] = 1
+    multiply, add, einsum = np.multiply, np.add, np.einsum
+    for offset in range(width):
+        now = entering[LONGEST + offset]
+        multiply(noise[offset], is_header[offset], out=now)
+        now += before[offset]
+        multiply(before[offset], begins, out=noise[offset + 1])
+        noise[offset + 1] += noise[offset] * _NOISE_CONTINUES
+        recent = entering[LONGEST + offset : offset : -1]
+        before[offset + 1] += einsum("lg,lg->g", recent, ending[offset])
+    after, in_noise = np.zeros((width + 1 + LONGEST, count)), np.ones(count)
+    after[width] = 1
+    own = scores[LONGEST : LONGEST + width, 1:]
+    for offset in range(width - 1, -1, -1):
+        leaving = einsum("lg,lg->g", own[offset], after[offset + 1 : offset + 1 + LONGEST])
+        going_on = in_noise * _NOISE_CONTINUES
+        in_noise = leaving * is_header[offset]
+        in_noise += going_on
+        going_on *= _NOISE_BEGINS
+        add(leaving, going_on, out=after[offset])
+    own *= entering[LONGEST:, None] / (before[width] + noise[width])
+    step, by_gap = after.strides
+    own *= as_strided(after[1:], (width, LONGEST, count), (step, step, by_gap))
+    return own

@@ -1,0 +1,334 @@
+"""Topics and schemas of a recording, and one message.
+
+A topic is what people plot without filtering: `/fte/control/motor1`. The schemas are protobuf, made
+from the frame table. Numbers are fixed32, fixed64, float or double, enum numbers take one byte, and
+every field has presence, so that zeros are written too. So all messages with the same fields are
+equally long (`skeletons`):
+
+    09 offset (8) | 11 read delay (8) | 1a 0a raw (10) | 20 status | 38 kind | ... values
+
+A value that every frame of the schema has is an integer. Another value is a float (double beyond
+two bytes), and NaN in the frames without it: plotters skip NaN, but draw an absent field as 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import nan
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
+from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_KIND, Codes, Row, Rows
+from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
+    KINDS,
+    MOTORS,
+    NUM_OFFSET,
+    VALUE_FIELDS,
+    Fault,
+    Field,
+    FrameKind,
+    Status,
+)
+from fte_sniff.recording.metadata import PortFacts
+
+PACKAGE: Final = "fte"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a recording."""
+
+    name: str
+    schema: str
+    """Name of the schema, without the package."""
+    kinds: tuple[FrameKind, ...] = ()
+    """The kinds of its frames; none for port events."""
+
+
+MALFORMED: Final = Topic("/fte/malformed", "Malformed", KINDS)
+"""Every row that is not a frame, is of an unknown kind, or has a malformed fault."""
+
+EVENTS: Final = Topic("/fte/port", "PortEvent")
+
+
+def _names_of(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
+    """The schema of a kind, and the last component of each of its topics, with its slash."""
+    if kind.names_motor:
+        motors = tuple(f"/motor{motor}" for motor in MOTORS)
+        return f"Motor{kind.direction.capitalize()}", motors
+    if kind.fields:
+        return "Chassis", ("/chassis",)
+    return kind.name.capitalize(), (f"/{kind.name}",)
+
+
+def _frame_topics() -> Iterator[Topic]:
+    kinds_of: dict[tuple[str, str], list[FrameKind]] = {}
+    for kind in KINDS:
+        schema, names = _names_of(kind)
+        for name in names:
+            kinds_of.setdefault((schema, f"/fte/{kind.direction}{name}"), []).append(kind)
+    for (schema, name), kinds in kinds_of.items():
+        yield Topic(name, schema, tuple(kinds))
+
+
+TOPICS: Final[tuple[Topic, ...]] = (*_frame_topics(), MALFORMED, EVENTS)
+
+TOPIC_BY_NAME: Final[Mapping[str, Topic]] = MappingProxyType({one.name: one for one in TOPICS})
+
+
+def _topic_codes() -> Codes:
+    """By kind code and NUM: the index in `TOPICS`."""
+    codes = np.full((NO_KIND + 1, 256), TOPICS.index(MALFORMED), np.uint8)
+    for code, kind in enumerate(KINDS):
+        _, names = _names_of(kind)
+        own = [TOPICS.index(TOPIC_BY_NAME[f"/fte/{kind.direction}{name}"]) for name in names]
+        nums = list(MOTORS) if kind.names_motor else slice(None)
+        codes[code, nums] = own
+    return codes
+
+
+_TOPIC_CODES: Final = _topic_codes()
+
+
+def topics_of(rows: Rows) -> Codes:
+    """The index in `TOPICS` of each row's topic, uint8."""
+    codes: Codes = _TOPIC_CODES[rows.kinds, rows.nums]
+    codes[rows.is_malformed] = TOPICS.index(MALFORMED)
+    return codes
+
+
+def topic_of(row: Row) -> Topic:
+    """The topic of a row: that of its kind and motor, or `MALFORMED`."""
+    if row.kind is None or row.status is Status.MALFORMED:
+        return MALFORMED
+    return TOPICS[int(_TOPIC_CODES[KINDS.index(row.kind), row.raw[NUM_OFFSET]])]
+
+
+# Schemas
+
+_TYPE: Final = FieldDescriptorProto
+_ENUMS: Final[dict[str, tuple[str, ...]]] = {
+    "Kind": tuple(kind.name for kind in KINDS),
+    "Status": tuple(Status),
+    "Fault": tuple(Fault),
+    "PortEventKind": tuple(PortEventKind),
+}
+_ROW_FIELDS: Final[tuple[tuple[str, int | str], ...]] = (
+    ("offset", _TYPE.TYPE_FIXED64),
+    ("read_delay_ns", _TYPE.TYPE_SFIXED64),
+    ("raw", _TYPE.TYPE_BYTES),
+    ("status", "Status"),
+    ("faults", "Fault"),
+    ("time_ns", _TYPE.TYPE_FIXED64),
+    ("kind", "Kind"),
+    ("order_uncertain", _TYPE.TYPE_BOOL),
+)
+_EVENT_FIELDS: Final[tuple[tuple[str, int | str], ...]] = (
+    ("kind", "PortEventKind"),
+    ("detail", _TYPE.TYPE_STRING),
+    ("time_ns", _TYPE.TYPE_FIXED64),
+    ("count", _TYPE.TYPE_FIXED64),
+)
+_DAMAGE_FIELDS: Final[tuple[tuple[str, int | str], ...]] = (
+    ("framed", _TYPE.TYPE_BOOL),
+    ("length", _TYPE.TYPE_FIXED32),
+)
+
+
+def _number(enum: str, value: str) -> int:
+    """The number of an enum value; 0 is `..._NONE`."""
+    return _ENUMS[enum].index(value) + 1
+
+
+def _value_fields(topic: Topic) -> tuple[Field, ...]:
+    """The frame fields that messages of this topic hold, each once; none for `MALFORMED`."""
+    if topic is MALFORMED:
+        return ()
+    names = {field.name for kind in topic.kinds for field in kind.fields}
+    return tuple(field for field in VALUE_FIELDS if field.name in names)
+
+
+def _value_type(field: Field, topic: Topic) -> int:
+    if any(kind.field(field.name) is None for kind in topic.kinds):
+        return _TYPE.TYPE_FLOAT if field.size <= 2 else _TYPE.TYPE_DOUBLE
+    return _TYPE.TYPE_SFIXED32 if field.signed else _TYPE.TYPE_FIXED32
+
+
+def _fields(topic: Topic) -> Iterator[tuple[str, int | str]]:
+    if topic is EVENTS:
+        yield from _EVENT_FIELDS
+        return
+    yield from _ROW_FIELDS
+    if topic is MALFORMED:
+        yield from _DAMAGE_FIELDS
+        return
+    yield "cmd", _TYPE.TYPE_FIXED32
+    for field in _value_fields(topic):
+        yield field.name, _value_type(field, topic)
+
+
+def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str) -> None:
+    field = message.field.add(name=name, number=number, json_name=name)
+    if isinstance(kind, str):
+        field.type = _TYPE.TYPE_ENUM
+        field.type_name = f".{PACKAGE}.{message.name}.{kind}"
+    else:
+        field.type = kind  # type: ignore[assignment]
+    if name == "faults":
+        field.label = _TYPE.LABEL_REPEATED
+        return
+    field.label = _TYPE.LABEL_OPTIONAL
+    field.proto3_optional = True
+    field.oneof_index = len(message.oneof_decl)
+    message.oneof_decl.add(name=f"_{name}")
+
+
+def _add_enum(message: DescriptorProto, enum: str) -> None:
+    """Add an enum; its value names are unique within the message: `KIND_SPEED`."""
+    prefix = "".join(f"_{letter}" if letter.isupper() else letter for letter in enum).lstrip("_")
+    added = message.enum_type.add(name=enum)
+    for number, value in enumerate(("none", *_ENUMS[enum])):
+        added.value.add(name=f"{prefix}_{value}".upper(), number=number)
+
+
+def schema_name(topic: Topic) -> str:
+    """The full name of the topic's messages: `fte.MotorControl`."""
+    return f"{PACKAGE}.{topic.schema}"
+
+
+@cache
+def schema_data(schema: str) -> bytes:
+    """The serialized FileDescriptorSet of a schema: the schema data of an MCAP file."""
+    topic = next(topic for topic in TOPICS if topic.schema == schema)
+    file = FileDescriptorProto(name=f"{PACKAGE}/{schema}.proto", package=PACKAGE, syntax="proto3")
+    message = file.message_type.add(name=schema)
+    for number, (name, kind) in enumerate(_fields(topic), 1):
+        _add_field(message, name, number, kind)
+        if isinstance(kind, str):
+            _add_enum(message, kind)
+    return FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
+
+
+@lru_cache(maxsize=64)
+def message_class(name: str, data: bytes) -> Any:
+    """The message class with this name in a serialized FileDescriptorSet.
+
+    Raises ValueError if the data is invalid or lacks the message.
+    """
+    pool = DescriptorPool()
+    try:
+        for file in FileDescriptorSet.FromString(data).file:
+            pool.Add(file)
+        return GetMessageClass(pool.FindMessageTypeByName(name))
+    except (TypeError, KeyError, DecodeError) as error:
+        raise ValueError(f"no usable protobuf schema {name}") from error
+
+
+@cache
+def class_of(topic: Topic) -> Any:
+    """The message class of a topic."""
+    return message_class(schema_name(topic), schema_data(topic.schema))
+
+
+# One message
+
+
+def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
+    """The message of a row, which must have a time, on its topic, from `topic_of`.
+
+    It holds the row's own time if `log_time` differs.
+    """
+    values: dict[str, Any] = {
+        "offset": row.offset,
+        "raw": row.raw,
+        "status": _number("Status", row.status),
+        "faults": [_number("Fault", fault) for fault in row.faults],
+        "kind": 0 if row.kind is None else _number("Kind", row.kind.name),
+    }
+    if row.delay_ns is not None:
+        values["read_delay_ns"] = row.delay_ns
+    if row.t_ns != log_time:
+        values["time_ns"] = row.t_ns
+    if row.unordered:
+        values["order_uncertain"] = True
+    if topic is MALFORMED:
+        values |= {"framed": row.framed, "length": len(row.raw)}
+    else:
+        values |= {field.name: nan for field in _value_fields(topic)} | row.values
+        values["cmd"] = row.raw[CMD_OFFSET]
+    return bytes(class_of(topic)(**values).SerializeToString(deterministic=True))
+
+
+def encode_event(event: PortEvent, log_time: int) -> bytes:
+    """The message of a port event; it holds the event's own time if `log_time` differs."""
+    values: dict[str, Any] = {
+        "kind": _number("PortEventKind", event.kind),
+        "detail": encodable(event.detail),
+        "count": event.count,
+    }
+    if event.t_ns != log_time:
+        values["time_ns"] = event.t_ns
+    return bytes(class_of(EVENTS)(**values).SerializeToString(deterministic=True))
+
+
+def encodable(text: str) -> str:
+    """Text for UTF-8: undecodable bytes (of file names, for example) as backslash escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
+    """Names and values for UTF-8."""
+    return {encodable(name): encodable(value) for name, value in facts.items()}
+
+
+class Channels:
+    """The channels of one file, numbered from 1 in the order in which their ports are added."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, int] = {}
+        """The number of the first channel of each port; the others follow in the order of `TOPICS`.
+        """
+
+    @staticmethod
+    def schemas() -> list[Schema]:
+        """Every schema of a recording."""
+        topics = {topic.schema: topic for topic in TOPICS}.values()
+        return [
+            Schema(id_, schema_data(one.schema), SchemaEncoding.Protobuf, schema_name(one))
+            for id_, one in enumerate(topics, 1)
+        ]
+
+    def of_port(self, port: PortFacts) -> list[Channel]:
+        """Add a port, and return a channel for each topic; none if the port is known."""
+        if port.name in self._first:
+            return []
+        first = self._first[port.name] = len(self._first) * len(TOPICS) + 1
+        metadata = {"port": encodable(port.name)}
+        if port.baud is not None:
+            metadata["baud"] = str(port.baud)
+        ids = {schema.name: schema.id for schema in self.schemas()}
+        return [
+            Channel(id_, one.name, MessageEncoding.Protobuf, metadata, ids[schema_name(one)])
+            for id_, one in enumerate(TOPICS, first)
+        ]
+
+    def id_of(self, port: str, topic: int) -> int:
+        """The channel of a port, which was added, on the topic of this index in `TOPICS`."""
+        return self._first[port] + topic

@@ -1,0 +1,388 @@
+"""Messages to columns and back.
+
+Two messages have the same skeleton if they differ in the values of fixed-size numbers and in the
+row's own bytes only. One message of each skeleton is parsed, or encoded, by protobuf; its wire
+format shows where the numbers are. Numpy reads and writes all others as one table:
+
+    09 ........ 11 ........ 1a 0a .......... 20 01 38 02 45 .... 4d ....     of a speed command
+       offset      delay          raw         the rest is the skeleton
+
+So faults, absent fields and damage of any length need no special case, and every version of the
+schema is read in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import DecodeError
+
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import (
+    MOST_BYTES,
+    NO_TIME,
+    Array,
+    Bools,
+    Codes,
+    Ints,
+    Row,
+    Rows,
+    fault_bits,
+)
+from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, TAIL, Fault
+from fte_sniff.recording.schema import class_of, encode_row, topic_of
+
+MESSAGE_HEAD: Final = 31
+"""Bytes of a message record before the message."""
+LONGEST: Final = 4096
+"""Bytes of a message; longer ones are not read."""
+_MOST_SKELETONS: Final = 1024
+"""Skeletons of one schema and length. Messages of others are not read, so that a hostile file does
+not take long."""
+_WORD: Final = 8
+_SIZES: Final = {1: 8, 5: 4}
+"""Bytes of a number by its wire type."""
+_DELIMITED: Final = 2
+_IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
+
+
+class Messages(NamedTuple):
+    """The message records of unpacked chunks, in file order."""
+
+    records: bytes
+    starts: Ints
+    """Offsets of the records."""
+    lengths: Ints
+    """Bytes of the messages, without their heads."""
+    channels: Ints
+    log_times: Ints
+    """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
+
+
+class MessageType(NamedTuple):
+    """The messages of a schema."""
+
+    parse: Callable[[bytes], Any]
+    names: Mapping[int, str]
+    """The names of the fields by number."""
+    is_event: bool
+
+    def members(self, message: Any, field: str) -> list[str]:
+        """The names of the enum values of a field, without their prefix; raises KeyError."""
+        values = message.DESCRIPTOR.fields_by_name[field].enum_type.values_by_number
+        prefix = len(values[0].name.removesuffix("NONE"))
+        numbers = getattr(message, field)
+        numbers = [numbers] if isinstance(numbers, int) else numbers
+        return [values[number].name[prefix:].lower() for number in numbers]
+
+
+class _Skeleton:
+    """The messages of one skeleton: where their numbers are, and what they share."""
+
+    def __init__(self, kind: MessageType, data: bytes) -> None:
+        """Take one of the messages; raises DecodeError, AttributeError, or what `int` raises."""
+        message = kind.parse(data)
+        self.faults = fault_bits(map(Fault, kind.members(message, "faults")))
+        self.framed = getattr(message, "framed", True)
+        self.unordered = getattr(message, "order_uncertain", False)
+        self.fields, mask = fields_in(data, kind.names)
+        first, self.size = self.fields["raw"]
+        if not self.size or (self.framed and self.size != FRAME_LENGTH):
+            raise ValueError("a row without bytes, or a frame of another length")
+        self.padding = -len(data) % _WORD
+        self.raw = slice(self.padding + first, self.padding + first + self.size)
+        self._mask = np.frombuffer(bytes(self.padding) + mask, "<u8")
+        self._expected = np.frombuffer(bytes(self.padding) + data, "<u8") & self._mask
+
+    def fitting(self, words: Array) -> Bools:
+        """Which messages, a line of words each, have this skeleton."""
+        differing = np.zeros(len(words), "<u8")
+        for at, (mask, expected) in enumerate(zip(self._mask, self._expected, strict=True)):
+            if mask:
+                differing |= (words[:, at] & mask) ^ expected
+        fits: Bools = differing == 0
+        return fits
+
+    def number(self, windows: Array, name: str, missing: Any) -> Any:
+        """A 64-bit number in each message, or what stands for it in a message without it."""
+        first, size = self.fields.get(name, (0, 0))
+        if size != _WORD:
+            return missing
+        return np.ndarray(len(windows), "<i8", windows, self.padding + first, windows.strides)
+
+    def store(self, windows: Array, rows: Array, columns: Rows) -> Bools:
+        """Fill in the columns of these rows, up to their 16th byte; returns which are valid."""
+        t_ns = self.number(windows, "time_ns", columns.t_ns[rows])
+        offset = self.number(windows, "offset", np.zeros(len(rows), np.int64))
+        columns.t_ns[rows], columns.offset[rows] = t_ns, offset
+        columns.delay_ns[rows] = self.number(windows, "read_delay_ns", NO_TIME)
+        columns.length[rows] = min(self.size, MOST_BYTES)
+        columns.faults[rows] = self.faults
+        columns.framed[rows], columns.unordered[rows] = self.framed, self.unordered
+        raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
+        columns.raw[rows, : min(self.size, MOST_BYTES)] = raw[:, :MOST_BYTES]
+        valid: Bools = (t_ns >= 0) & (offset >= 0)
+        if self.framed:
+            valid &= _IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
+        return valid
+
+
+def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[int, int]], bytes]:
+    """The offset and size of a message's numbers and bytes, and a mask of all other bytes.
+
+    Raises IndexError if the message is cut.
+    """
+    fields, mask, at = {}, bytearray(b"\xff") * len(data), 0
+    while at < len(data):
+        tag, at = _varint(data, at)
+        name, wire = names.get(tag >> 3, ""), tag & 7
+        if wire == 0:
+            _, at = _varint(data, at)
+            continue
+        size = _SIZES.get(wire, 0)
+        if wire == _DELIMITED:
+            size, at = _varint(data, at)
+        if wire != _DELIMITED or name == "raw":
+            fields[name] = at, size
+            mask[at : at + size] = bytes(size)
+        at += size
+    return fields, bytes(mask)
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    found = shift = 0
+    while True:
+        byte = data[at]
+        found, shift, at = found | (byte & 0x7F) << shift, shift + 7, at + 1
+        if byte < 0x80:
+            return found, at
+
+
+class Decoded(NamedTuple):
+    """The rows and events of some messages."""
+
+    rows: Rows
+    events: list[tuple[int, PortEvent]]
+    """Each with the number of rows before it."""
+    unreadable: int
+    """Messages that could not be read."""
+
+
+class MessageDecoder:
+    """Decodes the messages of a file; keeps its skeletons."""
+
+    def __init__(self) -> None:
+        self._skeletons: dict[tuple[int, int], list[_Skeleton]] = {}
+        """By the identity of the message type and the length."""
+
+    def decode(
+        self, messages: Messages, types: Mapping[int, MessageType], ports: Mapping[int, str]
+    ) -> Decoded:
+        """The rows and events of messages; `types` and `ports` are by channel.
+
+        Messages of other channels are skipped. Noise of more than 16 bytes becomes several rows.
+        """
+        names = tuple(dict.fromkeys(ports.values()))
+        columns = Rows.blank(len(messages.starts), names, t_ns=messages.log_times)
+        kept = np.zeros(len(columns), np.bool_)
+        long: list[tuple[Array, Array]] = []
+        events: dict[int, PortEvent] = {}
+        known = np.zeros(1 << 16, np.bool_)
+        known[list(types)] = True
+        unreadable = int((known.take(messages.channels) & ~_are_legible(messages)).sum())
+        port_codes = np.zeros(1 << 16, np.uint16)
+        port_codes[list(ports)] = [names.index(port) for port in ports.values()]
+        columns.port[:] = port_codes.take(messages.channels)
+        for kind, length, rows in _alike(messages, types):
+            if kind.is_event:
+                found = _events(messages, rows, kind, ports)
+                events |= found
+                unreadable += len(rows) - len(found)
+            else:
+                good = self._decode_alike(messages, length, rows, kind, columns, long)
+                kept[good] = True
+                unreadable += len(rows) - len(good)
+        places = np.cumsum(kept)
+        placed = [(int(places[row]), events[row]) for row in sorted(events)]
+        if long and len(columns):
+            return _with_long(columns, kept, long, placed, unreadable)
+        found_rows = columns if kept.all() else columns.select(kept)
+        return Decoded(found_rows, placed, unreadable)
+
+    def _decode_alike(
+        self,
+        messages: Messages,
+        length: int,
+        rows: Array,
+        kind: MessageType,
+        columns: Rows,
+        long: list[tuple[Array, Array]],
+    ) -> Array:
+        """Decode messages of one type and length; returns the rows that could be read."""
+        known = self._skeletons.setdefault((id(kind), length), [])
+        padding = -length % _WORD
+        every = at_every_byte(messages.records, length + padding)
+        windows = every[messages.starts[rows] + (MESSAGE_HEAD - padding)]
+        words = windows.view("<u8").reshape(len(rows), -1)
+        left, good = np.arange(len(rows)), [np.empty(0, np.int64)]
+        number = 0
+        while len(left) and number < _MOST_SKELETONS:
+            if number == len(known):
+                data = windows[left[0]].tobytes()[padding:]
+                try:
+                    known.append(_Skeleton(kind, data))
+                except (DecodeError, AttributeError, KeyError, ValueError, IndexError):
+                    left = left[1:]
+                    continue
+            skeleton, number = known[number], number + 1
+            fits = skeleton.fitting(words[left])
+            if not fits.any():
+                continue
+            own, left = left[fits], left[~fits]
+            valid = skeleton.store(windows[own], rows[own], columns)
+            good.append(rows[own[valid]])
+            if skeleton.size > MOST_BYTES:
+                raw = windows[own[valid]].view(np.uint8).reshape(int(valid.sum()), -1)
+                long.append((good[-1], raw[:, skeleton.raw]))
+        return np.concatenate(good)
+
+
+def at_every_byte(records: bytes | Codes, size: int) -> Array:
+    """Opaque values of `size` bytes at every offset of some bytes."""
+    return np.ndarray((max(0, len(records) - size + 1),), f"V{size}", records, 0, (1,))
+
+
+def _alike(
+    messages: Messages, types: Mapping[int, MessageType]
+) -> list[tuple[MessageType, int, Array]]:
+    """The messages of each type and length: their indices, in file order."""
+    kinds = list({id(one): one for one in types.values()}.values())
+    numbers = {id(one): number for number, one in enumerate(kinds, 1)}
+    codes = np.zeros(1 << 16, np.int64)
+    codes[list(types)] = [numbers[id(one)] for one in types.values()]
+    own = np.where(_are_legible(messages), codes.take(messages.channels), 0)
+    keys = own * LONGEST + np.clip(messages.lengths, 0, LONGEST - 1)
+    if len(kinds) < (1 << 16) // LONGEST:
+        keys = keys.astype(np.uint16)  # which numpy sorts in one pass
+    by_key = np.argsort(keys, kind="stable")
+    cuts = np.flatnonzero(np.diff(keys[by_key])) + 1
+    groups = np.split(by_key, cuts) if len(by_key) else []
+    heads = [divmod(int(keys[group[0]]), LONGEST) for group in groups]
+    return [
+        (kinds[code - 1], length, group)
+        for (code, length), group in zip(heads, groups, strict=True)
+        if code
+    ]
+
+
+def _are_legible(messages: Messages) -> Bools:
+    """Which messages have a length that is read."""
+    return (messages.lengths > 0) & (messages.lengths < LONGEST)
+
+
+def _events(
+    messages: Messages, rows: Array, kind: MessageType, ports: Mapping[int, str]
+) -> dict[int, PortEvent]:
+    """The events that can be read, by the index of their message."""
+    found: dict[int, PortEvent] = {}
+    for row in rows.tolist():
+        start = int(messages.starts[row]) + MESSAGE_HEAD
+        data = messages.records[start : start + int(messages.lengths[row])]
+        port, t_ns = ports[int(messages.channels[row])], int(messages.log_times[row])
+        try:
+            message = kind.parse(data)
+            (name,) = kind.members(message, "kind")
+            t_ns = message.time_ns if message.HasField("time_ns") else t_ns
+            event = PortEvent(t_ns, port, PortEventKind(name), message.detail, message.count)
+        except (DecodeError, AttributeError, KeyError, ValueError):
+            continue
+        if 0 <= t_ns < 1 << 63:
+            found[row] = event
+    return found
+
+
+def _with_long(
+    columns: Rows,
+    kept: Bools,
+    long: list[tuple[Array, Array]],
+    events: list[tuple[int, PortEvent]],
+    unreadable: int,
+) -> Decoded:
+    """Rows of at most 16 bytes, where `long` has the rows, and the bytes, of longer messages."""
+    sizes = columns.length.astype(np.int64)
+    for rows, raw in long:
+        sizes[rows] = raw.shape[1]
+    counts = np.where(kept, -(-sizes // MOST_BYTES), 0)
+    stops = np.cumsum(counts)
+    firsts = stops - counts
+    found = columns.select(np.repeat(np.arange(len(columns)), counts))
+    number = np.arange(len(found)) - np.repeat(firsts, counts)
+    left = np.repeat(sizes, counts) - number * MOST_BYTES
+    found.offset[:] += number * MOST_BYTES
+    found.length[:] = np.minimum(left, MOST_BYTES)
+    for rows, raw in long:
+        for first in range(0, raw.shape[1], MOST_BYTES):
+            piece = raw[:, first : first + MOST_BYTES]
+            own = firsts[rows] + first // MOST_BYTES
+            found.raw[own] = 0
+            found.raw[own, : piece.shape[1]] = piece
+    rows_before = np.concatenate([[0], stops[np.flatnonzero(kept)]])
+    return Decoded(found, [(int(rows_before[at]), event) for at, event in events], unreadable)
+
+
+# Columns to messages
+
+_TYPES: Final = {
+    FieldDescriptor.TYPE_FIXED64: "<u8",
+    FieldDescriptor.TYPE_SFIXED64: "<i8",
+    FieldDescriptor.TYPE_DOUBLE: "<f8",
+    FieldDescriptor.TYPE_FIXED32: "<u4",
+    FieldDescriptor.TYPE_SFIXED32: "<i4",
+    FieldDescriptor.TYPE_FLOAT: "<f4",
+}
+
+
+class Template:
+    """The messages of rows that are like a sample in all but their numbers and bytes."""
+
+    def __init__(self, row: Row, log_time: int) -> None:
+        """Encode the sample."""
+        topic = topic_of(row)
+        self._message = encode_row(topic, row, log_time)
+        descriptors = class_of(topic).DESCRIPTOR.fields
+        types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
+        offsets, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
+        self.size = len(self._message)
+        """Bytes of a message."""
+        self._type = np.dtype(
+            {
+                "names": list(offsets),
+                "formats": [types[name] for name in offsets],
+                "offsets": [first for first, _ in offsets.values()],
+                "itemsize": self.size,
+            }
+        )
+
+    def encode(self, rows: Rows) -> Array:
+        """The messages of rows, as opaque values."""
+        messages = np.full(len(rows), np.void(self._message))
+        table = messages.view(self._type)
+        own: dict[str, Array] = {
+            "offset": rows.offset,
+            "read_delay_ns": rows.delay_ns,
+            "time_ns": rows.t_ns,
+        }
+        own |= {"cmd": rows.cmds, "length": rows.length}
+        for name in self._type.names or ():
+            kind = self._type[name]
+            if name == "raw":
+                table[name] = np.ascontiguousarray(rows.raw[:, : kind.itemsize]).view(kind)[:, 0]
+            elif name in own:
+                table[name] = own[name]
+            else:
+                values, known = rows.field(name)
+                table[name] = values if known.all() else np.nan
+        return messages

@@ -1,0 +1,42 @@
+"""The recordings that paths name: files, folders and patterns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from fte_sniff.errors import FileError
+
+Paths: TypeAlias = str | PathLike[str] | Sequence[str | PathLike[str]]
+"""A path, or several of them."""
+
+_SUFFIX: Final = ".mcap"
+_PATTERN: Final = frozenset("*?[")
+
+
+def recordings_in(paths: Paths) -> list[Path]:
+    """The files of paths, each once: see `files_of`."""
+    listed = [paths] if isinstance(paths, str | PathLike) else paths
+    return list(dict.fromkeys(found for path in listed for found in files_of(Path(path))))
+
+
+def files_of(path: Path) -> Iterator[Path]:
+    """The file itself, the recordings in a folder, or the matches of a pattern, sorted by name.
+
+    Raises FileError if the folder holds no recording, or nothing matches the pattern.
+    """
+    if path.is_dir():
+        found = sorted(entry for entry in path.glob(f"*{_SUFFIX}") if entry.is_file())
+        if not found:
+            raise FileError(f"{path} is a directory without a recording (*{_SUFFIX}) in it")
+        yield from found
+    elif _PATTERN.intersection(str(path)) and not path.exists():
+        start = Path(path.anchor)
+        found = sorted(start.glob(str(path.relative_to(start))))
+        if not found:
+            raise FileError(f"{path}: no file matches this pattern; check the name and the folder")
+        yield from found
+    else:
+        yield path

@@ -1,0 +1,84 @@
+"""Line errors that a driver counts: placed, reported by kind, and not more than once a second."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.capture.line_errors import REPORT_NS, LineErrors, counters_of, parsed
+from fte_sniff.capture.serial_port import open_port
+from fte_sniff.protocol import LineErrorCounts
+from tests.capture.seen import Seen, opened
+
+KINDS = ("framing", "parity", "breaks", "overruns", "buffer_overruns")
+PLACES = {"framing": 6, "overruns": 7, "parity": 8, "breaks": 9, "buffer_overruns": 10}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_counter_has_its_place_in_the_struct(kind: str) -> None:
+    numbers = [0] * 20
+    numbers[PLACES[kind]] = 7
+    assert parsed(struct.pack("=20I", *numbers)) == LineErrorCounts(**{kind: 7})
+
+
+def test_errors_are_in_the_bytes_that_were_read_or_the_next_one() -> None:
+    counts = [LineErrorCounts()] * 2 + [LineErrorCounts(framing=1)] * 2
+    errors = LineErrors("a", lambda: counts.pop(0))
+    assert [errors.spans(bytes(4)) for _ in range(3)] == [(), ((0, 5),), ()]
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 5)] * 5), max_size=20),
+    st.integers(0, 2**32 - 1),
+)
+def test_all_errors_are_reported_by_kind_though_counters_wrap(steps, start: int) -> None:
+    counts = [start] * 5
+
+    def counters() -> LineErrorCounts:
+        return LineErrorCounts(*(count % 2**32 for count in counts))
+
+    errors, events = LineErrors("a", counters), []
+    for number, step in enumerate(steps):
+        counts = [count + more for count, more in zip(counts, step, strict=True)]
+        assert bool(errors.spans(b"x")) == any(step)
+        events += errors.report(number * REPORT_NS // 3)
+    events += errors.report(len(steps) * REPORT_NS, at_end=True)
+    assert sum(event.count for event in events) == sum(map(sum, steps))
+    assert len(events) <= len(steps) // 3 + 2
+
+
+def test_report_names_the_kinds() -> None:
+    counts = [LineErrorCounts(), LineErrorCounts(framing=2, breaks=1)]
+    errors = LineErrors("a", lambda: counts.pop(0))
+    errors.spans(b"x")
+    (event,) = errors.report(0)
+    assert (event.port, event.kind, event.detail, event.count) == (
+        *("a", "line_error"),
+        *("2 framing, 1 break", 3),
+    )
+
+
+@pytest.mark.parametrize("name", ["pty", "loop://", "sim://"])
+def test_port_without_a_uart_has_no_line_errors(pty, name: str) -> None:
+    with open_port(pty.device if name == "pty" else name) as port:
+        errors = LineErrors("a", counters_of(port))
+        assert errors.description == "line errors unavailable"
+        assert errors.spans(b"x") == ()
+        assert errors.report(REPORT_NS, at_end=True) == ()
+
+
+def test_source_names_what_the_driver_supports(pty) -> None:
+    with Seen(opened(pty.device)) as seen:
+        expected = "115200 baud 8N1, DTR off, RTS off; no low latency setting; line errors "
+        assert seen.wait_for("opened").detail == f"{expected}unavailable"
+
+
+def test_every_byte_is_read_whatever_it_resembles(pty) -> None:
+    """No marks are requested, so FF and 00 stay what they are."""
+    with Seen(opened(pty.device)) as seen:
+        pty.send(bytes(range(256)) + b"\xff\x00\xff\xff\x00" * 9)
+        seen.wait(lambda s: len(s.data()) == 301)
+    assert seen.data() == bytes(range(256)) + b"\xff\x00\xff\xff\x00" * 9

@@ -1,0 +1,214 @@
+"""A file that grows is valid at every moment: replayed writes, kills, refused writes."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.records import Metadata
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.recording import writer as writer_module
+from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.writer import RecordingWriter
+from tests.recording.conftest import file_size_limit
+from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
+
+SIZE = 30
+"""Rows of each flush."""
+
+
+class Write(NamedTuple):
+    """A write, or a cut of the file where `data` is None."""
+
+    data: bytes | None
+    offset: int
+
+
+@pytest.fixture
+def writes(monkeypatch: pytest.MonkeyPatch) -> list[Write]:
+    """The writes of this test, as the system is given them."""
+    found: list[Write] = []
+    write_at, truncate = writer_module.write_at, os.ftruncate
+
+    def noted(descriptor: int, data: bytes | memoryview, offset: int) -> int:
+        found.append(Write(bytes(data), offset))
+        return write_at(descriptor, data, offset)
+
+    def noted_cut(descriptor: int, size: int) -> None:
+        found.append(Write(None, size))
+        truncate(descriptor, size)
+
+    monkeypatch.setattr(writer_module, "write_at", noted)
+    monkeypatch.setattr(os, "ftruncate", noted_cut)
+    return found
+
+
+def states(writes: list[Write]) -> Iterator[tuple[int, bytes]]:
+    """The file after each write, and in the middle of it; with the number of whole writes."""
+    content = bytearray()
+    for number, (data, offset) in enumerate(writes):
+        if data is None:
+            del content[offset:]
+        else:
+            content += bytes(max(0, offset - len(content)))
+            for size in sorted({1, 4, 9, len(data) // 2, len(data)}):
+                if number or size == len(data):
+                    content[offset : offset + size] = data[:size]
+                    yield number + (size == len(data)), bytes(content)
+            continue
+        yield number + 1, bytes(content)
+
+
+def messages_in(content: bytes, reader: type[SeekingReader | NonSeekingReader]) -> int:
+    """The number of messages that the mcap package finds."""
+    return sum(1 for _ in reader(io.BytesIO(content), validate_crcs=True).iter_messages())
+
+
+def test_a_power_cut_between_any_writes_costs_at_most_the_last_flush(
+    tmp_path: Path, writes: list[Write]
+) -> None:
+    """A cut within a write of few bytes, which a disk does at once, may leave a torn record."""
+    path, copy, rows = tmp_path / "x.mcap", tmp_path / "copy.mcap", some_rows(200, BOTH)
+    flushed: list[int] = []
+    with RecordingWriter(path, BOTH, FACTS) as writer:
+        assert len(writes) == 1, "the head is one write"
+        for start in range(0, len(rows), SIZE):
+            flush_each(writer, rows[start : start + SIZE], SIZE)
+            flushed.append(len(writes))
+        writer.write_metadata(Metadata("x", {"a": "b"}))
+    for number, content in states(writes):
+        copy.write_bytes(content)
+        least = min(len(rows), SIZE * sum(one <= number for one in flushed))
+        found = rows_in(copy)
+        assert found == rows[: len(found)]
+        assert least <= len(found) <= least + SIZE
+
+
+def test_after_each_write_other_readers_read_the_file(tmp_path: Path, writes: list[Write]) -> None:
+    with RecordingWriter(tmp_path / "x.mcap", BOTH, FACTS) as writer:
+        flush_each(writer, some_rows(100, BOTH), SIZE)
+    content = bytearray()
+    for data, offset in writes:
+        if data is None:
+            del content[offset:]
+        else:
+            content += bytes(max(0, offset - len(content)))
+            content[offset : offset + len(data)] = data
+        found = {messages_in(bytes(content), one) for one in (SeekingReader, NonSeekingReader)}
+        assert len(found) == 1
+        assert found.pop() % SIZE in (0, 100 % SIZE)
+
+
+def test_a_kill_at_any_time_leaves_a_file_that_opens(tmp_path: Path) -> None:
+    """All rows that the program reports as flushed are in it."""
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from fte_sniff.protocol.rows import Rows\n"
+        "from fte_sniff.recording.writer import RecordingWriter\n"
+        "from tests.recording.samples import BOTH, some_rows\n"
+        "rows = Rows.of(some_rows(9000, BOTH))\n"
+        "writer = RecordingWriter(Path(sys.argv[1]), BOTH)\n"
+        "for start in range(0, len(rows), 30):\n"
+        "    writer.write(rows[start : start + 30])\n"
+        "    writer.flush()\n"
+        "    print(start + 30, flush=True)\n"
+        "writer.close()\n"
+    )
+    rows = some_rows(9000, BOTH)
+    for number in range(0, 12):
+        path = tmp_path / f"{number}.mcap"
+        command = [sys.executable, "-c", program, str(path)]
+        root = Path(__file__).parents[3]
+        with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as running:
+            assert running.stdout is not None
+            reported = [running.stdout.readline() for _ in range(number * 7 + 1)]
+            running.send_signal(signal.SIGKILL)
+            reported += running.stdout.readlines()
+        found = rows_in(path)
+        assert found == rows[: len(found)]
+        assert len(found) >= int(reported[-1])
+        for reader in (SeekingReader, NonSeekingReader):
+            assert messages_in(path.read_bytes(), reader) == len(found)
+
+
+def refused(writer: RecordingWriter, rows: list[Row]) -> str:
+    """The error of a flush that the system refuses."""
+    writer.write(Rows.of(rows))
+    with pytest.raises(FileError) as caught:
+        writer.flush()
+    writer.abandon()
+    return str(caught.value)
+
+
+def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(600, BOTH)
+    writer = RecordingWriter(path, BOTH, FACTS)
+    flush_each(writer, rows[:60], 60)
+    before = path.read_bytes()
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        for limit in (1, 40, 700, 3000):
+            with file_size_limit(len(before) + limit):
+                writer.unflushed = []
+                writer.write(Rows.of(rows[60:]))
+                with pytest.raises(FileError, match=r"is complete up to there \(60 rows\)"):
+                    writer.flush()
+            assert path.read_bytes() == before
+    finally:
+        signal.signal(signal.SIGXFSZ, handler)
+    writer.abandon()
+    assert rows_in(path) == rows[:60]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda path: path.unlink(), "was deleted while it was being written; its 30 rows"),
+        (lambda path: path.rename(path.with_name("y")), "was moved or replaced while"),
+        (lambda path: os.truncate(path, 500), "another program cut off"),
+    ],
+)
+def test_a_file_that_another_program_takes_is_reported(change, words: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    path, rows = tmp_path / "x.mcap", some_rows()
+    writer = RecordingWriter(path, [FIRST])
+    flush_each(writer, rows[:30], 30)
+    change(path)
+    assert words in refused(writer, rows[30:])
+    assert writer.is_gone
+
+
+def test_a_folder_that_refuses_files_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="its folder does not exist"):
+        RecordingWriter(tmp_path / "none" / "x.mcap", [FIRST])
+    with pytest.raises(FileError, match="is a directory"):
+        RecordingWriter(tmp_path, [FIRST])
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_file_without_space_for_its_head_is_not_left(tmp_path: Path) -> None:
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        with file_size_limit(100), pytest.raises(FileError, match="cannot be written"):
+            RecordingWriter(tmp_path / "x.mcap", [FIRST])
+    finally:
+        signal.signal(signal.SIGXFSZ, handler)
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_closed_file_has_a_summary_and_no_gap_between_its_records(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, BOTH, FACTS) as writer:
+        flush_each(writer, some_rows(100, BOTH), SIZE)
+    assert Recording(path).is_whole
+    assert path.read_bytes().count(b"\x89MCAP0\r\n") == 2

@@ -1,0 +1,385 @@
+"""Damage to recordings: what is intact is read, what is lost is reported, nothing is invented."""
+
+from __future__ import annotations
+
+import random
+import struct
+import tracemalloc
+from pathlib import Path
+from typing import NamedTuple
+
+import lz4.frame
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol.rows import Row
+from fte_sniff.recording.chunks import LARGEST, MAGIC
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
+from fte_sniff.recording.repair import Repair
+from fte_sniff.recording.writer import RecordingWriter
+from tests.examples import examples
+from tests.recording.conftest import unprivileged
+from tests.recording.samples import (
+    EVENTS,
+    FIRST,
+    WAYS,
+    Recorded,
+    events_in,
+    flush_each,
+    heads_of,
+    recorded,
+    records,
+    rows_of,
+    some_rows,
+)
+
+SECTOR = 512
+CLAIMS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
+"""Lengths that a hostile file may claim."""
+
+
+class Found(NamedTuple):
+    """What a reader makes of a file."""
+
+    rows: list[Row]
+    reports: list[str]
+    """What it reports of damage; the reason where it refuses the file."""
+    recording: Recording | None
+
+
+def found_in(path: Path, span: TimeRange = EVERYTHING) -> Found:
+    """The rows of a file and what is reported."""
+    try:
+        recording = Recording(path)
+        rows = rows_of([*recording.items(span)])
+    except FileError as error:
+        return Found([], [str(error)], None)
+    return Found(rows, recording.losses, recording)
+
+
+def check(one: Recorded, damaged: bytes, path: Path, span: TimeRange, lossless: bool) -> Found:
+    """Hold all readers of a damaged file to their promises."""
+    path.write_bytes(damaged)
+    rows, reports, recording = found = found_in(path)
+    places = {(row.offset, row.raw, row.t_ns): number for number, row in enumerate(one.rows)}
+    numbers = [places[row.offset, row.raw, row.t_ns] for row in rows]
+    assert numbers == sorted(set(numbers)), "a row is read twice, or before an earlier one"
+    own = [one.rows[number] for number in numbers]
+    assert [row.faults for row in own] == [row.faults for row in rows], "a row is invented"
+    names = {(theirs.port, row.port) for theirs, row in zip(own, rows, strict=True)}
+    assert len(names) == len({name for _, name in names}), "rows of two ports are mixed"
+    assert reports or rows == one.rows or damaged == one.content, "a loss is not reported"
+    if lossless:
+        left = {places[row.offset, row.raw, row.t_ns] for row in one.left(damaged)}
+        assert left <= {*numbers}, f"rows of whole chunks are not read: {reports}"
+    inside = found_in(path, span)
+    assert inside.rows == [row for row in rows if span.contains(row.t_ns or 0)]
+    check_repair(one, path, found)
+    if recording is not None:
+        chunks = recording.contents.chunks
+        again = [row for chunk in chunks for row in rows_of(recording.read([chunk]))]
+        assert again == rows
+        check_growing(path, found)
+    return found
+
+
+def check_repair(one: Recorded, path: Path, found: Found) -> None:
+    """A repaired file is whole, has the rows that were read, and states what was lost."""
+    mended, content = path.with_name("mended.mcap"), path.read_bytes()
+    try:
+        repair = Repair(path)
+        repair.write(mended, Existing.REPLACE)
+    except FileError:
+        assert not found.rows
+        return
+    assert path.read_bytes() == content
+    again = found_in(mended)
+    assert (again.rows, again.reports) == (found.rows, [])
+    assert Repair(mended).is_whole
+    with mended.open("rb") as file:
+        messages = sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+    assert messages == repair.damage.kept == len(found.rows)
+    assert not repair.is_whole or (found.rows == one.rows and not found.reports)
+
+
+def check_growing(path: Path, found: Found) -> None:
+    """A follower reads what it can up to the damage, and the rest when nobody writes any more."""
+    growing = Recording(path, is_growing=True)
+    rows = rows_of(growing.read(growing.contents.chunks))
+    assert rows == found.rows[: len(rows)]
+    growing.settle()
+    assert rows_of([*growing.items()]) == found.rows
+
+
+def places_of(one: Recorded) -> st.SearchStrategy[int]:
+    """Positions, mostly at the heads of records."""
+    last = len(one.content) - 1
+    heads = [0, *(start for _, start, _ in records(one.content)), last]
+    ends = [head for head in heads if head < 6_000 or head > last - 6_000]
+    near = st.tuples(st.sampled_from(heads + 3 * ends), st.integers(-SECTOR, 60)).map(sum)
+    return st.one_of(st.integers(0, last), near).map(lambda at: min(max(at, 0), last))
+
+
+def sectors_of(one: Recorded) -> st.SearchStrategy[tuple[int, bytes]]:
+    """A position and what overwrites up to a sector there."""
+    size = st.sampled_from([1, 1, 16, 200, SECTOR])
+    junk = st.tuples(size, st.sampled_from([0, 0xFF, -1, 0xAA])).map(
+        lambda two: (
+            random.Random(two[0]).randbytes(two[0]) if two[1] < 0 else bytes([two[1]]) * two[0]
+        )
+    )
+    claim = st.sampled_from(CLAIMS).map(lambda length: length.to_bytes(8, "little"))
+    heads = st.sampled_from([start + 1 for _, start, _ in records(one.content)])
+    opcodes = st.integers(0, 255).map(lambda opcode: bytes([opcode]))
+    first = st.sampled_from([start for _, start, _ in records(one.content)])
+    return st.one_of(
+        st.tuples(places_of(one), junk), st.tuples(heads, claim), st.tuples(first, opcodes)
+    )
+
+
+def overwritten(content: bytes, *sectors: tuple[int, bytes]) -> bytes:
+    """The content with other bytes in place; each differs from what was there."""
+    altered = bytearray(content)
+    for place, junk in sectors:
+        junk = junk[: len(content) - place]
+        if altered[place : place + len(junk)] == junk:
+            junk = bytes(byte ^ 0x55 for byte in junk)
+        altered[place : place + len(junk)] = junk
+    return bytes(altered)
+
+
+def spans_of(one: Recorded) -> st.SearchStrategy[TimeRange]:
+    """Time spans with rows in them."""
+    times = st.sampled_from([row.t_ns or 0 for row in one.rows])
+    return st.tuples(times, times).map(lambda two: TimeRange(min(two), max(two) + 1))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_two_damaged_sectors_cost_at_most_their_chunks(way: str, tmp_path: Path) -> None:
+    one = recorded(way)
+
+    @examples(60)
+    @given(sectors_of(one), sectors_of(one), spans_of(one))
+    def holds(first: tuple[int, bytes], second: tuple[int, bytes], span: TimeRange) -> None:
+        check(one, overwritten(one.content, first, second), tmp_path / "x.mcap", span, True)
+
+    holds()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_is_inserted_removed_or_cut_costs_no_whole_chunk(way: str, tmp_path: Path) -> None:
+    one = recorded(way)
+    third = [start for start, _ in one.chunks][2]
+
+    @examples(60)
+    @given(
+        sectors_of(one),
+        st.integers(third, len(one.content)),
+        st.integers(third, len(one.content)),
+        st.integers(0, 60),
+        st.binary(max_size=200),
+        spans_of(one),
+    )
+    def holds(
+        sector: tuple[int, bytes], end: int, place: int, removed: int, junk: bytes, span: TimeRange
+    ) -> None:
+        altered = bytearray(overwritten(one.content, sector)[:end])
+        altered[place : place + removed] = junk
+        check(one, bytes(altered), tmp_path / "x.mcap", span, True)
+
+    holds()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_many_damages_invent_nothing(way: str, tmp_path: Path) -> None:
+    one = recorded(way)
+    changes = st.tuples(places_of(one), st.integers(0, 60), st.binary(max_size=60))
+
+    @examples(40)
+    @given(st.lists(changes, min_size=1, max_size=8), spans_of(one))
+    def holds(changes: list[tuple[int, int, bytes]], span: TimeRange) -> None:
+        altered = bytearray(one.content)
+        for place, removed, junk in changes:
+            altered[place : place + removed] = junk
+        check(one, bytes(altered), tmp_path / "x.mcap", span, True)
+
+    holds()
+
+
+def test_each_record_of_a_file_can_be_damaged(tmp_path: Path) -> None:
+    one = recorded("chunks below a sector")
+    start, end = [*one.chunks][1]
+    heads = {opcode: head for opcode, head, _ in records(one.content)}
+    places = {*range(start, end, 7), *(head + step for head in heads.values() for step in (0, 5))}
+    for place in sorted(places):
+        altered = overwritten(one.content, (place, bytes([one.content[place] ^ 0x41])))
+        check(one, altered, tmp_path / "x.mcap", EVERYTHING, True)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_without_any_definition_rows_are_read_by_our_own(way: str, tmp_path: Path) -> None:
+    """The head, the first chunk and the summary are destroyed."""
+    one = recorded(way)
+    chunks = [*one.chunks]
+    end = chunks[0][1] - 10
+    after = heads_of(one.content, Opcode.DATA_END)[0]
+    altered = bytes(end) + one.content[end:after] + bytes(len(one.content) - after)
+    rows = check(one, altered, tmp_path / "x.mcap", EVERYTHING, True).rows
+    assert len(rows) == len(one.rows) - len(one.chunks[chunks[0]])
+    if way != "port added last":
+        assert {row.port for row in rows} <= {"port 1", "port 2"}
+
+
+def test_a_flipped_bit_in_a_name_puts_no_row_on_another_port(tmp_path: Path) -> None:
+    one = recorded("under way")
+    for at in range(1, len(one.content)):
+        if one.content[at : at + 7] == b"ttyUSB0":
+            altered = overwritten(one.content, (at + 6, b"1"))
+            assert check(one, altered, tmp_path / "x.mcap", EVERYTHING, True).rows == one.rows
+
+
+def test_a_loss_is_stated_in_bytes_and_times(tmp_path: Path) -> None:
+    one, path = recorded("one port"), tmp_path / "x.mcap"
+    (start, end), rows = [*one.chunks.items()][2]
+    before, after = (one.chunks[[*one.chunks][number]] for number in (1, 3))
+    damaged = overwritten(one.content, (end - 5, bytes(5)))
+    reports = check(one, damaged, path, EVERYTHING, True).reports
+    assert reports == [f"bytes {start} to {end} could not be read: a chunk that does not unpack"]
+    damage = Repair(path).damage
+    (gap,) = damage.gaps
+    assert gap.reason == f"bytes {start} to {end} ({end - start} bytes)"
+    assert (gap.start_ns, gap.end_ns) == (before[-1].t_ns, after[0].t_ns)
+    assert (damage.lost_messages, damage.lost_bytes) == (len(rows), end - start)
+    with (tmp_path / "mended.mcap").open("rb") as file:
+        stated = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
+    assert stated["fte-sniff.repair"]["lost.bytes"] == str(end - start)
+    assert stated["fte-sniff.repair"]["lost.messages"] == str(len(rows))
+    assert stated["fte-sniff.repair"]["lost.1"].startswith(gap.reason + ", between 2026-")
+
+
+def test_many_losses_are_summed_up(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        flush_each(writer, some_rows(100), 1)
+    content = path.read_bytes()
+    chunks = [(at + 40, b"\xff") for at in heads_of(content, Opcode.CHUNK)]
+    path.write_bytes(overwritten(content, *chunks))
+    found = found_in(path)
+    assert found.recording is not None
+    assert "no row in it could be read" in str(found.recording.nothing_read)
+    assert found.reports[-1] == "90 more damaged spans"
+
+
+def chunk(name: bytes, packed: bytes, claimed: int, length: int | None = None) -> bytes:
+    """A chunk that claims these sizes."""
+    body = struct.pack("<QQQI", 0, 0, claimed, 0) + struct.pack("<I", len(name)) + name
+    body += struct.pack("<Q", len(packed)) + packed
+    return struct.pack("<BQ", Opcode.CHUNK, len(body) if length is None else length) + body
+
+
+NAMELESS = zstandard.ZstdCompressor(write_content_size=False)
+ZEROS = bytes(64 << 20)
+HOSTILE = [
+    chunk(b"zstd", zstandard.compress(ZEROS), 1000),
+    chunk(b"zstd", NAMELESS.compress(ZEROS), 1000),
+    chunk(b"zstd", zstandard.compress(b"x"), 2**62),
+    chunk(b"zstd", zstandard.compress(b"x"), LARGEST + 1),
+    chunk(b"zstd", NAMELESS.compress(b"x"), LARGEST + 1),
+    chunk(b"lz4", lz4.frame.compress(ZEROS), 1000),
+    chunk(b"", b"", 2**62),
+    chunk(b"", b"x" * 100, 100, length=2**62),
+    chunk(b"", b"x" * 100, 100, length=LARGEST),
+    chunk(b"brotli", b"x" * 100, 100),
+    chunk(b"", struct.pack("<BQ", 5, 2**62), 9),
+    struct.pack("<BQ", Opcode.CHUNK, 0),
+    struct.pack("<BQ", Opcode.CHUNK, 2**64 - 1),
+    struct.pack("<BQI", Opcode.CHANNEL, 4, 2**32 - 1),
+]
+
+
+@pytest.mark.parametrize("record", HOSTILE)
+def test_sizes_in_a_file_are_not_trusted(tmp_path: Path, record: bytes) -> None:
+    one, path = recorded("one port"), tmp_path / "x.mcap"
+    end = heads_of(one.content, Opcode.DATA_END)[0]
+    path.write_bytes(one.content[:end] + record + one.content[end:])
+    tracemalloc.start()
+    try:
+        rows, reports, _ = found_in(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert rows == one.rows
+    assert reports
+    assert peak < 16 << 20
+
+
+def mcap(path: Path, topics: list[str], encoding: str = "json") -> None:
+    """A recording of another program."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("x", "jsonschema", b"{}")
+        for topic in topics:
+            writer.add_message(writer.register_channel(topic, encoding, schema), 5, b"{}", 5)
+        writer.finish()
+
+
+REFUSED = {
+    "absent": (lambda path: None, "no such file"),
+    "folder": (Path.mkdir, "is a directory"),
+    "empty": (Path.touch, "is empty"),
+    "hex": (lambda path: path.write_text("AA 01 01 03 E8 00"), "decode --input hex LOG -o"),
+    "raw": (lambda path: path.write_bytes(b"\xaa"), "decode --input hex LOG -o"),
+    "short": (lambda path: path.write_bytes(MAGIC[:4]), "cut after 4 bytes"),
+    "topics": (lambda path: mcap(path, ["/tf", "/e\x1b[31m"]), r"'/e\x1b[31m'"),
+    "many topics": (lambda path: mcap(path, [f"/t{n:02}" for n in range(23)]), "and 13 more"),
+    "no topics": (lambda path: mcap(path, []), "no topics at all"),
+    "encoding": (lambda path: mcap(path, ["/fte/control/motor1"]), "/fte/control/motor1"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_a_recording_is_one_line(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "x.mcap"
+    make, words = REFUSED[name]
+    make(path)  # type: ignore[operator]
+    (report,) = found_in(path).reports
+    assert words in report
+    assert str(path) in report
+    assert report.isprintable()
+    with pytest.raises(FileError):
+        Repair(path).write(tmp_path / "mended.mcap", Existing.REPLACE)
+    assert not (tmp_path / "mended.mcap").exists()
+
+
+def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "secret.mcap"
+    path.touch(0)
+    with unprivileged():
+        assert "no permission to read" in found_in(path).reports[0]
+
+
+def test_a_repaired_file_has_the_events_and_replaces_none_unasked(tmp_path: Path) -> None:
+    path, other = tmp_path / "x.mcap", tmp_path / "other.mcap"
+    with RecordingWriter(path, [FIRST]) as writer:
+        flush_each(writer, some_rows())
+        writer.write(*EVENTS)
+    path.write_bytes(path.read_bytes()[:-20])
+    other.write_bytes(b"precious")
+    repair = Repair(path)
+    assert not repair.is_whole
+    with pytest.raises(FileError, match="exists already"):
+        repair.write(other, Existing.REFUSE)
+    assert other.read_bytes() == b"precious"
+    repair.write(other, Existing.REPLACE)
+    assert events_in(other) == EVENTS
+    assert repair.damage.kept == len(some_rows()) + len(EVENTS)
+    assert repair.damage.lost_messages is None

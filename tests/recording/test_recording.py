@@ -1,0 +1,367 @@
+"""What is written is read: rows, events, gaps; in each range of time; while the file grows."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import NonSeekingReader, SeekingReader, make_reader
+from mcap.records import Metadata
+from mcap_protobuf.decoder import DecoderFactory
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Fault
+from fte_sniff.recording import schema
+from fte_sniff.recording.metadata import LEFT_OUT_NAME, gap_to_metadata
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import Recording, TimeRange
+from fte_sniff.recording.writer import BulkWriter, RecordingWriter
+from tests.examples import examples
+from tests.recording.samples import (
+    BOTH,
+    EVENTS,
+    FACTS,
+    FIRST,
+    SECOND,
+    START,
+    STEP,
+    WAYS,
+    events_in,
+    flush_each,
+    recorded,
+    records,
+    rows_in,
+    rows_of,
+    some_rows,
+    whole,
+    write,
+)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_rows_come_back_in_order_with_all_that_they_have(way: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    WAYS[way](path)
+    found = rows_in(path)
+    expected = {(row.port, row.offset): row for row in some_rows(900, BOTH)}
+    if way in ("one port", "port added last"):
+        expected |= {(row.port, row.offset): row for row in some_rows(400)}
+    assert found
+    if way not in ("rotated", "port added last"):
+        assert whole(found) == whole([expected[row.port, row.offset] for row in found])
+    assert Recording(path).losses == []
+    assert Recording(path).has_summary == (way != "under way")
+
+
+rows_at = st.lists(
+    st.tuples(
+        st.integers(0, 1),
+        st.integers(0, 50),
+        st.binary(min_size=1, max_size=16),
+        st.sets(st.sampled_from(Fault), max_size=3),
+        st.none() | st.integers(0, 2**40),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=40,
+)
+
+
+@examples(100)
+@given(rows_at, st.integers(1, 40))
+def test_any_row_comes_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    given_rows: list[tuple[int, int, bytes, set[Fault], int | None, bool]],
+    size: int,
+) -> None:
+    offsets, times, rows = [0, 0], [START, START], []
+    for port, pause, raw, faults, delay, unordered in given_rows:
+        times[port] += pause
+        framed = len(raw) == 10 and raw[0] in (0xAA, 0x55) and raw[9] == 0xEE
+        ordered = tuple(fault for fault in Fault if fault in faults)
+        rows.append(
+            Row(BOTH[port].name, offsets[port], raw, times[port], ordered, framed, delay, unordered)
+        )
+        offsets[port] += len(raw)
+    path = tmp_path_factory.mktemp("rows") / "x.mcap"
+    write(path, rows, BOTH, size)
+    found = rows_in(path)
+    for port in BOTH:
+        own = [row for row in rows if row.port == port.name]
+        assert whole([row for row in found if row.port == port.name]) == whole(own)
+
+
+def test_frames_of_every_kind_are_decoded_by_the_schema_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    rows = some_rows(400)
+    write(path, rows, [FIRST])
+    with path.open("rb") as file:
+        decoded = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        for row, (_, channel, message, values) in zip(rows, decoded, strict=True):
+            topic = schema.topic_of(row)
+            assert (channel.topic, message.log_time) == (topic.name, row.t_ns)
+            assert (values.offset, values.raw) == (row.offset, row.raw)
+            if topic is not schema.MALFORMED:
+                assert {name: getattr(values, name) for name in row.values} == row.values
+            absent = {"rpm", "pulses"} - row.values.keys()
+            for name in absent.intersection(values.DESCRIPTOR.fields_by_name):
+                assert getattr(values, name) != getattr(values, name), f"{name} is not NaN"
+
+
+def test_messages_are_those_of_protobuf(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    rows = some_rows(400)
+    write(path, rows, [FIRST])
+    with path.open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+    encoded = [schema.encode_row(schema.topic_of(row), row, row.t_ns or 0) for row in rows]
+    assert [message.data for message in messages] == encoded
+
+
+def test_topics_of_columns_are_those_of_rows() -> None:
+    rows = some_rows(900)
+    topics = [schema.TOPICS[code] for code in schema.topics_of(Rows.of(rows)).tolist()]
+    assert topics == [schema.topic_of(row) for row in rows]
+    assert {*topics} == {*schema.TOPICS} - {schema.EVENTS}
+
+
+def test_events_and_gaps_are_items_between_the_rows(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows()
+    gap = Gap(GapKind.LEFT_OUT, 3, START + 40 * STEP + 1, START + 41 * STEP - 1, "why")
+    with RecordingWriter(path, [FIRST]) as writer:
+        writer.write(EVENTS[0], Rows.of(rows[:20]))
+        writer.flush()
+        writer.write(Rows.of(rows[20:]), EVENTS[1], EVENTS[2])
+        writer.flush()
+        writer.write_metadata(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
+    items = [*Recording(path).items()]
+    kinds = [len(item) if isinstance(item, Rows) else item for item in items]
+    assert kinds == [EVENTS[0], 31, EVENTS[1], 10, gap, 19, EVENTS[2]]
+    assert rows_of(items) == rows
+    assert Recording(path).gaps() == [gap]
+
+
+def test_rows_of_two_ports_are_sorted_and_a_late_one_keeps_its_time(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(40, BOTH)
+    late = replace(rows[5], t_ns=START - STEP)
+    with RecordingWriter(path, BOTH) as writer:
+        for port in BOTH:
+            writer.write(Rows.of([row for row in rows[:30] if row.port == port.name]))
+        writer.flush()
+        writer.write(Rows.of([late, *rows[30:]]))
+    assert rows_in(path) == [*rows[:30], late, *rows[30:]]
+    with path.open("rb") as file:
+        times = [message.log_time for _, _, message in NonSeekingReader(file).iter_messages()]
+    assert times == sorted(times)
+
+
+def test_a_clock_that_falls_back_keeps_the_order_of_the_stream(tmp_path: Path) -> None:
+    rows = some_rows(30)
+    times = [START + 100, START + 50, START + 70] * 10
+    rows = [replace(row, t_ns=t_ns) for row, t_ns in zip(rows, times, strict=True)]
+    write(tmp_path / "x.mcap", rows, [FIRST], 7)
+    assert rows_in(tmp_path / "x.mcap") == rows
+
+
+@pytest.mark.parametrize("way", ["two ports", "under way", "bulk"])
+def test_a_span_has_the_rows_of_its_time(way: str, tmp_path: Path) -> None:
+    one = recorded(way)
+    path = tmp_path / "x.mcap"
+    path.write_bytes(one.content)
+    times = [row.t_ns or 0 for row in one.rows]
+    for first, last in ((0, 1), (5, 300), (37, 43), (390, 399)):
+        span = TimeRange(times[first], times[last])
+        assert rows_in(path, span) == one.rows[first:last]
+
+
+def test_chunks_are_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(recorded("two ports").content)
+    recording = Recording(path)
+    batches = [*recording.batches()]
+    chunks = recording.contents.chunks
+    assert [chunk for batch in batches for chunk in batch.chunks] == chunks
+    rows = rows_of([item for batch in batches for item in batch.items])
+    assert rows_of(recording.read(chunks[3:5])) == rows[120:200]
+
+
+def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows(120, BOTH)
+    writer = RecordingWriter(path, [FIRST], FACTS)
+    recording = Recording(path, is_growing=True)
+    assert recording.contents.chunks == []
+    assert recording.has_writer
+    found: list[Row] = []
+    for start in range(0, 120, 40):
+        writer.write(Rows.of(rows[start : start + 40]))
+        assert recording.grow() == []
+        writer.flush()
+        found += rows_of(recording.read(recording.grow()))
+        assert found == rows[: start + 40]
+    gap = Gap(GapKind.WRITE_ERROR, 3, START, START + 1, "why")
+    writer.write_metadata(Metadata("fte-sniff.gap", gap_to_metadata(gap)))
+    recording.grow()
+    assert recording.gaps() == [gap]
+    writer.write(*EVENTS)
+    writer.close()
+    assert not recording.has_writer
+    assert recording.read(recording.settle()) == EVENTS
+    assert recording.is_whole
+    assert recording.ports == [FIRST, replace(SECOND, baud=None)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda path: path.unlink(), "no such file"),
+        (lambda path: path.write_bytes(path.read_bytes()[:3000]), "was cut off to 3,000 bytes"),
+        (
+            lambda path: (path.rename(path.with_suffix(".old")), path.write_bytes(b"x" * 9000)),
+            "was replaced by another file",
+        ),
+    ],
+)
+def test_a_followed_file_that_is_gone_is_reported(change, words: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "x.mcap"
+    path.write_bytes(recorded("under way").content)
+    recording = Recording(path, is_growing=True)
+    change(path)
+    with pytest.raises(FileError, match=words):
+        recording.grow()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_other_readers_find_every_message(way: str) -> None:
+    one = recorded(way)
+    for reader in (SeekingReader, NonSeekingReader):
+        found = [*reader(io.BytesIO(one.content), validate_crcs=True).iter_messages()]
+        assert len(found) == len(one.rows)
+        assert {channel.metadata["port"] for _, channel, _ in found} <= {FIRST.name, SECOND.name}
+
+
+def test_an_empty_recording_explains_itself(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, BOTH, {"host": "bench"}):
+        pass
+    recording = Recording(path)
+    assert (recording.ports, recording.facts["host"], recording.count) == (BOTH, "bench", 0)
+    assert [*recording.items()] == []
+    assert recording.nothing_read is None
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert {one.topic for one in summary.channels.values()} == {*schema.TOPIC_BY_NAME}
+
+
+def test_each_summary_figure_is_right(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [FIRST]) as writer:
+        flush_each(writer, some_rows(100), 30)
+        writer.write(*EVENTS)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        messages = [*reader.iter_messages()]
+    assert summary is not None
+    figures = summary.statistics
+    assert figures is not None
+    times = [message.log_time for _, _, message in messages]
+    assert figures.message_count == len(messages) == 103
+    assert (figures.message_start_time, figures.message_end_time) == (min(times), max(times))
+    assert (figures.chunk_count, len(summary.chunk_indexes)) == (5, 5)
+    assert figures.schema_count == len(summary.schemas)
+    assert figures.channel_count == len(summary.channels)
+    counted = dict.fromkeys(figures.channel_message_counts, 0)
+    for _, channel, _ in messages:
+        counted[channel.id] += 1
+    assert counted == figures.channel_message_counts
+    for _, start, end in records(path.read_bytes()):
+        assert start < end
+
+
+def test_text_from_outside_is_encodable(tmp_path: Path) -> None:
+    path, port = tmp_path / "x.mcap", "/dev/\udcfftty"
+    with RecordingWriter(path, [replace(FIRST, name=port)], {"host": "\udc80"}) as writer:
+        writer.write(Rows.of([replace(row, port=port) for row in some_rows(3)]))
+        writer.write(replace(EVENTS[0], detail="\udc90", port=port))
+    assert events_in(path)[0].detail == r"\udc90"
+    assert {row.port for row in rows_in(path)} == {r"/dev/\udcfftty"}
+    assert Recording(path).facts["host"] == r"\udc80"
+
+
+def test_a_row_without_time_is_refused(tmp_path: Path) -> None:
+    row = replace(some_rows(1)[0], t_ns=None)
+    with (tmp_path / "x.mcap").open("wb") as file:
+        writer = BulkWriter(file.fileno(), [FIRST])
+        writer.write(Rows.of([row]))
+        with pytest.raises(ValueError, match="must have a time"):
+            writer.close()
+
+
+@pytest.mark.parametrize("existing", Existing)
+def test_an_existing_file_is_kept_unless_it_may_be_replaced(
+    existing: Existing, tmp_path: Path
+) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"precious")
+    if existing is Existing.REFUSE:
+        with pytest.raises(FileError, match="exists already"):
+            RecordingWriter(path, [FIRST], existing=existing)
+    else:
+        writer = RecordingWriter(path, [FIRST], existing=existing)
+        writer.close()
+        assert writer.path.name == ("x.mcap" if existing is Existing.REPLACE else "x-2.mcap")
+        assert Recording(writer.path).is_whole
+    replaced = existing is Existing.REPLACE
+    assert (path.read_bytes() == b"precious") == (not replaced)
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+
+
+def test_a_file_that_is_written_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with (
+        RecordingWriter(path, [FIRST]),
+        pytest.raises(FileError, match="is being recorded to by another program"),
+    ):
+        RecordingWriter(path, [FIRST], existing=Existing.REPLACE)
+    assert [one.name for one in tmp_path.iterdir()] == ["x.mcap"]
+
+
+@pytest.mark.parametrize("existing", Existing)
+def test_a_link_is_not_written_through(existing: Existing, tmp_path: Path) -> None:
+    path, target = tmp_path / "x.mcap", tmp_path / "target"
+    target.write_bytes(b"precious")
+    path.symlink_to(target)
+    with pytest.raises(FileError, match="is not a regular file"):
+        RecordingWriter(path, [FIRST], existing=existing)
+    assert target.read_bytes() == b"precious"
+    assert path.is_symlink()
+
+
+def test_metadata_of_a_file_is_one_record_each(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    write(path, some_rows(5), [FIRST])
+    with path.open("rb") as file:
+        found = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
+    assert json.dumps(found["fte-sniff"], sort_keys=True) == json.dumps(
+        Recording(path).facts, sort_keys=True
+    )
+    assert found["fte-sniff"]["port.1.name"] == FIRST.name
+
+
+def test_a_port_event_of_any_text_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    events = [
+        PortEvent(START + n, FIRST.name, kind, "x" * n, n)
+        for n, kind in enumerate(type(EVENTS[0].kind))
+    ]
+    with RecordingWriter(path, [FIRST]) as writer:
+        writer.write(*events)
+    assert events_in(path) == events
