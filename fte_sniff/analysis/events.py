@@ -47,6 +47,16 @@ GRADES: Final = 24
 _MOST_WAITING: Final = 8192
 """Rows that wait to be counted together: a few rows at a time would cost more."""
 
+COUNTED_EVENTS: Final = frozenset(
+    {
+        PortEventKind.LINE_ERROR,
+        PortEventKind.OVERRUN,
+        PortEventKind.SILENT,
+        PortEventKind.SHARED,
+    }
+)
+"""Port events that are counted by window."""
+
 _MOST_ADDED: Final = 128
 """Batches whose windows wait to be merged."""
 
@@ -437,7 +447,7 @@ class Events(Model):
         for event in events:
             if event.kind in (PortEventKind.LOST, PortEventKind.FOUND_AGAIN):
                 self._port_events.append(event)
-            elif event.kind in (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN):
+            elif event.kind in COUNTED_EVENTS:
                 windows = self._ports.setdefault(event.port, Windows())
                 batch = EventBatch(np.array([event.t_ns]), windows.shift)
                 batch.events(event.kind, np.array([0]))

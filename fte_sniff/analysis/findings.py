@@ -695,6 +695,8 @@ _PORT_EVENTS: Final = (
         "",
         1,
     ),
+    (PortEventKind.SILENT, TranslatableText("the wire was silent"), "", 1),
+    (PortEventKind.SHARED, TranslatableText("another program had the port open"), "", 1),
 )
 """What happened, the filter of its rows, and how often at least it is a finding.
 

@@ -8,6 +8,7 @@ Modules:
     discovery     List serial ports; who holds a port; adapters without driver.
     lasting_name  The name by which a lost port is found again.
     line_errors   Line errors of a UART, as its driver counts them.
+    player        Play recorded bytes into a pseudo-terminal.
     port_errors   Why a port cannot be opened: one sentence with the fix.
     port_source   Connect ports that are only read; other programs at the same port.
     serial_port   Open, configure, read and write one port; driver latency.

@@ -12,6 +12,7 @@ from __future__ import annotations
 import fcntl
 import os
 import select
+import struct
 import termios
 import time
 import tty
@@ -239,14 +240,14 @@ class HostEnd:
                 os.close(self._descriptor)
                 raise _link_error(link, error) from error
 
-    def read(self) -> bytes:
-        """Read what the host program has written; `b""` after READ_TIMEOUT_S at most."""
-        ready = self._poll.poll(READ_TIMEOUT_S * 1000)
+    def read(self, timeout_s: float = READ_TIMEOUT_S) -> bytes:
+        """Read what the host program has written; `b""` after `timeout_s` at most."""
+        ready = self._poll.poll(timeout_s * 1000)
         events = ready[0][1] if ready else 0
         if events & select.POLLHUP and not events & select.POLLIN:
             if self.in_use:
                 self._reset()
-            time.sleep(READ_TIMEOUT_S / 2)
+            time.sleep(timeout_s / 2)
             return b""
         self.in_use = True
         # If the program just hung up, the next read sees POLLHUP.
@@ -262,6 +263,16 @@ class HostEnd:
             return len(data) - os.write(self._descriptor, data)
         except BlockingIOError:
             return len(data)
+
+    @property
+    def unread(self) -> int:
+        """Number of bytes that the host program has not read yet."""
+        theirs = os.open(self._device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            (count,) = struct.unpack("i", fcntl.ioctl(theirs, termios.FIONREAD, bytes(4)))
+        finally:
+            os.close(theirs)
+        return int(count)
 
     def close(self) -> None:
         """Hang up like an unplugged port: the host program reads end of file."""

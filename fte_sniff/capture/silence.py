@@ -9,7 +9,7 @@ frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 from fte_sniff.errors import TranslatableText
@@ -26,26 +26,25 @@ FEW_BYTES: Final = 30
 class SilenceWatch:
     """Observes one wire; `observe` and `check` are called often, also while nothing comes."""
 
-    def __init__(self, port: str, silences_s: Sequence[float] = (DEFAULT_SILENCE_S,)) -> None:
-        """Report a silence when it has lasted each of these times, seconds."""
-        self._port = port
-        self._silences_s = sorted(set(silences_s))
+    def __init__(self, port: str, silence_s: float = DEFAULT_SILENCE_S) -> None:
+        """Report a silence when it has lasted this long, seconds."""
+        self._port, self._silence_s = port, silence_s
         self._last_ns: int | None = None
         """When the last bytes came; None before the first, and after a loss."""
-        self._reported = 0
-        """How many of the times the present silence has lasted."""
+        self._is_silent = self._is_named = False
         self._begin()
 
     def observe(self, chunk: Chunk) -> Iterator[PortEvent]:
         """Add a chunk; yields what it ends or shows."""
         t_ns = chunk.t_ns or 0
         if chunk.data:
-            if self._reported and self._last_ns is not None:
+            if self._is_silent and self._last_ns is not None:
                 yield self._again(t_ns, t_ns - self._last_ns)
-            self._last_ns, self._reported = t_ns, 0
+            self._last_ns, self._is_silent = t_ns, False
             self._add(chunk.data, t_ns)
-        elif self._last_ns is not None:
-            yield from self._silent(t_ns, (t_ns - self._last_ns) / 1e9)
+        elif not self._is_silent and self._silence_at(t_ns) >= self._silence_s * 1e9:
+            self._is_silent = True
+            yield self._silent(t_ns)
 
     def frame_came(self) -> None:
         """Note a readable frame: the line is right."""
@@ -54,7 +53,7 @@ class SilenceWatch:
 
     def lost(self) -> None:
         """Note that the port was lost: it is not silent."""
-        self._last_ns, self._reported = None, 0
+        self._last_ns, self._is_silent = None, False
         self._begin()
 
     def check(self, now_ns: int) -> Iterator[PortEvent]:
@@ -64,8 +63,6 @@ class SilenceWatch:
         if is_due and not self._is_named and self._count >= FEW_BYTES:
             self._is_named = True
             yield PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
-
-    _is_named = False
 
     def _begin(self) -> None:
         self._since_ns: int | None = None
@@ -101,15 +98,13 @@ class SilenceWatch:
             port=self._port,
         )
 
-    def _silent(self, t_ns: int, silence_s: float) -> Iterator[PortEvent]:
-        while self._reported < len(self._silences_s):
-            limit_s = self._silences_s[self._reported]
-            if silence_s < limit_s:
-                return
-            self._reported += 1
-            detail = TranslatableText("silent for {seconds:.1f} s", seconds=limit_s)
-            count = round(limit_s * 1000)
-            yield PortEvent(t_ns, self._port, PortEventKind.SILENT, detail, count)
+    def _silence_at(self, t_ns: int) -> int:
+        return 0 if self._last_ns is None else t_ns - self._last_ns
+
+    def _silent(self, t_ns: int) -> PortEvent:
+        detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)
+        count = round(self._silence_s * 1000)
+        return PortEvent(t_ns, self._port, PortEventKind.SILENT, detail, count)
 
     def _again(self, t_ns: int, silence_ns: int) -> PortEvent:
         detail = TranslatableText("bytes again after {seconds:.1f} s", seconds=silence_ns / 1e9)

@@ -320,9 +320,8 @@ def run_capture(
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share))
     plan = capture_plan(wiring, **planned)
-    reported = plan.silences_s if silence is None else (silence,)
-    signaled = silence_of(alert_text)
-    plan = replace(plan, silences_s=reported if signaled is None else (*reported, signaled))
+    silence_s = plan.silence_s if silence is None else silence
+    plan = replace(plan, silence_s=min(silence_s, silence_of(alert_text) or silence_s))
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     drive = None
     if headless:

@@ -6,6 +6,7 @@ The options come from the simulation's table of parameters.
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import click
@@ -14,8 +15,8 @@ from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.input_files import FileName
 from fte_sniff.cli.options import require_pseudo_terminals
-from fte_sniff.cli.streams import ending_signals
-from fte_sniff.errors import PortError, UsageError, printable
+from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.errors import FileError, PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
 _DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
@@ -24,7 +25,7 @@ _DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
 
 def _option(parameter: Parameter) -> click.Option:
     return click.Option(
-        [f"--{parameter.name}"],
+        [f"--{parameter.name.replace('_', '-')}"],
         type=click.Choice([str(word) for word in parameter.words])
         if parameter.words
         else type(parameter.default),
@@ -34,8 +35,20 @@ def _option(parameter: Parameter) -> click.Option:
     )
 
 
-def _run(link: Path | None, baud: int, **parameters: Any) -> None:
+def _run(
+    link: Path | None,
+    baud: int,
+    replay: Path | None,
+    direction: str | None,
+    speed: float | None,
+    **parameters: Any,
+) -> None:
     require_pseudo_terminals("simulate", "`live sim://` has a simulated host too")
+    if replay is not None:
+        _replay(replay, link, direction or Direction.FEEDBACK, speed or 1.0)
+        return
+    if direction is not None or speed is not None:
+        raise UsageError("--direction and --speed work with --replay; name a recording")
     from fte_sniff.capture.bridge import open_simulated
 
     try:
@@ -56,6 +69,39 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
             pass  # nothing is recorded
 
 
+def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None:
+    """Play the frames of one direction of a recording, with its timing."""
+    import polars as pl
+
+    from fte_sniff.capture.bridge import HostEnd
+    from fte_sniff.capture.player import play
+    from fte_sniff.session.scan import scan
+
+    frames = scan(path).filter(pl.col("direction") == direction).select("time", "raw").collect()
+    if frames.is_empty():
+        raise FileError("{path} has no {direction} frames", path=path, direction=direction)
+    seconds = (frames["time"] - frames["time"].min()).dt.total_nanoseconds().cum_max() / 1e9 / speed
+    timed = zip(seconds, map(_bytes_of, frames["raw"]), strict=True)
+    stopped = Event()
+    host = HostEnd(link)
+    try:
+        with ending_signals(stopped.set):
+            click.echo(host.name)
+            print_err(
+                f"{len(frames):,} {direction} frames wait for a program that opens {host.name}"
+            )
+            written, refused = play(host, timed, stopped.is_set)
+    finally:
+        host.close()
+    print_err(f"played {written:,} bytes")
+    if refused:
+        print_err(f"{refused:,} bytes were lost: the program did not read them in time")
+
+
+def _bytes_of(raw: bytes | str) -> bytes:
+    return bytes.fromhex(raw) if isinstance(raw, str) else raw
+
+
 command = click.Command(
     "simulate",
     callback=_run,
@@ -68,10 +114,24 @@ command = click.Command(
             show_default=True,
             help="Bits/s.",
         ),
+        click.Option(
+            ["--replay"], type=FileName(), help="Play a recording once a program opens the device."
+        ),
+        click.Option(
+            ["--direction"],
+            type=click.Choice([str(direction) for direction in Direction]),
+            help="With --replay: the frames to play.  [default: feedback]",
+        ),
+        click.Option(
+            ["--speed"],
+            type=click.FloatRange(0.01, 1000),
+            help="With --replay: how fast.  [default: 1]",
+        ),
         *map(_option, PARAMETERS),
     ],
     short_help="A controller on a pseudo-terminal, to develop against.",
     help="Simulate a controller on a pseudo-terminal, for a host program to open.\n\n"
     "The device's name goes to standard output. Four motors obey the commands that are written to "
-    "it and send their feedback.",
+    "it and send their feedback. With --replay, the frames of a recording are sent instead, with "
+    "their timing.",
 )

@@ -46,8 +46,8 @@ class CapturePlan:
     """End after this many seconds; None or infinity for no limit."""
     count: int | None = None
     """End after this many rows; None for no limit."""
-    silences_s: tuple[float, ...] = (DEFAULT_SILENCE_S,)
-    """Report a wire that was alive when it was silent for these times, seconds."""
+    silence_s: float = DEFAULT_SILENCE_S
+    """Report a wire that was alive when it was silent for this long, seconds."""
 
 
 # Messages from and to the view
@@ -385,7 +385,7 @@ class CaptureLoop:
         for name in names:
             lane = MergeLane(source.uncertainty_ns[name])
             self._merge.lanes.append(lane)
-            silence = SilenceWatch(name, plan.silences_s)
+            silence = SilenceWatch(name, plan.silence_s)
             self._wires[name] = Wire(Framer(name, baud), lane, silence)
         self._wiring = WiringWatch(names)
         self._remaining = plan.count

@@ -214,6 +214,7 @@ TROUBLES = (
     PortEventKind.LINE_ERROR,
     PortEventKind.LOST,
     PortEventKind.NOT_PASSED_ON,
+    PortEventKind.SHARED,
 )
 """Events of a recording that report bytes as missing or damaged."""
 
@@ -464,7 +465,10 @@ class RecordingInput(Input):
         for kind in TROUBLES:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
-                note(f"{self.name}: the port reported {kind} {times} while it was recorded")
+                what = f"the port reported {kind} {times}"
+                if kind is PortEventKind.SHARED:
+                    what = "another program had the port open"
+                note(f"{self.name}: {what} while it was recorded")
         for loss in self.losses:
             note(f"{self.name}: {loss}")
         if span is not None and not some and (known := self.reader.times) is not None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from fte_sniff.analysis.filter.row_filter import SilenceAlert
 from fte_sniff.capture.silence import SilenceWatch
 from fte_sniff.protocol import Chunk, PortEvent
+from fte_sniff.protocol.rows import NO_ROWS
 
 MS = 1_000_000
 
@@ -31,14 +33,16 @@ def test_wire_that_was_alive_is_silent_and_alive_again() -> None:
     ]
 
 
-def test_each_time_is_reported_once_in_a_silence() -> None:
-    events = observed(SilenceWatch("a", (5, 0.5)), {100: b"x", 8000: b"x"}, 9000)
-    assert [event.detail for event in events] == [
-        "silent for 0.5 s",
-        "silent for 5.0 s",
-        "bytes again after 7.9 s",
-        "silent for 0.5 s",
-    ]
+def test_alert_rings_once_in_each_silence_that_lasts() -> None:
+    """It rings at its own time, though no event comes then."""
+    alert, watch, rung = SilenceAlert(5), SilenceWatch("a"), []
+    reads = {100: b"x", 3000: b"x", 12_000: b"x", 25_000: b"x"}
+    for t_ms in range(0, 30_000, 10):
+        events = list(watch.observe(Chunk("a", t_ms * MS, reads.get(t_ms, b""))))
+        if alert.observe(NO_ROWS, t_ms / 1000, events):
+            rung.append(t_ms)
+    assert rung == [8000, 17_000]
+    assert alert.count == 2
 
 
 def test_wire_that_was_never_alive_or_is_lost_is_not_silent() -> None:
@@ -71,13 +75,13 @@ def test_bytes_without_a_frame_are_named_once(data: bytes, named: str) -> None:
 
 
 def test_line_with_frames_and_a_line_with_few_bytes_are_not_named() -> None:
-    watch, events = SilenceWatch("a", (60,)), []
+    watch, events = SilenceWatch("a", 60), []
     for t_ms in range(0, 12_000, 10):
         events += observed_at(watch, t_ms, b"x" * 20)
         if t_ms % 1000 == 0:
             watch.frame_came()
     assert events == []
-    assert observed(SilenceWatch("a", (60,)), {0: bytes(20), 6000: bytes(9)}, 12_000) == []
+    assert observed(SilenceWatch("a", 60), {0: bytes(20), 6000: bytes(9)}, 12_000) == []
 
 
 def observed_at(watch: SilenceWatch, t_ms: int, data: bytes) -> list[PortEvent]:

@@ -184,15 +184,22 @@ class SilenceAlert:
     last: Row | None = None
 
     def __init__(self, seconds: float) -> None:
-        self._least_ms = round(seconds * 1000)
+        self._seconds = seconds
+        self._due_s: dict[str, float] = {}
+        """By wire that is silent: when its silence has lasted so long."""
         self.count = 0
 
-    def observe(self, _rows: Rows, _now_s: float, events: Sequence[PortEvent] = ()) -> bool:
-        """Count the next events; returns whether to signal now."""
-        kind = PortEventKind.SILENT
-        found = [one for one in events if one.kind is kind and one.count == self._least_ms]
-        self.count += len(found)
-        return bool(found)
+    def observe(self, _rows: Rows, now_s: float, events: Sequence[PortEvent] = ()) -> bool:
+        """Follow the next events; returns whether to signal now, by any monotonic clock."""
+        for event in events:
+            self._due_s.pop(event.port, None)
+            if event.kind is PortEventKind.SILENT:
+                self._due_s[event.port] = now_s + self._seconds - event.count / 1000
+        due = [port for port, due_s in self._due_s.items() if due_s <= now_s]
+        for port in due:
+            del self._due_s[port]
+        self.count += len(due)
+        return bool(due)
 
 
 def _refused(error: BaseException) -> FilterError:
