@@ -246,7 +246,7 @@ def test_the_help_names_every_parameter_with_its_range_and_default():
     for parameter in PARAMETERS:
         default = simulate_command._DEFAULTS.get(parameter.name, parameter.default)
         range_text = parameter.range_text.replace(" ", "")
-        start = text.index(f"--{parameter.name}")
+        start = text.index(f"--{parameter.name.replace('_', '-')}")
         end = text.index("[default:", start)
         assert f"({range_text})" in text[start:end]
         assert text[end:].startswith(f"[default:{default}]")
