@@ -20,8 +20,7 @@ from time import process_time
 
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_pattern, with_state_machine
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
-from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
-from tests.support.columns import fed
+from fte_sniff.session.framing import SPAN_BYTES, rows_of_chunks
 from tests.support.faults import damaged_stream
 
 SLOW_PART = 200_000
@@ -66,7 +65,7 @@ def in_bulk(data: bytes) -> None:
     """Frame the bytes, and decode the kind and the fields of every row."""
     starts = range(0, len(data), SPAN_BYTES)
     pieces = (Chunk("bench", None, data[at : at + SPAN_BYTES]) for at in starts)
-    for rows in rows_of_chunks(pieces, "bench", lambda _: None):
+    for rows in rows_of_chunks(pieces, lambda _: None):
         for field in VALUE_FIELDS:
             rows.field(field.name)
 
@@ -126,7 +125,8 @@ def _processor_time(chunks: list[Chunk]) -> float:
     """Seconds of a core for framing all of them."""
     framer, began = Framer("bench"), process_time()
     for chunk in chunks:
-        fed(framer, chunk)
+        framer.push(chunk)
+        framer.drain()
     return process_time() - began
 
 

@@ -29,9 +29,9 @@ import numpy as np
 from benchmarks.decode_speed import cost
 from benchmarks.recording_speed import frame_pool
 from fte_sniff.errors import FteSniffError
-from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.log import Log
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.session.log_rows import rows_of_log
+from fte_sniff.session.framing import rows_of_chunks
 
 PART = 8
 TOKENS = (
@@ -79,9 +79,6 @@ SHAPES: dict[str, Callable[[int, str, bytes], str]] = {
     "JSON": lambda at, t, data: f'{{"t":{1_700_000_000_000 + at},"data":{[*data]}}}',
     "Python repr": lambda at, t, data: f"{t} {'TX' if data[0] == 0xAA else 'RX'} {data!r}",
     "unpadded": lambda at, t, data: f"{at}: {' '.join(f'{byte:X}' for byte in data)}",
-    "characters": lambda at, t, data: (
-        f"{t} " + "".join(chr(b) if 32 < b < 127 else f"[{b:02X}]" for b in data)
-    ),
     "base64": lambda at, t, data: f'{{"n":{at},"data":"{b64encode(data).decode()}"}}',
     "names and foreign lines": lambda at, t, data: (
         f"{t} [{NAMES[at * 7 % 3000]}] RX: {data.hex(' ')}\n"
@@ -122,7 +119,7 @@ def speed(work: str, whole: Path, part: Path, lines: int) -> float:
 def evidence_seconds(log: Path) -> float:
     """Processor time to find the layout of a log."""
     began = time.process_time()
-    LogReader(str(log)).form.explain()
+    Log(str(log))
     return time.process_time() - began
 
 
@@ -135,7 +132,7 @@ def slowest_token(folder: Path) -> tuple[float, str]:
             path.write_text((token + end) * (1_000_000 // len(token + end)))
             began = time.process_time()
             with suppress(FteSniffError):
-                for _ in rows_of_log(LogReader(str(path)), lambda _note: None):
+                for _ in rows_of_chunks(Log(str(path)).chunks(), lambda _note: None):
                     pass
             found.append((time.process_time() - began, token + end))
     return max(found)

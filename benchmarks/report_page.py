@@ -22,7 +22,7 @@ import numpy as np
 
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, MOTORS, Chunk, encode
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.session.log_rows import rows_of_chunks
+from fte_sniff.session.framing import rows_of_chunks
 from tests.browser import drawn, open_browser
 from tests.support.recorded_rows import START_NS, write_recording
 
@@ -91,7 +91,7 @@ def main() -> None:
     options = parser.parse_args()
     with TemporaryDirectory() as folder:
         recording, page = Path(folder, "rows.mcap"), Path(folder, "report.html")
-        rows = rows_of_chunks(frames(options.rows), "/dev/ttyUSB0", print)
+        rows = rows_of_chunks(frames(options.rows), print)
         write_recording(recording, [PortFacts("/dev/ttyUSB0")], rows)
         command = [sys.executable, "-m", "fte_sniff", "report", str(recording), "-o", str(page)]
         began = monotonic()

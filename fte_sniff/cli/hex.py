@@ -14,11 +14,10 @@ import click
 from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.logs.reader import LogReader
-from fte_sniff.formats.logs.text import LogOptions
+from fte_sniff.formats.plain_hex import is_plain_hex, plain_hex
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import Rows
-from fte_sniff.session.log_rows import rows_of_log
+from fte_sniff.protocol import Chunk, Rows
+from fte_sniff.session.framing import rows_of_chunks
 
 PORT_NAME = "hex"
 
@@ -63,31 +62,48 @@ def _dissection() -> RowWriter:
     return DissectionWriter(sys.stdout, width, colored=not environ.get("NO_COLOR"))
 
 
-def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[Rows]:
+def _rows_of(words: tuple[str, ...], notes: list[str]) -> Iterator[Rows]:
     """Rows of the input; an input without bytes is a UsageError."""
-    log = _log_of(text)
+    text = _text_of(words)
+    if not is_plain_hex(text.decode("utf-8", "replace").splitlines()):
+        yield from _rows_of_log(text, notes)
+        return
+    data = plain_hex(text.decode("utf-8", "replace"))
+    if not data:
+        source = "standard input" if words in ((), ("-",)) else "the command line"
+        raise UsageError(f"no bytes on {source}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE")
+    yield from rows_of_chunks([Chunk(PORT_NAME, None, data)], notes.append)
+
+
+def _rows_of_log(text: bytes, notes: list[str]) -> Iterator[Rows]:
+    """Rows of a text with other words than hex, which is an InputTextError without frames."""
+    from fte_sniff.formats.log import Log
+    from fte_sniff.formats.log_text import is_text
+
+    if not is_text(text):
+        raise FileError(
+            "standard input: holds no text; if it holds raw bytes, try: fte-sniff decode -"
+            " --input raw"
+        )
     try:
-        yield from rows_of_log(log, notes.append)
-    except FileError as error:
-        if "--input raw" in str(error):
-            raw = "try: fte-sniff decode - --input raw"
-            raise FileError(str(error).replace("add --input raw", raw)) from error
-        source = "standard input" if text in ((), ("-",)) else "the command line"
-        raise UsageError(
-            f"no bytes on {source}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"
-        ) from error
+        log = Log(PORT_NAME, stream=BytesIO(text))
+    except InputTextError:
+        plain_hex(text.decode("utf-8", "replace"))  # names the first character that is not hex
+        raise
+    # The times of a paste are not of interest.
+    chunks = (chunk._replace(t_ns=None) for chunk in log.chunks())
+    yield from rows_of_chunks(chunks, notes.append)
+    notes += log.notes()
 
 
-def _log_of(words: tuple[str, ...]) -> LogReader:
+def _text_of(words: tuple[str, ...]) -> bytes:
     if "-" in words and len(words) > 1:
         raise UsageError("'-' reads standard input; give either that or bytes, not both")
-    options = LogOptions(whole=False)
     if words in ((), ("-",)):
         if sys.stdin.isatty():
             print_err("paste the bytes, then press Enter and Ctrl-D")
-        return LogReader(PORT_NAME, options, sys.stdin.buffer, "standard input: ")
-    text = " ".join(words).encode("utf-8", "surrogateescape")
-    return LogReader(PORT_NAME, options, BytesIO(text), "")
+        return sys.stdin.buffer.read()
+    return " ".join(words).encode("utf-8", "surrogateescape")
 
 
 def _file_name_error(words: tuple[str, ...]) -> UsageError | None:

@@ -51,9 +51,11 @@ from fte_sniff.errors import (
     shortened,
     unreadable,
 )
+from fte_sniff.formats.known_files import refuse_binary
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
 from fte_sniff.session.following import Following
+from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
     KIND_OF_SUFFIX,
     STDIN_NAME,
@@ -62,7 +64,6 @@ from fte_sniff.session.inputs import (
     InputKind,
     InputReading,
     LogInput,
-    ParquetInput,
     Progress,
     RecordingInput,
     by_first_time,
@@ -70,7 +71,6 @@ from fte_sniff.session.inputs import (
     kind_of_file,
     size_of,
 )
-from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.model import Tally
-    from fte_sniff.formats.logs.text import LogOptions
+    from fte_sniff.formats.log import LogOptions
     from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.file_jobs import FileJob, Model
     from fte_sniff.session.notes import Notes
@@ -343,7 +343,7 @@ _READING = in_group(
         "--form",
         "log_form",
         metavar="NAME",
-        help="How a log writes bytes, as --explain names it, such as 'hex pairs, spaces'.",
+        help="How a log writes bytes, such as 'hex pairs'; a wrong name lists all.",
     ),
     click.option(
         "--input-regex",
@@ -375,11 +375,6 @@ _READING_OPTIONS: Final = {
 }
 """The options that decide how inputs are read, by their names in `InputQuery`."""
 
-_EXPLAIN = click.option(
-    "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
-)
-
-
 follow_option = click.option(
     "--follow",
     "following",
@@ -402,16 +397,15 @@ def input_options(
         return partial(input_options, required=required, filters=filters)
 
     @wraps(command)
-    def with_query(*, explain: bool, **options: Any) -> Any:
+    def with_query(**options: Any) -> Any:
         given = {one.name: options.pop(one.name, None) for one in fields(InputQuery)}
-        query = InputQuery(**given)
-        return query.explain() if explain else command(query=query, **options)
+        return command(query=InputQuery(**given), **options)
 
     rows = (filter_option, span_options) if filters else (span_options,)
     options = all_of(
         _files_argument(required=required),
         in_group("Rows", *rows, _ZONE),
-        in_group("Logs of other programs", _READING, _EXPLAIN),
+        in_group("Logs of other programs", _READING),
     )
     with_options: Callable[..., Any] = options(with_query)
     return with_options
@@ -446,7 +440,7 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.logs.text import LogOptions
+        from fte_sniff.formats.log import LogOptions
 
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
@@ -470,15 +464,6 @@ class InputQuery:
                 " 2026-01-31T12:00:00Z"
             )
         return t_ns
-
-    def explain(self) -> None:
-        """Print where logs have their bytes, times and directions; raises UsageError for others."""
-        for path in self.paths():
-            one = _opened(path, self)
-            if not isinstance(one, LogInput):
-                raise UsageError(f"--explain is for logs; {path} has its rows in one known form")
-            for line in one.explain():
-                click.echo(printable(f"{path}: {line}"))
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError for an unknown zone."""
@@ -694,21 +679,17 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
         from fte_sniff.recording.reader import Recording
 
         return RecordingInput(Recording(Path(name), stream))
-    if kind is InputKind.PARQUET:
-        from fte_sniff.formats.parquet import ParquetRows
-
-        if stream is not None:
-            raise UsageError(f"{name}: parquet is not read in sequence; name a file")
-        return ParquetInput(ParquetRows(path), name)
     if kind is InputKind.RAW:
         baud = query.baud or DEFAULT_BAUD
         chunks = raw_chunks(stream or path, name, query.start_ns(), baud)
         size = size_of(path) if stream is None else None
-        waits = stream is not None
-        return ChunkInput(chunks, name, query.start_ns, size, baud, waits=waits)
-    from fte_sniff.formats.logs.reader import LogReader
+        is_named = query.kind is not None or path.suffix.lower() in KIND_OF_SUFFIX
+        return ChunkInput(chunks, name, query.start_ns, size, baud, is_guess=not is_named)
+    from fte_sniff.formats.log import Log
 
-    return LogInput(LogReader(name, query.log_options(), stream))
+    options = query.log_options()
+    again = partial(Log, name, options) if stream is None else None
+    return LogInput(Log(name, options, stream), again)
 
 
 class _InterruptiblePipe(FileIO):
@@ -731,7 +712,9 @@ def _stream_of(path: Path) -> BufferedReader | None:
 
 
 def _kind_of(stream: BufferedReader, name: str) -> InputKind:
-    return KIND_OF_SUFFIX.get(Path(name).suffix.lower()) or kind_of_content(stream.peek(1))
+    first = stream.peek(1)
+    refuse_binary(name, first)
+    return KIND_OF_SUFFIX.get(Path(name).suffix.lower()) or kind_of_content(first)
 
 
 def _topic(path: Path, topic: str) -> Input:

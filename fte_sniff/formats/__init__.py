@@ -4,7 +4,11 @@ Modules:
 
     cell_text    Text fitted to terminal cells; times and numbers in few characters (rich).
     decoders     Decoders for sigrok, Wireshark and JSON tools, generated from the frame table.
-    logs         Logs of any form: plain hex, own rows, and those of other tools.
+    known_files  Files that hold no bytes of a wire, by how they begin.
+    log          Log: the chunks of a text log of another program.
+    log_text     The text of a log as blocks of lines, from UTF-8, UTF-16 or GBK.
+    log_times    Times in the lines of a log.
+    plain_hex    Hex without any other text.
     parquet      Write Parquet files (polars).
     pcapng       Write pcapng files, for Wireshark.
     text_frame   Lines of a text table from a whole DataFrame (polars).

@@ -7,9 +7,9 @@ Modules:
     file_jobs        Measure many files, one job a file: public check() and stats(); WorkerPool.
     files            The recordings that paths name.
     following        Follow a recording that another program writes, across its files.
+    framing          Chunks of several ports as rows in the order of time: logs, raw bytes.
     inputs           Recordings, logs, raw bytes, pipes; InputReading: their rows, merged by time.
     live_session     LiveSession: start, poll, stop; CaptureState.
-    log_rows         The rows of raw bytes and logs: streams are framed and merged.
     merge            Merge: rows of several lanes in one order, with watermarks.
     notes            Notes on rows beside the recording.
     user_state       Places of views and choices of the screen, as JSON of the program.

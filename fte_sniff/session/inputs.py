@@ -32,7 +32,8 @@ from fte_sniff.errors import (
     UsageError,
     unreadable,
 )
-from fte_sniff.formats.logs.text import is_text
+from fte_sniff.formats.known_files import refuse_binary
+from fte_sniff.formats.log_text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -46,14 +47,13 @@ from fte_sniff.protocol import (
     iso_time,
 )
 from fte_sniff.protocol.rows import NO_ROWS, Rows
-from fte_sniff.session.log_rows import rows_of_chunks, rows_of_log
+from fte_sniff.session.framing import rows_of_chunks
 from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.facts import Facts
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.logs.reader import LogReader
-    from fte_sniff.formats.parquet import ParquetRows
+    from fte_sniff.formats.log import Log
     from fte_sniff.protocol.rows import Ints
     from fte_sniff.recording.chunks import ChunkRef
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
@@ -66,9 +66,6 @@ if TYPE_CHECKING:
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 
-_PARQUET_MAGIC = b"PAR1"
-"""The first bytes of a Parquet file."""
-
 _FIRST = 4096
 """Bytes that show the format of a file."""
 
@@ -79,7 +76,6 @@ class InputKind(StrEnum):
     MCAP = "mcap"
     RAW = "raw"
     HEX = "hex"
-    PARQUET = "parquet"
 
 
 KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
@@ -92,7 +88,6 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
         ".log": InputKind.HEX,
         ".csv": InputKind.HEX,
         ".jsonl": InputKind.HEX,
-        ".parquet": InputKind.PARQUET,
     }
 )
 """By file name suffix, in lower case."""
@@ -101,16 +96,18 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
 def kind_of_file(path: Path) -> InputKind:
     """Return the format of a file by its suffix, or by its first bytes if it is MCAP or text.
 
-    Raises FileError if it cannot be read, UsageError if its format is unknown.
+    Raises FileError if it cannot be read, or is known to hold no bytes of the wire; UsageError if
+    its format is unknown.
     """
-    named = KIND_OF_SUFFIX.get(path.suffix.lower())
-    if named is not None:
-        return named
     try:
         with path.open("rb") as file:
             first = file.read(_FIRST)
     except OSError as error:
         raise unreadable(path, error) from error
+    refuse_binary(str(path), first)
+    named = KIND_OF_SUFFIX.get(path.suffix.lower())
+    if named is not None:
+        return named
     found = kind_of_content(first)
     if first and found is not InputKind.RAW:
         return found
@@ -124,8 +121,6 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(_MCAP_MAGIC):
         return InputKind.MCAP
-    if first.startswith(_PARQUET_MAGIC):
-        return InputKind.PARQUET
     return InputKind.HEX if is_text(first) else InputKind.RAW
 
 
@@ -291,10 +286,6 @@ class Input(ABC):
     @property
     def losses(self) -> Sequence[str]:
         """What could not be read, one line each; complete after reading."""
-        return ()
-
-    def explain(self) -> Iterable[str]:
-        """How its content is read, one line each, if that was decided by its content."""
         return ()
 
     @property
@@ -488,7 +479,7 @@ class ChunkInput(Input):
         size: int | None = None,
         baud: int = DEFAULT_BAUD,
         *,
-        waits: bool = False,
+        is_guess: bool = False,
     ) -> None:
         """Read nothing yet.
 
@@ -498,11 +489,11 @@ class ChunkInput(Input):
             first_ns: returns the time of the first byte, which it may read separately.
             size: bytes of a file that holds nothing else; None for others.
             baud: bits per second.
-            waits: whether the next chunk has to be waited for, so that rows come at once.
+            is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
         """
         super().__init__(name)
         self._chunks, self._first_ns, self.size = chunks, first_ns, size
-        self._baud, self._waits = baud, waits
+        self._baud, self._is_guess = baud, is_guess
 
     @property
     def first_ns(self) -> int | None:
@@ -527,47 +518,63 @@ class ChunkInput(Input):
 
         return [PortFacts(self.name)]
 
-    def explain(self) -> Iterable[str]:
-        """That there is nothing to decide."""
-        return ["raw bytes"]
-
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        chunks = self._counted(self._chunks)
-        rows = rows_of_chunks(chunks, self.name, note, self._baud, waits=self._waits)
+        rows = self._checked(rows_of_chunks(self._counted(self._chunks), note, self._baud))
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
+
+    def _checked(self, batches: Iterable[Rows]) -> Iterator[Rows]:
+        has_frames = not self._is_guess
+        for rows in batches:
+            has_frames = has_frames or bool(rows.framed.any())
+            yield rows
+        if not has_frames:
+            self.failure = FileError(
+                f"{self.name}: has no text and no frame, so these are hardly the bytes of a wire;"
+                " --input raw reads them as such"
+            )
 
     def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         for chunk in chunks:
             self.position += len(chunk.data)
             yield chunk
+        if not self.position:
+            raise FileError(f"{self.name}: is empty; there is nothing to decode")
 
 
 class LogInput(Input):
     """A text log, whose bytes are framed here."""
 
-    def __init__(self, log: LogReader) -> None:
+    def __init__(self, log: Log, again: Callable[[], Log] | None = None) -> None:
+        """A log, and what opens it again; None if it can be read only once."""
         super().__init__(log.name)
-        self._log = log
-        self.size = size_of(Path(log.name)) if log.is_file else None
+        self._log, self._again = log, again
+        self.size = None if again is None else size_of(Path(log.name))
 
     @property
     def first_ns(self) -> int | None:
         """The time of the first row that has one; reads the start of the log."""
+        if self._again is None:
+            return None
         try:
-            rows = next(rows_of_log(self._log.again()), NO_ROWS)
+            times = (chunk.t_ns for chunk in self._again().chunks())
+            return next((t_ns for t_ns in times if t_ns is not None), None)
         except FteSniffError:
             return None  # raised again by `batches`
-        return next((row.t_ns for row in rows if row.t_ns is not None), None)
 
     @property
     def times(self) -> tuple[int, int | None] | None:
         """The times of its rows, which are read for them."""
+        if self._again is None:
+            raise UsageError(
+                f"{self.name} can be read only once, so its first and last time are not known"
+                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
+            )
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
-            for rows in rows_of_log(self._log.again()):
+            for rows in rows_of_chunks(self._again().chunks(), lambda _note: None):
                 tally.observe(rows)
         return tally.times
 
@@ -576,60 +583,20 @@ class LogInput(Input):
         """The ports that its first lines show."""
         from fte_sniff.recording.metadata import PortFacts
 
-        return [PortFacts(name) for name in self._log.form.ports(self.name)]
-
-    def explain(self) -> Iterable[str]:
-        """Where it has its bytes, times and directions, one line each.
-
-        Raises InputTextError after the candidates of a log that is refused.
-        """
-        return self._log.explain()
+        return [PortFacts(name) for name in self._log.ports]
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        rows = rows_of_log(self._log, note)
-        for found in rows if span is None else self._within(span, rows, note):
-            self.position = self._log.position
-            yield InputBatch(found)
-
-
-class ParquetInput(Input):
-    """A Parquet file that `decode` wrote."""
-
-    def __init__(self, rows: ParquetRows, name: str) -> None:
-        super().__init__(name)
-        self._rows = rows
-        self.size, self.count = size_of(Path(name)), rows.count
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows; reads the column of times."""
-        return self._rows.times()
-
-    @property
-    def first_ns(self) -> int | None:
-        """The time of its first row."""
-        times = self._rows.times()
-        return None if times is None else times[0]
-
-    @property
-    def ports(self) -> Sequence[PortFacts]:
-        """The ports of its rows."""
-        from fte_sniff.recording.metadata import PortFacts
-
-        return [PortFacts(name) for name in self._rows.ports()]
-
-    def batches(
-        self, span: TimeRange | None, note: Note, open_inputs: int = 0
-    ) -> Iterator[InputBatch]:
-        """Read its rows; see `Input`."""
-        rows, read = self._rows.batches(), 0
-        for found in rows if span is None else self._within(span, rows, note):
-            read += len(found)
-            self.position = (self.size or 0) * read // max(1, self._rows.count)
-            yield InputBatch(found)
+        rows = rows_of_chunks(self._log.chunks(), note, self._log.options.baud)
+        try:
+            for found in rows if span is None else self._within(span, rows, note):
+                self.position = self._log.position
+                yield InputBatch(found)
+        finally:
+            for text in (*self._log.notes(), *self._log.time_notes()):
+                note(f"{self.name}: {text}")
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:

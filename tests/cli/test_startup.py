@@ -71,7 +71,7 @@ def test_a_file_is_replaced_without_loading_what_recordings_need(
 
 def test_a_recording_is_read_without_loading_what_logs_need(environment: dict[str, str]) -> None:
     """Logs need many regular expressions."""
-    logs = ("fte_sniff.formats.logs.evidence", "fte_sniff.formats.logs.times")
+    logs = ("fte_sniff.formats.log", "fte_sniff.formats.log_times")
     assert _heavy_modules(environment, ["decode", CLEAN, "--limit", "1"], logs)[1] == "[]"
 
 

@@ -38,6 +38,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
+from fte_sniff.session.framing import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.inputs import (
     ChunkInput,
     InputBatch,
@@ -48,7 +49,6 @@ from fte_sniff.session.inputs import (
     kind_of_file,
     merged_by_time,
 )
-from fte_sniff.session.log_rows import SPAN_BYTES, rows_of_chunks
 from fte_sniff.session.replay import RecordingPages
 from fte_sniff.session.save import write_rows
 from tests.analysis.pieces import Step
@@ -78,7 +78,7 @@ def rows_of(log: ChunkInput, notes: list[str], span: TimeRange | None = None) ->
 
 @settings(max_examples=30, deadline=None)
 @given(raw_bytes, st.integers(1, 9), st.booleans(), st.sampled_from([0, 10**18]))
-def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_ns: int) -> None:
+def test_rows_are_the_framers(data: bytes, repeated: int, idle: bool, start_ns: int) -> None:
     data = data * (4000 * repeated // (len(data) + 1) + 1)
     cut = [data[at : at + 40_000] for at in range(0, len(data), 40_000)]
     chunks = [
@@ -86,23 +86,26 @@ def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_n
     ]
     framer = Framer("f")
     expected = [row for chunk in chunks for row in fed(framer, chunk)] + list(framer.finish())
+    if idle:
+        chunks = [one for chunk in chunks for one in (chunk, Chunk("f", None, b""))]
     if data:
-        parts = rows_of_chunks(chunks, "f", lambda _: None, waits=waiting)
+        parts = rows_of_chunks(chunks, lambda _: None)
         assert [row for rows in parts for row in rows] == expected
 
 
-def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
+def test_rows_do_not_wait_for_bytes_that_are_not_there_yet() -> None:
     asked: list[int] = []
 
     def chunks() -> Iterator[Chunk]:
         for at in range(3):
             asked.append(at)
             yield Chunk("f", None, FRAME * 5)
+            yield Chunk("f", None, b"")
 
     handed: list[tuple[int, int]] = []
-    for batch in ChunkInput(chunks(), "f", waits=True).batches(None, lambda _: None):
+    for batch in ChunkInput(chunks(), "f").batches(None, lambda _: None):
         handed.append((len(asked), len(batch.rows)))
-    assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
+    assert handed == [(1, 5), (2, 5), (3, 5)]
 
 
 def test_the_end_is_reported() -> None:

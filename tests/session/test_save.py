@@ -16,7 +16,7 @@ import pytest
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.formats.log import Log
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -34,7 +34,7 @@ from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
-from fte_sniff.session.log_rows import raw_chunks, rows_of_log
+from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.save import (
     ExportSource,
     FileExport,
@@ -91,8 +91,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             assert all(spaced_hex(row.raw) in text for row in taken)
             assert "port" in text
         case ".hex":
-            again = rows_of_log(LogReader(str(path)), lambda _: None)
-            assert b"".join(row.raw for some in again for row in some) == whole
+            assert b"".join(chunk.data for chunk in Log(str(path)).chunks()) == whole
         case ".pcapng":
             data = path.read_bytes()
             assert all(row.raw in data for row in taken)

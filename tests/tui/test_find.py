@@ -15,8 +15,8 @@ from fte_sniff.protocol import KIND_BY_NAME, Fault, Row, encode
 from fte_sniff.protocol import rows as columns
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
+from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import ChunkInput, Input, RecordingInput
-from fte_sniff.session.log_rows import raw_chunks
 from fte_sniff.session.notes import Notes
 from fte_sniff.tui import find
 from fte_sniff.tui.app import SniffApp

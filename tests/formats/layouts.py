@@ -409,3 +409,8 @@ OTHERS |= {
 }
 
 LAYOUTS = ONE_LINE | OTHERS
+
+_REFUSED = ("ESPHome, binary", "Lua", "HTML cells", "Bray's Terminal", "Siemens")
+REFUSED = {name: LAYOUTS.pop(name) for name in _REFUSED}
+"""Layouts in forms that are not read."""
+del LAYOUTS["usbmon of FTDI"]

@@ -1,0 +1,116 @@
+"""The text of a log as blocks of whole lines, from UTF-8, UTF-16 or GBK.
+
+Colours and NUL are removed. A block of NUL, which a power cut leaves in a file, ends a line.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator
+from typing import BinaryIO, Final
+
+from fte_sniff.errors import FileError
+
+_BLOCK: Final = 1 << 20
+"""Bytes of one read at most; a pipe or terminal returns what is available."""
+_SNIFFED: Final = 4096
+"""Bytes that show the encoding, and whether it is text."""
+LONGEST_LINE: Final = 16 << 20
+"""Bytes of a line; a longer one is cut at a space."""
+_NULS: Final = re.compile(rb"\0{16,}")
+_ESCAPE: Final = re.compile(r"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])")
+_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_PLAIN: Final = str.maketrans(
+    {"\ufeff": None, "，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " ", "\0": None}
+)
+_MARKS: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+
+
+class LogText:
+    """A text, and what is known of it."""
+
+    def __init__(self) -> None:
+        self.nul_bytes = 0
+        """In blocks that were skipped."""
+        self.first = b""
+        """How it begins."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it begins as text."""
+        return is_text(self.first)
+
+    def blocks(self, stream: BinaryIO) -> Iterator[str]:
+        """Blocks that end with a line; one that ends within a line is a part of a very long one."""
+        read = getattr(stream, "read1", stream.read)
+        first = read(_BLOCK)
+        while 0 < len(first.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
+            first += more
+        self.first = first[:_SNIFFED]
+        encoding, pending = _encoding_of(first), b""
+        decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
+        data = first
+        while data:
+            pending += data if decoder is None else decoder.decode(data).encode()
+            end = pending.rfind(b"\n") + 1
+            if not end and len(pending) > LONGEST_LINE:
+                end = pending.rfind(b" ") + 1 or len(pending)
+            if end:
+                yield self._cleaned(pending[:end])
+                pending = pending[end:]
+            data = read(_BLOCK)
+        if pending:
+            yield self._cleaned(pending)
+
+    def _cleaned(self, data: bytes) -> str:
+        if b"\0" in data:
+            self.nul_bytes += sum(map(len, _NULS.findall(data)))
+            data = _NULS.sub(b"\n", data)
+        text = _decoded(data)
+        if "\x1b" in text:
+            text = _ESCAPE.sub("", text)
+        return text if text.isascii() and "\0" not in text else text.translate(_PLAIN)
+
+
+def _decoded(data: bytes) -> str:
+    """UTF-8, else each line as GBK; bytes that are neither become U+FFFD."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return "".join(map(_line_of, data.splitlines(keepends=True)))
+
+
+def _line_of(data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("gb18030", "replace")
+
+
+def _encoding_of(first: bytes) -> str:
+    """UTF-16 by its mark, or by the zeros between its letters; else nothing."""
+    if encoding := _MARKS.get(first[:2]):
+        return encoding
+    for encoding, low in (("utf-16-le", 0), ("utf-16-be", 1)):
+        letters, high = first[low:_SNIFFED:2], first[1 - low : _SNIFFED : 2]
+        if 0 not in letters and 2 * high.count(0) >= max(1, len(high)):
+            return encoding
+    return ""
+
+
+def is_text(first: bytes) -> bool:
+    """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
+    first = _NULS.sub(b"", first)
+    if _encoding_of(first) or not first:
+        return True
+    decoded = _decoded(first[:-4] if len(first) > 64 else first)
+    return not _CONTROL.search(first) and "\ufffd" not in decoded
+
+
+def too_long(name: str, number: int) -> FileError:
+    """The error of a log with a line that is too long."""
+    return FileError(
+        f"{name}: line {number:,} is longer than {LONGEST_LINE >> 20} MB, and such a line is read"
+        " only if it is plain hex; write each record on a line"
+    )

@@ -1,0 +1,655 @@
+"""Logs of other programs: exactly the bytes come back, or the log is refused with a reason."""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Callable, Sequence
+from datetime import date, timedelta, timezone
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.errors import FileError, FteSniffError, InputTextError
+from fte_sniff.formats import log_text
+from fte_sniff.formats.log import FORMS, Log, LogOptions
+from fte_sniff.formats.log_text import is_text
+from fte_sniff.protocol import (
+    HEADERS,
+    KINDS,
+    Direction,
+    FrameKind,
+    Row,
+    byte_time_ns,
+    encode,
+    iso_time,
+)
+from fte_sniff.session.framing import rows_of_chunks
+from tests.examples import examples
+from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, line, spaced
+
+WAYS = ("tx", "rx")
+FOREIGN = (
+    "port opened", "Packet 10", "0x3ffb4280", "Dead", "frame 12", "115200", "00-1A-2B-3C-4D-5E",
+    "", "baud 115200, 8N1", "--- end ---", "I have 3 AA batteries", "temperature 23.5",
+)  # fmt: skip
+"""Lines of other programs; none is read as bytes."""
+
+
+def frame_of(kind: FrameKind, rng: random.Random) -> bytes:
+    values = {}
+    for field in kind.fields:
+        if field.name == "motor":
+            values[field.name] = rng.randint(1, 4)
+        elif field.legal_bits is None:
+            values[field.name] = rng.randint(field.low, field.high)
+        else:
+            values[field.name] = rng.choice([0, 1, 15])
+    return encode(kind, values)
+
+
+def a_log(seed: int, frames: int = 30) -> list[Sent]:
+    """Frames of both directions, with odd seeds some in two pieces."""
+    rng, ms, log = random.Random(seed), 43_200_000, list[Sent]()
+    for _ in range(frames):
+        kind = rng.choice(KINDS)
+        raw, way = frame_of(kind, rng), "tx" if kind.direction is Direction.CONTROL else "rx"
+        ms += rng.randint(3, 40)
+        cut = rng.randint(1, 9) if seed % 2 and rng.random() < 0.2 else 0
+        if cut:
+            log.append(Sent(raw[:cut], way, ms))
+            ms += 2
+        log.append(Sent(raw[cut:], way, ms))
+    return log
+
+
+def rows_of(content: bytes | str, options: LogOptions | None = None) -> tuple[list[Row], list[str]]:
+    """The rows of a log, and what is noted about it."""
+    notes = list[str]()
+    data = content.encode() if isinstance(content, str) else content
+    log = Log("log.txt", options, BytesIO(data))
+    batches = rows_of_chunks(log.chunks(), notes.append, log.options.baud)
+    rows = [row for rows in batches for row in rows]
+    return rows, [*notes, *log.notes(), *log.time_notes()]
+
+
+def frames_of(log: Sequence[Sent]) -> dict[str, list[bytes]]:
+    sent = {way: b"".join(one.data for one in log if one.way == way) for way in WAYS}
+    return {
+        way: [data[at : at + 10] for at in range(0, len(data), 10)] for way, data in sent.items()
+    }
+
+
+def found_in(rows: Sequence[Row]) -> dict[str, list[bytes]]:
+    control = HEADERS[Direction.CONTROL]
+    frames = [row.raw for row in rows if row.framed]
+    return {way: [raw for raw in frames if (raw[0] == control) == (way == "tx")] for way in WAYS}
+
+
+def size_of(parts: Sequence[Sent] | Sequence[Row]) -> int:
+    return sum(len(one.data if isinstance(one, Sent) else one.raw) for one in parts)
+
+
+# Layouts
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_layout_comes_back_exactly(name: str) -> None:
+    log = a_log(1)
+    rows, _ = rows_of(LAYOUTS[name](log))
+    assert found_in(rows) == frames_of(log)
+    assert size_of(rows) == size_of(log)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_long_log_gives_what_its_first_lines_give(name: str) -> None:
+    log = a_log(1, 300)
+    while LAYOUTS[name](log).count("\n") < 600:
+        log *= 2
+    rows, _ = rows_of(LAYOUTS[name](log))
+    assert found_in(rows) == frames_of(log)
+    assert size_of(rows) == size_of(log)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_layout_without_a_known_form_is_refused(name: str) -> None:
+    with pytest.raises(InputTextError, match="no frames found in 30 lines"):
+        rows_of(REFUSED[name](a_log(0)))
+
+
+class Trickle(BytesIO):
+    """A stream whose reads return a few bytes."""
+
+    def __init__(self, content: bytes, size: int) -> None:
+        super().__init__(content)
+        self._few = size
+
+    def read1(self, size: int | None = -1, /) -> bytes:
+        return super().read(self._few)
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("name", ["CoolTerm", "Eltima", "hexdump -C", "octal"])
+def test_reads_of_a_stream_change_nothing(name: str, size: int) -> None:
+    content = LAYOUTS[name](a_log(1, 60)).encode()
+    expected, _ = rows_of(content)
+    chunks = Log("log.txt", None, Trickle(content, size)).chunks()
+    rows = [row for rows in rows_of_chunks(chunks, lambda _: None) for row in rows]
+    key = lambda row: (row.port, row.offset)  # noqa: E731
+    assert sorted(rows, key=key) == sorted(expected, key=key)
+
+
+# Layouts of users that were once read wrong
+
+
+def test_direction_lines_above_256_lines_of_bytes_are_read() -> None:
+    log = a_log(0, 256)
+    for words in ("Write:/Read:", "发：/收：", "/dev/ttyUSB1//dev/ttyUSB0"):
+        tx, rx = words[: len(words) // 2], words[-(len(words) // 2) :]
+        text = "".join(f"{tx if one.way == 'tx' else rx}\n{spaced(one.data)}\n" for one in log)
+        rows, _ = rows_of(text)
+        assert found_in(rows) == frames_of(log)
+        assert {(row.port, row.raw[0]) for row in rows} == {
+            ("log.txt:tx", 0xAA),
+            ("log.txt:rx", 0x55),
+        }
+
+
+def test_channel_letter_behind_a_time_names_the_wire_and_p_is_pm() -> None:
+    log = a_log(1)
+    text = "".join(
+        f"P 2:{clock(one.ms)[3:]}{'A' if one.way == 'tx' else 'B'} {spaced(one.data)}\n"
+        for one in log
+    )
+    rows, _ = rows_of(text, LogOptions(day=date(2026, 3, 5)))
+    assert found_in(rows) == frames_of(log)
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
+    assert iso_time(rows[0].t_ns or 0).startswith("2026-03-05T14:00:00.")
+
+
+def test_times_in_days_are_named() -> None:
+    log = a_log(0, 200)
+    text = "".join(
+        f"{46_000 + (one.ms / 86_400_000):.9f},{one.way},{spaced(one.data)}\n" for one in log
+    )
+    _, notes = rows_of(text)
+    assert any(
+        re.search(
+            r"tx: rows are too dense in time for 115200 baud \([\d,]+%\); its times may be days",
+            note,
+        )
+        for note in notes
+    )
+
+
+def test_times_of_a_full_line_are_not_too_dense() -> None:
+    log = [one._replace(ms=43_200_000 + at) for at, one in enumerate(a_log(0, 300))]
+    for layout in ("Arduino", "CoolTerm"):
+        _, notes = rows_of(LAYOUTS[layout](log))
+        assert not any("dense" in note for note in notes)
+
+
+def test_record_numbers_above_the_bytes_are_not_bytes() -> None:
+    log = a_log(0, 40)
+    text = "Legend: \n  > - A write operation occurred.\n  < - A read operation occurred.\n"
+    for at, one in enumerate(log, 2):
+        sign = ">" if one.way == "tx" else "<"
+        text += f"{at:<7}{sign} {len(one.data)} uint8 values.\n       {spaced(one.data)}\n"
+    rows, _ = rows_of(text)
+    assert size_of(rows) == size_of(log)
+    assert {(row.port, row.raw[0]) for row in rows} == {("log.txt:tx", 0xAA), ("log.txt:rx", 0x55)}
+
+
+@pytest.mark.parametrize("form", ["FFFD", "EF BF BD", "\ufffd"])
+def test_bytes_that_a_program_replaced_are_named(form: str) -> None:
+    lines = (
+        " ".join(form if byte >= 0x80 else f"{byte:02X}" for byte in one.data) for one in a_log(0)
+    )
+    with pytest.raises(InputTextError, match=r"replaced bytes from 80 on.* so they are lost"):
+        rows_of("\n".join(lines))
+
+
+# Lines and runs
+
+
+def test_garbled_direction_beside_a_clean_one_is_kept() -> None:
+    control = frame_of(KINDS[1], random.Random(1)).hex(" ")
+    rows, _ = rows_of(f"TX: {control}\nRX: 55 01 13 37 77 88 99\n" * 10)
+    assert sum(len(row.raw) for row in rows if row.port == "log.txt:rx") == 70
+
+
+def test_frame_that_the_other_direction_interrupts_is_whole() -> None:
+    a, f = (frame_of(kind, random.Random(1)) for kind in (KINDS[1], KINDS[4]))
+    lines = [f"TX: {a[:4].hex(' ')}", f"RX: {f.hex(' ')}", f"TX: {a[4:].hex(' ')}"] * 5
+    rows, _ = rows_of("\n".join(lines))
+    assert found_in(rows) == {"tx": [a] * 5, "rx": [f] * 5}
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
+    assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["port {}: {}", "ch-{} {}", "10.0.0.{0}:4000 -> 10.0.0.9:80 {1}", "[uart_rx{}] {}"],
+)
+def test_number_in_a_name_separates_wires(form: str) -> None:
+    frames = [frame_of(kind, random.Random(1)).hex(" ") for kind in (KINDS[1], KINDS[4])]
+    lines = [form.format(port + 1, frames[port]) for _ in range(300) for port in (0, 1)]
+    rows, _ = rows_of("\n".join(lines))
+    assert [row.raw.hex(" ") for row in rows] == frames * 300
+    assert {(row.port, row.raw[0]) for row in rows} == {("log.txt:tx", 0xAA), ("log.txt:rx", 0x55)}
+
+
+@pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("-->", "<--")])
+def test_arrows_separate_directions_of_plain_hex(tx: str, rx: str) -> None:
+    log = a_log(3)
+    lines = [f"{tx if sent.way == 'tx' else rx} {sent.data.hex(' ')}" for sent in log]
+    rows, _ = rows_of("\n".join(lines))
+    assert found_in(rows) == frames_of(log)
+
+
+def test_lane_that_comes_later_is_read_from_its_first_frame_on() -> None:
+    log = a_log(0, 300)
+    text = "".join(
+        f"{'early' if at < 250 else 'later'} {spaced(one.data)}\n" for at, one in enumerate(log)
+    )
+    rows, _ = rows_of(text)
+    assert size_of(rows) == size_of(log)
+
+
+def test_frames_beside_the_data_of_a_line_are_counted() -> None:
+    a, f = (spaced(frame_of(kind, random.Random(1))) for kind in (KINDS[1], KINDS[4]))
+    rows, notes = rows_of(f"TX: {a} {a} | RX= {f}\n" * 20)
+    assert len(rows) == 40
+    assert "20 frames beside longer data in the same line are left out" in notes
+
+
+def test_bytes_that_each_line_has_beside_its_frame_are_left_out_with_a_note() -> None:
+    log = a_log(0)
+    text = "".join(f"RX: 07 {spaced(one.data)} {sum(one.data) & 255:02X}\n" for one in log)
+    rows, notes = rows_of(text)
+    assert size_of(rows) == size_of(log)
+    assert any("such as a length or a checksum, are left out" in note for note in notes)
+
+
+def test_damage_in_a_line_is_a_malformed_row() -> None:
+    lines = [f"RX: {spaced(one.data)}" for one in a_log(0)]
+    lines[9] = "RX: 55 01 04 03 E8 00 00 O0 0F EE"
+    rows, _ = rows_of("\n".join(lines))
+    assert sum(row.framed for row in rows) == 29
+    assert b"".join(row.raw for row in rows if not row.framed).hex() == "55010403e80000"
+
+
+def test_few_bytes_in_frames_are_reported() -> None:
+    text = "".join(f"RX: {one.data.hex(' ')}\n" for one in a_log(0))
+    _, notes = rows_of(text + "RX: 01 02 03 04 05 06 07 08 09 10 11 12\n" * 200)
+    assert any(note.startswith("log.txt: only 11% of the bytes are in frames") for note in notes)
+    _, notes = rows_of(text)
+    assert not any("in frames" in note for note in notes)
+
+
+@pytest.mark.parametrize(("swapped", "otherwise"), [(True, "are swapped"), (False, "no direction")])
+def test_frames_against_the_directions_are_reported(swapped: bool, otherwise: str) -> None:
+    frames = [(one.way, spaced(one.data)) for one in a_log(0)]
+    text = "".join(
+        f"{'TX' if (way == 'rx') == swapped else 'RX'}: {data}\n" for way, data in frames[:20]
+    )
+    if not swapped:
+        text += "".join(f"TX: {data}\n" for way, data in frames if way == "rx")
+    _, notes = rows_of(text)
+    assert any("frames go the other way than the log says" in n and otherwise in n for n in notes)
+
+
+# Times
+
+
+def one_time(text: str, **options: object) -> str | None:
+    """The time of a row beside a text."""
+    rows, _ = rows_of(f"{text} 55 01 01 03 E8 00 00 00 0F EE\n", LogOptions(**options))  # type: ignore[arg-type]
+    return None if rows[0].t_ns is None else iso_time(rows[0].t_ns)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2026-01-31T14:03:22.5Z", "2026-01-31T14:03:22.5"),
+        ("2026/01/31 14:03:22,123456789", "2026-01-31T14:03:22.123456789"),
+        ("2026-01-31 14:03:22+08:00", "2026-01-31T06:03:22.0"),
+        ("2026年1月31日 14:03:22", "2026-01-31T14:03:22.0"),
+        ("31.01.2026 14:03:22", "2026-01-31T14:03:22.0"),
+        ("31/01/2026 02:03:22 PM", "2026-01-31T14:03:22.0"),
+        ("01/31/26 2:03:22 p.m.", "2026-01-31T14:03:22.0"),
+        ("Sat Jan 31 14:03:22.5 2026", "2026-01-31T14:03:22.5"),
+        ("31-Jan-2026 14:03:22", "2026-01-31T14:03:22.0"),
+        ("Jan 31 14:03:22", "2026-01-31T14:03:22.0"),
+        ("01-31 14:03:22.123:", "2026-01-31T14:03:22.123"),
+        ("下午 02:03:22", "2026-02-01T14:03:22.0"),
+        ("12:03:22 AM", "2026-02-01T00:03:22.0"),
+        ("14:03:22:123", "2026-02-01T14:03:22.123"),
+        ("20260131140322.123", "2026-01-31T14:03:22.123"),
+        ("20260131_140322", "2026-01-31T14:03:22.0"),
+        ("1769868202.25", "2026-01-31T14:03:22.25"),
+        ("1769868202123", "2026-01-31T14:03:22.123"),
+        ("1769868202123456789", "2026-01-31T14:03:22.123456789"),
+        ("[   43.123456]", "1970-01-01T00:00:43.123456"),
+    ],
+)
+def test_time_is_read(text: str, expected: str) -> None:
+    found = one_time(text, day=date(2026, 2, 1))
+    assert found is not None
+    assert found.startswith(expected)
+    assert set(found[len(expected) :]) <= {"0", "Z"}
+
+
+@pytest.mark.parametrize(
+    "text", ["55:01:02:03", "v1.234.567", "192.168.1.100", "31/02/2026", "5.25"]
+)
+def test_what_is_not_a_time_gives_none(text: str) -> None:
+    assert one_time(text) is None
+
+
+def test_date_zone_and_start_are_given_by_the_user() -> None:
+    zone = timezone(timedelta(hours=8))
+    assert (
+        one_time("14:03:22", day=date(2026, 1, 31), zone=zone) == "2026-01-31T06:03:22.000000000Z"
+    )
+    assert one_time("[0.250000]", start_ns=10**18) == "2001-09-09T01:46:40.250000000Z"
+    assert one_time("2/8/2026 12:00:00", day=date(2026, 2, 8)) == "2026-02-08T12:00:00.000000000Z"
+    assert one_time("2/8/2026 12:00:00", day=date(2026, 8, 2)) == "2026-08-02T12:00:00.000000000Z"
+
+
+def test_what_times_lack_is_noted() -> None:
+    frame = "55 01 01 03 E8 00 00 00 0F EE"
+    for text, note in (
+        ("14:03:22", "its times have no date; "),
+        ("Jan 31 14:03:22", "its times have no year; "),
+        ("2/8/2026 14:03:22", "2/8/2026, could be day or month first"),
+        ("2026-01-31 14:03:22", "its times name no zone"),
+        ("[0.250000]", "its times count seconds from a start"),
+    ):
+        _, notes = rows_of(f"{text} {frame}\n")
+        assert any(note in one for one in notes)
+    _, notes = rows_of(f"2026-01-31T14:03:22Z {frame}\n")
+    assert not notes
+
+
+@pytest.mark.parametrize("name", ["log_20260131.txt", "robot-2026-01-31 7.log"])
+def test_date_in_the_name_of_a_file_is_that_of_its_times(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text("14:03:22 55 01 01 03 E8 00 00 00 0F EE\n")
+    log = Log(str(path))
+    (chunk, *_) = log.chunks()
+    assert iso_time(chunk.t_ns or 0).startswith("2026-01-31T14:03:22")
+    assert any("the file's name gives 2026-01-31" in note for note in log.time_notes())
+
+
+def test_times_of_day_pass_midnight() -> None:
+    log = [
+        one._replace(ms=(86_390_000 + 1000 * at) % 86_400_000) for at, one in enumerate(a_log(0))
+    ]
+    rows, _ = rows_of(LAYOUTS["Arduino"](log), LogOptions(day=date(2026, 1, 31)))
+    assert iso_time(rows[-1].t_ns or 0).startswith("2026-02-01T00:00:19")
+    assert all(b.t_ns - a.t_ns == 10**9 for a, b in pairwise(rows))  # type: ignore[operator]
+
+
+def test_clock_that_was_set_back_is_noted() -> None:
+    log = a_log(0)
+    back = [*log[:20], *(one._replace(ms=one.ms - 5000) for one in log[20:])]
+    rows, notes = rows_of(LAYOUTS["Arduino"](back))
+    assert any(re.match("its times step back once, first by 4.9[0-9]* s to ", n) for n in notes)
+    times = [row.t_ns or 0 for row in rows]
+    assert times == sorted(times)
+
+
+def test_time_above_holds_for_the_lines_below() -> None:
+    log = a_log(1)
+    rows, _ = rows_of(LAYOUTS["Eltima"](log), LogOptions(day=date(2026, 1, 31)))
+    starts = {"tx": list[int](), "rx": list[int]()}
+    for way in WAYS:
+        times = [one.ms for one in log if one.way == way for _ in one.data]
+        starts[way] = times[::10]
+    midnight = 1_769_817_600_000
+    for row in rows:
+        assert (row.t_ns or 0) // 10**6 - midnight == starts[row.port[-2:]].pop(0)
+
+
+def test_time_of_a_line_that_has_none_is_that_of_the_line_before() -> None:
+    lines = LAYOUTS["Arduino"](a_log(0)).splitlines()
+    lines[5] = lines[5].partition(" -> ")[2]
+    rows, _ = rows_of("\n".join(lines))
+    assert rows[5].t_ns == rows[4].t_ns
+
+
+def test_unit_of_times_is_that_of_their_heading() -> None:
+    rows, _ = rows_of(LAYOUTS["DSView"](a_log(0)), LogOptions(start_ns=0))
+    first = a_log(0)[0].ms
+    assert rows[0].t_ns == first * 10**6
+
+
+# Plain hex
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["AA0102", "aa 01 02", "AA,01,02", "0xAA 0x01 0x02", "AAh 01h 02h", "{0xAA, 0x01, 0x02};",
+     "AA 1 2", "\\xAA\\x01\\x02", "$AA $01 $02", "AA:01:02", "AA-01-02", "AA 01 # 55\n02"],
+)  # fmt: skip
+def test_plain_hex_is_read_in_any_style(text: str) -> None:
+    rows, _ = rows_of(text)
+    assert b"".join(row.raw for row in rows).hex() == "aa0102"
+
+
+def test_mistake_in_plain_hex_is_named_after_the_rows_before_it() -> None:
+    frame = "55 01 01 03 E8 00 00 00 0F EE\n"
+    log = Log("x.hex", None, BytesIO((frame * 300 + "55 O1\n").encode()))
+    rows = list[Row]()
+    batches = rows_of_chunks(log.chunks(), lambda _: None)
+    with pytest.raises(InputTextError, match=r"x\.hex: not hex: 'O' in line 301, column 4"):
+        rows.extend(row for some in batches for row in some)
+    assert len(rows) == 300
+
+
+def test_very_long_line_is_read_if_it_is_plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_text, "LONGEST_LINE", 600)
+    monkeypatch.setattr(log_text, "_BLOCK", 200)
+    frame = frame_of(KINDS[4], random.Random(1))
+    rows, _ = rows_of(" ".join([spaced(frame)] * 200))
+    assert [row.raw for row in rows] == [frame] * 200
+    with pytest.raises(FileError, match=r"line 2 is longer than .* only if it is plain hex"):
+        rows_of("opened\n" + f"Recv: {spaced(frame)} " * 200)
+
+
+def test_bytes_without_times_follow_each_other_at_the_baud() -> None:
+    frame = spaced(frame_of(KINDS[4], random.Random(1)))
+    for text in (f"{frame}\n" * 50, f"RX: {frame}\n" * 50):
+        rows, _ = rows_of(text, LogOptions(start_ns=10**18, baud=9600))
+        times = [row.t_ns or 0 for row in rows]
+        assert all(b - a == 10 * byte_time_ns(9600) for a, b in pairwise(times))
+
+
+# Text
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "gb18030"]
+)
+def test_encodings_are_recognised(encoding: str) -> None:
+    log = a_log(0)
+    text = LAYOUTS["XCOM"](log)
+    rows, _ = rows_of(text.encode(encoding))
+    assert found_in(rows) == frames_of(log)
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
+    assert is_text(text.encode(encoding))
+
+
+def test_block_of_nul_is_skipped_and_reported() -> None:
+    log = a_log(0)
+    lines = LAYOUTS["Arduino"](log).encode().splitlines(keepends=True)
+    rows, notes = rows_of(b"".join([*lines[:9], bytes(5000), *lines[9:]]))
+    assert found_in(rows) == frames_of(log)
+    assert any("5,000 NUL bytes are skipped; a power cut leaves them" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        (b"", "log.txt: is empty"),
+        (b"\n\n", "log.txt: is empty"),
+        (bytes(100_000), "log.txt: is empty"),
+        (bytes(range(32)), "holds no text; if it holds raw bytes, add --input raw"),
+        ((b"12:00:00 rx data \xaa\x01\x02\n") * 40, "holds bytes as characters among text"),
+        (b"It was the best of times\n" * 40, "no frames found in 40 lines, and no bytes in any"),
+    ],
+)
+def test_text_without_bytes_is_refused_with_a_reason(content: bytes, error: str) -> None:
+    with pytest.raises(FteSniffError, match=re.escape(error)):
+        rows_of(content)
+
+
+def test_refused_log_names_the_best_two_forms_with_two_lines_each() -> None:
+    text = "".join(f"{at % 7 + 20} 30 40 50 99 0x{at:04x}\n" for at in range(300, 340))
+    with pytest.raises(InputTextError) as refused:
+        rows_of(f"data {text}")
+    assert "it could be read as hex pairs (200 bytes, " in str(refused.value)
+    assert " or as " in str(refused.value)
+    assert str(refused.value).count("40 50 99") == 4
+
+
+NOTHING = {
+    "prose": "It was the best of times, it was the worst of times\n" * 200,
+    "source": "def f(a, b=0xAA):\n    return a + b  # 10 of 20\n" * 100,
+    "MAC addresses": "00:1a:2b:3c:4d:5e\n" * 50,
+    "dates": "2026-01-31 12:00:05\n" * 50,
+    "UUIDs": "id 0a0525f3-cd50-2a71-4705-c97ca87930cc\n" * 50,
+    "floats": "0.718209,604.182408,-0.723621\n" * 50,
+}
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_text_without_frames_has_no_frames(name: str) -> None:
+    try:
+        rows, _ = rows_of(NOTHING[name])
+    except InputTextError:
+        return
+    assert not any(row.framed for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("first", "what"),
+    [
+        ("time,port,offset,length\n", "CSV, a result"),
+        ('{"time":null,"port":"x","offset":0}\n', "JSON lines, a result"),
+        ("time   port  offset   kind   values   raw   faults\n", "a table, a result"),
+    ],
+)
+def test_own_results_are_refused_with_what_to_do(first: str, what: str) -> None:
+    with pytest.raises(FileError, match=f"wrote as {what}, .*; name the recording"):
+        rows_of(f"{first}1,2,3\n")
+
+
+def test_unknown_form_lists_all() -> None:
+    with pytest.raises(InputTextError, match="the forms are: hex pairs, hex digits"):
+        rows_of("AA 01", LogOptions(form="roman"))
+
+
+def test_form_of_the_user_is_read_without_frames() -> None:
+    rows, _ = rows_of("data 1 2 300\ndata 10 20 30 40\n", LogOptions(form="decimal"))
+    assert b"".join(row.raw for row in rows) == bytes([10, 20, 30, 40])
+
+
+# Any writer
+
+Writer = Callable[[bytes], str]
+
+
+def _each(form: str, separator: str = " ") -> Writer:
+    return lambda data: separator.join(form.format(byte) for byte in data)
+
+
+WRITERS: dict[str, Writer] = {
+    **{
+        f"{form} {separator!r}": _each(form, separator)
+        for form in ("{:02X}", "{:02x}")
+        for separator in (" ", "  ", "\t", ",", ", ", ":", "-", ";", "|", " | ", "_", "/", ".")
+    },
+    **{
+        f"{form} {separator!r}": _each(form, separator)
+        for form in ("0x{:02X}", "0x{:02x}", "0x{:x}", "${:02X}", "%{:02X}", "&H{:02X}")
+        for separator in (" ", ",", ", ")
+    },
+    "digits": bytes.hex,
+    "0x and digits": lambda data: f"0x{data.hex()}",
+    "\\x": _each("\\x{:02x}", ""),
+    "\\": _each("\\{:02X}", ""),
+    "h": _each("{:02X}h"),
+    "unpadded": _each("{:x}"),
+    "brackets": _each("[{:02X}]", ""),
+    "angles": _each("<{:02x}>", ""),
+    "quotes": _each('"0x{:02x}"', ", "),
+    "decimal": _each("{}"),
+    "decimal, commas": _each("{}", ", "),
+    "padded decimal": _each("{:3d}"),
+    "octal": _each("{:03o}"),
+    "binary": _each("{:08b}"),
+    "repr": repr,
+    "C string": lambda data: f'"{escaped(data)}"',
+    "octal escapes": lambda data: '"' + "".join(f"\\{byte:03o}" for byte in data) + '"',
+    "JSON": lambda data: f"[{','.join(map(str, data))}]",
+}
+WORDS = [
+    tuple(words.split("/"))
+    for words in (
+        "TX/RX", "tx/rx", "send/recv", "Sent/Received", "WRITE/READ", "out/in", "发送/接收",
+        "发/收", "→/←", "-->/<--", ">>/<<", "host/device", "request/response", "onWrite/onRead",
+        "COM3/COM4", "ttyUSB0/ttyUSB1", "fte.cmd/fte.state",
+    )
+]  # fmt: skip
+PREFIXES = (
+    "{time} {word}: ", "[{time}] {word} ", "[{time}][{word}] ", "{word} {time} ", "{time},{word},",
+    "{time}\t{word}\t", "{word}: ", "{word} ", "#{n} {time} {word} ", "{time} {word} len={size} ",
+    "D/Serial({n}): {word} {time} ", "{time} | {word} | ", "<{time} {word}> ",
+)  # fmt: skip
+TIMES: dict[str, Callable[[int], str]] = {
+    "ms": clock,
+    "ISO": lambda ms: f"2026-01-31T{clock(ms)}",
+    "seconds": lambda ms: f"2026-01-31 {clock(ms, 0)}",
+    "month": lambda ms: f"Jan 31 {clock(ms)}",
+    "day first": lambda ms: f"31/01/2026 {clock(ms)}",
+    "comma": lambda ms: clock(ms).replace(".", ","),
+    "epoch": lambda ms: f"{1_769_817_600 + ms / 1000:.3f}",
+    "none": lambda ms: "",
+}
+
+
+@given(
+    st.sampled_from(sorted(WRITERS)),
+    st.sampled_from(WORDS),
+    st.sampled_from(PREFIXES),
+    st.sampled_from(sorted(TIMES)),
+    st.integers(0, 10**6),
+    st.lists(st.sampled_from([*FOREIGN, "über 5 µs", "电机 2 停止"]), max_size=40),
+)
+@examples(60)
+def test_frames_of_any_writer_come_back_exactly(
+    writer: str, words: tuple[str, ...], prefix: str, time: str, seed: int, foreign: list[str]
+) -> None:
+    log, lines = a_log(seed, 40), list[str]()
+    for n, one in enumerate(log):
+        word = words[WAYS.index(one.way)]
+        begin = prefix.format(time=TIMES[time](one.ms), word=word, n=n, size=len(one.data))
+        lines.append(begin + WRITERS[writer](one.data))
+    rng = random.Random(seed)
+    for text in foreign:
+        lines.insert(rng.randint(0, len(lines)), text)
+    rows, notes = rows_of("\n".join(lines))
+    assert found_in(rows) == frames_of(log), notes
+    assert size_of(rows) == size_of(log), notes
+    assert all(row.t_ns is not None for row in rows) == (time != "none" and "{time}" in prefix)
+
+
+def test_every_form_is_named_once() -> None:
+    assert len({form.name for form in FORMS}) == len(FORMS)
+    assert line("{hex}")([Sent(b"\xaa", "tx", 0)]) == "aa\n"
