@@ -2,7 +2,7 @@
 
 A chunk is all that is needed to read its rows, so a file is a list of chunks. A summary with the
 right checksum lists them. Without one the records are walked; where a record makes no sense, the
-search resumes behind the last chunk, with the bytes that every chunk has:
+search resumes behind the start of the last one that does, with the bytes that every chunk has:
 
     06 length | start  end  size crc  04 00 00 00 z s t d  packed length | records ...
        8      |  8      8    8    4   the mark             8
@@ -44,7 +44,7 @@ _MARK: Final = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 _MARK_OFFSET: Final = HEAD.size + _CHUNK_HEAD.size - 4
 _CHUNK_START: Final = HEAD.size + _CHUNK_HEAD.size + 16
 """Bytes of a chunk record up to the packed records, at most."""
-_BLOCK: Final = 1024 * 1024
+_BLOCK: Final = 64 * 1024
 _FIRST_PRIVATE: Final = 0x80
 _OPCODES: Final = frozenset(map(int, Opcode))
 
@@ -78,6 +78,15 @@ class LostBytes(NamedTuple):
     start: int
     stop: int
     why: str
+
+    @property
+    def where(self) -> str:
+        """The bytes; the end of a file that is cut off has none."""
+        if self.start == self.stop:
+            return TranslatableText("the end, at byte {at}", at=self.start)
+        size = self.stop - self.start
+        form = "bytes {start} to {stop} ({size} bytes)"
+        return TranslatableText(form, start=self.start, stop=self.stop, size=size)
 
 
 @dataclass(slots=True)
@@ -195,22 +204,24 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     """
     file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
     found = Contents()
-    at = trusted = first or _start_of(file, found)
+    at = first or _start_of(file, found)
+    before = at - 1
+    """The start of the last record that makes sense; its length may be damaged."""
+    is_ended = is_growing
     while at < file.size:
         head = _head_at(file, at)
         if head is None:
             if is_growing:
                 break
-            following = _next_chunk(file, trusted)
-            found.lost = [one for one in found.lost if one.stop <= trusted]
-            lost = LostBytes(at if at < following else trusted, following, _RECORDS_LOST)
-            found.lost.append(lost)
-            at = trusted = following
+            following = _next_chunk(file, before + 1)
+            start = at if at < following else max(before, 0)
+            found.lost = [one for one in found.lost if one.stop <= start]
+            found.lost.append(LostBytes(start, following, _RECORDS_LOST))
+            at, before = following, following - 1
             continue
         opcode, stop = head
         if opcode == Opcode.CHUNK:
             found.chunks.append(_chunk_at(file, at, stop))
-            trusted = stop
         elif opcode == Opcode.MESSAGE_INDEX:
             if found.chunks and found.chunks[-1].end == at:
                 found.chunks[-1] = found.chunks[-1]._replace(end=stop)
@@ -218,9 +229,15 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             found.messages.append((at, stop))
         elif opcode in _RECORDS and not found.define(opcode, file.read(at, stop)[HEAD.size :]):
             found.lost.append(LostBytes(at, stop, _RECORDS_LOST))
-        at = stop
+        at, before = stop, at
         if opcode == Opcode.FOOTER:
-            break
+            is_ended = True
+            # Behind the end of a file that is being written may be zeros, and a second end.
+            at = file.size if is_growing else _next_chunk(file, stop)
+            if at < file.size:
+                found.lost.append(LostBytes(stop, at, _RECORDS_LOST))
+    if not is_ended:
+        found.lost.append(LostBytes(file.size, file.size, _CUT_OFF))
     return found
 
 
@@ -236,6 +253,7 @@ class _Bytes(NamedTuple):
 
 
 _RECORDS_LOST: Final = TranslatableText("damaged records")
+_CUT_OFF: Final = TranslatableText("the file is cut off")
 
 
 def _start_of(file: _Bytes, found: Contents) -> int:

@@ -85,16 +85,13 @@ class _TopicReader:
     """Reads one topic of an open file."""
 
     def __init__(self, path: Path, topic: str, stream: BinaryIO) -> None:
-        """Find the chunks of the file; raises FileError if it is damaged, or lacks the topic."""
+        """Find the chunks of the file."""
         self._path, self._topic, self._stream = path, topic, stream
         self._contents = contents_of(stream)
         self._payloads: dict[int, Payload] = {}
         self._spans: dict[int, tuple[int, int]] = {}
         """By the offset of a chunk: the times of its first and last message in file order."""
         self._falls = 0
-        for lost in self._contents.lost:
-            where = f"bytes {lost.start} to {lost.stop}"
-            raise FileError("{path}: {where}: {why}", path=path, where=where, why=lost.why)
 
     def chunks(self, note: Callable[[str], object]) -> Iterator[Chunk]:
         """The bytes of the topic in the order of log times."""
@@ -119,6 +116,10 @@ class _TopicReader:
                     topic=self._topic,
                     count=falls,
                 )
+            )
+        for lost in self._contents.lost:
+            raise FileError(
+                "{path}: {where}: {why}", path=self._path, where=lost.where, why=lost.why
             )
 
     def _check_topic(self) -> None:

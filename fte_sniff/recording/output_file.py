@@ -4,11 +4,7 @@ A file gets its name once its head is written, so none is ever empty; what it re
 then. On Windows, where an open file cannot get another name, it has its name at once.
 
 Another program may put its own file on the name at any time, or overwrite ours. So a file that is
-to be deleted is known by device and inode, its size, and its last bytes, which hold the checksum of
-the summary, for inodes are used again:
-
-    compare | rename to a private name | compare | delete
-                                                 | or give the name back
+to be deleted is known by its identity, of which the time of the last change is a part.
 """
 
 from __future__ import annotations
@@ -17,15 +13,14 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import Enum
 from itertools import count
 from pathlib import Path
 from secrets import token_hex
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.errors import FileError, reason_of, unwritable
-from fte_sniff.platform import POSIX, open_flags, read_at, sync_folder, try_to_lock
+from fte_sniff.platform import POSIX, open_flags, sync_folder, try_to_lock
 
 
 class Existing(Enum):
@@ -140,17 +135,17 @@ class OutputFile:
         sync_folder(self.path.parent)
 
     def _link(self) -> Path:
+        """Give the file the first name that is free, and return it."""
         for path in file_names(self.path, self._existing):
             with suppress(FileExistsError):
                 try:
                     os.link(self._made, path, follow_symlinks=False)
-                    self._made.unlink()
-                except FileExistsError:
-                    raise
-                except OSError:  # a file system without hard links
+                except PermissionError:  # a file system without hard links
                     if os.path.lexists(path):
                         continue
                     self._made.rename(path)
+                else:
+                    self._made.unlink()
                 return path
         raise FileExistsError
 
@@ -169,8 +164,8 @@ class OutputFile:
     def identity(self) -> FileIdentity | None:
         """What the file is; None if it was deleted, or cannot be read."""
         with suppress(OSError):
-            is_deleted = os.fstat(self.descriptor).st_nlink == 0
-            return None if is_deleted else FileIdentity.of(self.descriptor)
+            found = os.fstat(self.descriptor)
+            return FileIdentity.of(found) if found.st_nlink else None
         return None
 
     def check(self) -> None:
@@ -191,81 +186,34 @@ class OutputFile:
             self._replaced = None
 
 
-_END: Final = 64
-"""Bytes at the end of a recording that are compared: footer, checksum and magic."""
-
-
-@dataclass(frozen=True, slots=True)
-class FileIdentity:
-    """A file that is closed."""
+class FileIdentity(NamedTuple):
+    """What distinguishes a closed file from any other."""
 
     device: int
     inode: int
     size: int
-    end: bytes
-    """Its last bytes."""
+    changed_ns: int
 
     @classmethod
-    def of(cls, descriptor: int) -> FileIdentity:
-        """The file of an open descriptor; raises OSError if it cannot be read."""
-        found = os.fstat(descriptor)
-        end = read_at(descriptor, _END, max(0, found.st_size - _END))
-        return cls(found.st_dev, found.st_ino, found.st_size, end)
-
-    def is_at(self, path: Path) -> bool:
-        """Whether a path leads to this file; a symbolic link does not.
-
-        Raises OSError if the file there cannot be read.
-        """
-        try:
-            found = path.lstat()
-            if (found.st_dev, found.st_ino, found.st_size) != (
-                self.device,
-                self.inode,
-                self.size,
-            ) or not stat.S_ISREG(found.st_mode):
-                return False
-            descriptor = os.open(path, open_flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
-        except (FileNotFoundError, NotADirectoryError):
-            return False
-        try:
-            return FileIdentity.of(descriptor) == self
-        finally:
-            os.close(descriptor)
-
-    def delete(self, path: Path) -> bool:
-        """Delete the file; False if another one, or none, is there, which is left alone.
-
-        Raises OSError if it cannot be deleted.
-        """
-        if not self.is_at(path):
-            return False
-        private = path.with_name(f".fte-sniff-{token_hex(8)}{path.suffix}")
-        try:
-            path.rename(private)
-        except FileNotFoundError:
-            return False
-        if not self.is_at(private):
-            _give_back(private, path)
-            return False
-        try:
-            private.unlink()
-        except OSError:
-            _give_back(private, path)
-            raise
-        sync_folder(path.parent)
-        return True
+    def of(cls, found: os.stat_result) -> FileIdentity:
+        """The identity of a file with this status."""
+        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
 
 
-def _give_back(private: Path, path: Path) -> None:
-    """Rename a file back; if its name is taken already, it keeps the private one."""
-    with suppress(OSError):
-        os.link(private, path, follow_symlinks=False)
-        private.unlink()
-        return
-    if not os.path.lexists(path):  # a file system without hard links
-        with suppress(OSError):
-            private.rename(path)
+def delete(path: Path, identity: FileIdentity) -> bool:
+    """Delete a file; False if the path leads to another one, a link, or none: those stay.
+
+    Raises OSError if it cannot be deleted.
+    """
+    try:
+        found = path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    if not stat.S_ISREG(found.st_mode) or FileIdentity.of(found) != identity:
+        return False
+    path.unlink()
+    sync_folder(path.parent)
+    return True
 
 
 class LostDataError(OSError):

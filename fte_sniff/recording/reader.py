@@ -67,7 +67,7 @@ from fte_sniff.recording.skeletons import (
     MessageDecoder,
     Messages,
     MessageType,
-    at_every_byte,
+    heads_at,
 )
 
 Item: TypeAlias = Rows | PortEvent | Gap
@@ -269,12 +269,7 @@ class Recording:
         """What could not be read so far, one line each."""
         lost = sorted(self.contents.lost)
         lines: list[str] = [
-            TranslatableText(
-                "bytes {start} to {stop} could not be read: {why}",
-                start=one.start,
-                stop=one.stop,
-                why=one.why,
-            )
+            TranslatableText("{where} could not be read: {why}", where=one.where, why=one.why)
             for one in lost[:_MOST_LOSSES]
         ]
         if len(lost) > _MOST_LOSSES:
@@ -311,11 +306,11 @@ class Recording:
         Raises FileError if the file cannot be read any more.
         """
         wanted = self.contents.chunks if chunks is None else chunks
-        wanted = [one for one in wanted if span.overlaps(one.first_ns, one.last_ns)]
+        groups = [*_groups([one for one in wanted if span.overlaps(one.first_ns, one.last_ns)])]
         jobs: deque[tuple[int, Future[list[_Run]]]] = deque()
         waiting = 0
         with ThreadPoolExecutor(cores()) as threads, self._open() as file:
-            for group in _groups(wanted):
+            for group in groups:
                 size = sum(one.size for one in group)
                 while jobs and (len(jobs) > cores() or waiting + size > _MOST_AHEAD):
                     waiting -= jobs[0][0]
@@ -608,14 +603,14 @@ def _indexed_starts(indexes: bytes, records: bytes) -> Ints | None:
         found.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
         at += HEAD.size + length
     own = np.sort(np.concatenate(found))
-    if not len(own) or own[-1] + np.uint64(MESSAGE_HEAD) > len(records):
+    if not len(own) or int(own[-1]) + MESSAGE_HEAD > len(records):
         return None
     starts = own.astype(np.int64)
-    ends = starts + HEAD.size + _numbers(records, starts + 1, "<i8")
-    is_whole = (ends[:-1] == starts[1:]).all() and ends[-1] == len(records)
-    are_messages = (np.frombuffer(records, np.uint8)[starts] == Opcode.MESSAGE).all()
-    are_long = (ends - starts >= MESSAGE_HEAD).all()
-    return starts if is_whole and are_messages and are_long else None
+    heads = heads_at(records, starts)
+    stops = np.append(starts[1:], len(records))
+    tile = starts + HEAD.size + heads["length"] == stops
+    fits = tile & (heads["opcode"] == Opcode.MESSAGE) & (stops - starts >= MESSAGE_HEAD)
+    return starts if fits.all() else None
 
 
 def _walked_starts(records: bytes) -> Ints:
@@ -628,22 +623,9 @@ def _walked_starts(records: bytes) -> Ints:
     return np.array(own, np.int64)
 
 
-def _numbers(records: bytes, at: Ints, kind: str) -> Ints:
-    """The numbers at any offsets of some bytes."""
-    every = at_every_byte(records, np.dtype(kind).itemsize)
-    return every[at].view(kind).astype(np.int64)
-
-
 def _messages_of(run: _Run) -> Messages:
     """The messages of several chunks, as of one."""
     records = run.records[0] if len(run.records) == 1 else b"".join(run.records)
     shifts = np.cumsum([0, *map(len, run.records[:-1])])
     own = [starts + shift for starts, shift in zip(run.starts, shifts, strict=True)]
-    starts = np.concatenate(own)
-    return Messages(
-        records,
-        starts,
-        _numbers(records, starts + 1, "<i8") - (MESSAGE_HEAD - HEAD.size),
-        _numbers(records, starts + 9, "<u2"),
-        _numbers(records, starts + 15, "<i8"),
-    )
+    return Messages(records, np.concatenate(own))

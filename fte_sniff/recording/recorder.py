@@ -26,10 +26,9 @@ from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text
+from fte_sniff.errors import FileError, TranslatableText, size_text
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import (
     END_NAME,
     GAP_NAME,
@@ -37,12 +36,11 @@ from fte_sniff.recording.metadata import (
     PortFacts,
     gap_to_metadata,
 )
-from fte_sniff.recording.output_file import Existing, FileIdentity, file_names
-from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter
+from fte_sniff.recording.output_file import Existing, FileIdentity, delete, file_names
+from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions
 
-RETRY_S: Final = 3.0
-MOST_RETRY_S: Final = 60.0
-"""Seconds from a failure to the next attempt to record again: the first time, and at most."""
+RETRY_S: Final = 5.0
+"""Seconds from a failure to the next attempt to record again."""
 
 DEFAULT_FREE_BYTES: Final = 1_000_000_000
 """Bytes to leave free on the disk; less on a small or nearly full one."""
@@ -102,8 +100,6 @@ class Outcome:
     last: Path
     deleted_files: int = 0
     deleted_rows: int = 0
-    undeleted: str = ""
-    """The first file that could not be deleted, and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,11 +146,11 @@ class Recorder:
         self._missed_events = 0
         self._stopped: FileError | None = None
         self._changes: list[Change] = []
-        self._wait_s, self._due_s, self._failed_s = RETRY_S, -inf, -inf
+        self._due_s = -inf
+        """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
         self._wants_rotation = False
         self._deleted_files = self._deleted_rows = 0
-        self._undeleted = ""
         self._min_free = self._free_limit()
         first = self._first_path()
         if limit := self._limit_reached():
@@ -200,7 +196,7 @@ class Recorder:
     def outcome(self) -> Outcome:
         """The files so far."""
         first = self._closed[0].path if self._closed else self.path
-        return Outcome(first, self.path, self._deleted_files, self._deleted_rows, self._undeleted)
+        return Outcome(first, self.path, self._deleted_files, self._deleted_rows)
 
     def changes(self) -> list[Change]:
         """The changes since the previous call."""
@@ -211,7 +207,7 @@ class Recorder:
 
     def write(self, *entries: Entry) -> None:
         """Record rows, each port's in the order of its stream, and port events."""
-        for entry in _portions(entries):
+        for entry in portions(entries):
             if self._writer is None:
                 self._miss([entry])
                 continue
@@ -234,7 +230,7 @@ class Recorder:
         writer = self._writer
         if writer is None:
             if time.monotonic() >= self._due_s:
-                self._due_s = time.monotonic() + self._wait_s
+                self._due_s = time.monotonic() + RETRY_S
                 self._resume([])
             return
         try:
@@ -359,10 +355,7 @@ class Recorder:
             may_try = self._delete_oldest(keep=1)
         if not (may_try and self._resume(writer.unflushed)):
             self._miss(writer.unflushed)
-        now_s = time.monotonic()
-        was_calm = now_s - self._failed_s > MOST_RETRY_S
-        self._wait_s = RETRY_S if was_calm else min(2 * self._wait_s, MOST_RETRY_S)
-        self._failed_s, self._due_s = now_s, now_s + self._wait_s
+        self._due_s = time.monotonic() + RETRY_S
 
     def _stop(self, writer: RecordingWriter, limit: str) -> None:
         """End a file because a limit is reached."""
@@ -416,7 +409,7 @@ class Recorder:
             writer.abandon()
             with suppress(OSError):
                 if writer.identity is not None:
-                    writer.identity.delete(writer.path)
+                    delete(writer.path, writer.identity)
             return False
         self._go_on(writer, gaps)
         return True
@@ -442,17 +435,11 @@ class Recorder:
             if writer is not None and not self._copy_gaps(oldest, writer):
                 return False
             self._closed.remove(oldest)
-            try:
-                if oldest.identity.delete(oldest.path):
+            with suppress(OSError):
+                if delete(oldest.path, oldest.identity):
                     self._deleted_files += 1
                     self._deleted_rows += oldest.rows
                     return True
-            except OSError as error:
-                self._undeleted = self._undeleted or TranslatableText(
-                    "{path} cannot be deleted: {reason}",
-                    path=oldest.path,
-                    reason=reason_of(error),
-                )
         return False
 
     def _copy_gaps(self, file: _ClosedFile, writer: RecordingWriter) -> bool:
@@ -507,13 +494,3 @@ def _numbered(path: Path) -> Path | None:
     with suppress(OSError):  # the error of the file that cannot be made there is raised instead
         return min(path.parent.glob(pattern), default=None)
     return None
-
-
-def _portions(entries: Iterable[Entry]) -> Iterable[Entry]:
-    """The entries, rows in portions of `MOST_ROWS` at most."""
-    for entry in entries:
-        if isinstance(entry, Rows):
-            for start in range(0, len(entry), MOST_ROWS):
-                yield entry[start : start + MOST_ROWS]
-        else:
-            yield entry

@@ -109,9 +109,8 @@ class Repair:
         chunks = self._recording.contents.chunks
         before = [one.last_ns for one in chunks if one.stop <= lost.start]
         after = [one.first_ns for one in chunks if one.start >= lost.stop]
-        where = f"bytes {lost.start} to {lost.stop} ({lost.stop - lost.start} bytes)"
         times = before[-1] if before else None, after[0] if after else None
-        return Gap(GapKind.DAMAGE, None, *times, where)
+        return Gap(GapKind.DAMAGE, None, *times, lost.where)
 
     def _batches(self) -> Iterator[Batch]:
         before = 0

@@ -33,9 +33,21 @@ from fte_sniff.protocol.rows import (
     fault_bits,
 )
 from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, TAIL, Fault
+from fte_sniff.recording.chunks import HEAD
 from fte_sniff.recording.schema import class_of, encode_row, topic_of
 
-MESSAGE_HEAD: Final = 31
+MESSAGE: Final = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<i8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<i8"),
+        ("publish", "<i8"),
+    ]
+)
+"""The head of a message record; times in nanoseconds since 1970 UTC."""
+MESSAGE_HEAD: Final = MESSAGE.itemsize
 """Bytes of a message record before the message."""
 LONGEST: Final = 4096
 """Bytes of a message; longer ones are not read."""
@@ -49,17 +61,23 @@ _DELIMITED: Final = 2
 _IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 
 
-class Messages(NamedTuple):
+class Messages:
     """The message records of unpacked chunks, in file order."""
 
-    records: bytes
-    starts: Ints
-    """Offsets of the records."""
-    lengths: Ints
-    """Bytes of the messages, without their heads."""
-    channels: Ints
-    log_times: Ints
-    """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
+    def __init__(self, records: bytes, starts: Ints) -> None:
+        """Take the offsets of the records, each with a whole head."""
+        self.records, self.starts = records, starts
+        heads = heads_at(records, starts)
+        self.channels: Array = heads["channel"]
+        self.log_times: Ints = heads["log"].astype(np.int64)
+        """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
+        self.lengths: Ints = heads["length"] - (MESSAGE_HEAD - HEAD.size)
+        """Bytes of the messages, without their heads."""
+
+    def __getitem__(self, at: int) -> bytes:
+        """One message."""
+        start = int(self.starts[at]) + MESSAGE_HEAD
+        return self.records[start : start + int(self.lengths[at])]
 
 
 class MessageType(NamedTuple):
@@ -255,6 +273,11 @@ def at_every_byte(records: bytes | Codes, size: int) -> Array:
     return np.ndarray((max(0, len(records) - size + 1),), f"V{size}", records, 0, (1,))
 
 
+def heads_at(records: bytes, starts: Ints) -> Array:
+    """The heads of the message records at some offsets."""
+    return at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
+
+
 def _alike(
     messages: Messages, types: Mapping[int, MessageType]
 ) -> list[tuple[MessageType, int, Array]]:
@@ -289,14 +312,14 @@ def _events(
     """The events that can be read, by the index of their message."""
     found: dict[int, PortEvent] = {}
     for row in rows.tolist():
-        start = int(messages.starts[row]) + MESSAGE_HEAD
-        data = messages.records[start : start + int(messages.lengths[row])]
         port, t_ns = ports[int(messages.channels[row])], int(messages.log_times[row])
         try:
-            message = kind.parse(data)
+            message = kind.parse(messages[row])
             (name,) = kind.members(message, "kind")
-            t_ns = message.time_ns if message.HasField("time_ns") else t_ns
-            event = PortEvent(t_ns, port, PortEventKind(name), message.detail, message.count)
+            # The first recordings have neither a time nor a count.
+            t_ns = getattr(message, "time_ns", 0) or t_ns
+            count = getattr(message, "count", 0)
+            event = PortEvent(t_ns, port, PortEventKind(name), message.detail, count)
         except (DecodeError, AttributeError, KeyError, ValueError):
             continue
         if 0 <= t_ns < 1 << 63:

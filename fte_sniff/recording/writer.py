@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Self, TypeAlias
 
@@ -63,7 +63,7 @@ from fte_sniff.recording.schema import (
     encode_event,
     topics_of,
 )
-from fte_sniff.recording.skeletons import MESSAGE_HEAD, Template, at_every_byte
+from fte_sniff.recording.skeletons import MESSAGE, MESSAGE_HEAD, Template, at_every_byte
 
 MOST_ROWS: Final = 16_384
 """Rows of a chunk, at most."""
@@ -71,16 +71,6 @@ MOST_ROWS: Final = 16_384
 Entry: TypeAlias = Rows | PortEvent
 """What is written."""
 
-_MESSAGE: Final = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log", "<i8"),
-        ("publish", "<i8"),
-    ]
-)
 _PRIVATE: Final = 0x80
 
 
@@ -264,7 +254,7 @@ class Encoder:
             lengths[places[own]] = MESSAGE_HEAD + values.itemsize
         stops = np.cumsum(lengths)
         starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
-        heads = np.empty(len(order), _MESSAGE)
+        heads = np.empty(len(order), MESSAGE)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
         heads["channel"], heads["sequence"] = channels, self._sequences(channels)
         heads["log"] = heads["publish"] = times
@@ -341,7 +331,67 @@ def _keys_of(rows: Rows, log_times: Ints) -> Ints:
     return keys
 
 
-class RecordingWriter:
+class SequentialFile:
+    """A file or pipe that is written in sequence: valid once it has its end."""
+
+    def __init__(self, descriptor: int, head: bytes) -> None:
+        """Begin an empty file, which the caller closes; raises OSError."""
+        self._descriptor = descriptor
+        self.end = 0
+        self.append(head, b"")
+
+    def append(self, data: bytes, end: bytes = END) -> None:
+        """Write data, and the end of the file if there is no data; raises OSError."""
+        self.end += len(data)
+        view = memoryview(data or end)
+        while view:
+            view = view[os.write(self._descriptor, view) :]
+
+
+class _Writer:
+    """Writes rows, port events and metadata to a file that grows."""
+
+    def __init__(self, encoder: Encoder, file: AppendFile | SequentialFile) -> None:
+        self._encoder, self._file = encoder, file
+        self.unflushed: list[Entry] = []
+        self.flushed_rows = self.flushed_events = 0
+        """Rows and port events in the file."""
+        self.span_ns: tuple[int, int] | None = None
+        """First and last log time in the file; None without any."""
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file, without its end."""
+        return self._file.end
+
+    @property
+    def unflushed_rows(self) -> int:
+        """Rows that wait for a flush."""
+        return sum(len(one) for one in self.unflushed if isinstance(one, Rows))
+
+    def write_metadata(self, record: Metadata) -> None:
+        """Write one more metadata record; raises as `flush`."""
+        own = Metadata(record.name, encodable_items(record.metadata))
+        self._append(self._encoder.metadata(own, self._file.end))
+
+    def flush(self) -> None:
+        """Write a chunk of all that is pending; raises FileError, in a bulk OSError."""
+        if self.unflushed:
+            self._append(self._encoder.chunk(self.unflushed, self._file.end))
+            self.flushed_rows += self.unflushed_rows
+            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
+            self.unflushed = []
+            self.span_ns = self._encoder.times
+
+    def _end(self) -> None:
+        self.flush()
+        self._append(b"", self._encoder.summary(self._file.end))
+
+    def _append(self, data: bytes, end: bytes = END) -> None:
+        self._file.append(data, end)
+
+
+class RecordingWriter(_Writer):
     """Writes a recording while it is captured; rows reach the file with `flush`.
 
     When a write fails, the file has what was flushed before.
@@ -366,20 +416,14 @@ class RecordingWriter:
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
         """
-        self.unflushed: list[Entry] = []
-        self.flushed_rows = self.flushed_events = 0
-        """Rows and port events in the file."""
-        self.span_ns: tuple[int, int] | None = None
-        """First and last log time in the file; None without any."""
         self.identity: FileIdentity | None = None
         """What the file is once it is closed; None if it was deleted."""
-        self._is_closed = False
-        self.is_gone = False
+        self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""
-        self._encoder = Encoder(ports, facts or {})
+        encoder = Encoder(ports, facts or {})
         self._output = OutputFile(path, existing)
         try:
-            self._file = AppendFile(self._output.descriptor, self._encoder.head)
+            super().__init__(encoder, AppendFile(self._output.descriptor, encoder.head))
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -387,39 +431,14 @@ class RecordingWriter:
         self.path = self._output.path
         """The file's name."""
 
-    @property
-    def size(self) -> int:
-        """Bytes in the file, without its end."""
-        return self._file.end
-
-    @property
-    def unflushed_rows(self) -> int:
-        """Rows that wait for a flush."""
-        return sum(len(one) for one in self.unflushed if isinstance(one, Rows))
-
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; `flush` stores them."""
         self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
 
-    def write_metadata(self, record: Metadata) -> None:
-        """Write one more metadata record; raises FileError."""
-        encodable = Metadata(record.name, encodable_items(record.metadata))
-        self._append(self._encoder.metadata(encodable, self._file.end))
-
-    def flush(self) -> None:
-        """Write a chunk of all that is pending; raises FileError."""
-        if self.unflushed:
-            self._append(self._encoder.chunk(self.unflushed, self._file.end))
-            self.flushed_rows += self.unflushed_rows
-            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
-            self.unflushed = []
-            self.span_ns = self._encoder.times
-
     def close(self) -> None:
         """Flush, write the summary, and close; raises FileError, and the file is closed then."""
         try:
-            self.flush()
-            self._append(b"", self._encoder.summary(self._file.end))
+            self._end()
         finally:
             self.abandon()
 
@@ -433,7 +452,7 @@ class RecordingWriter:
     def _append(self, data: bytes, end: bytes = END) -> None:
         try:
             self._output.check()
-            self._file.append(data, end)
+            super()._append(data, end)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
             raise stopped_by_error(self.path, error, self.flushed_rows) from error
@@ -445,47 +464,36 @@ class RecordingWriter:
         self.close()
 
 
-class BulkWriter:
+class BulkWriter(_Writer):
     """Writes a recording in sequence, for example to a pipe: valid once it is closed."""
 
     def __init__(
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
         """Write the head to an open descriptor, which is not closed; raises OSError."""
-        self._descriptor = descriptor
-        self._encoder = Encoder(ports, facts or {})
-        self._pending: list[Entry] = []
-        self._rows = self._end = 0
-        self._write(self._encoder.head)
+        encoder = Encoder(ports, facts or {})
+        super().__init__(encoder, SequentialFile(descriptor, encoder.head))
 
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; raises OSError."""
-        for one in entries:
-            if isinstance(one, PortEvent):
-                self._pending.append(one)
-                continue
-            for start in range(0, len(one), MOST_ROWS):
-                part = one[start : start + MOST_ROWS]
-                self._pending.append(part)
-                self._rows += len(part)
-                if self._rows >= MOST_ROWS:
-                    self._flush()
+        for portion in portions(entries):
+            self.unflushed.append(portion)
+            if self.unflushed_rows >= MOST_ROWS:
+                self.flush()
 
     def close(self, metadata: Iterable[Metadata] = ()) -> None:
         """Write the rest, these metadata records, and the summary; raises OSError."""
-        self._flush()
+        self.flush()
         for record in metadata:
-            own = Metadata(record.name, encodable_items(record.metadata))
-            self._write(self._encoder.metadata(own, self._end))
-        self._write(self._encoder.summary(self._end))
+            self.write_metadata(record)
+        self._end()
 
-    def _flush(self) -> None:
-        if self._pending:
-            self._write(self._encoder.chunk(self._pending, self._end))
-            self._pending, self._rows = [], 0
 
-    def _write(self, data: bytes) -> None:
-        self._end += len(data)
-        view = memoryview(data)
-        while view:
-            view = view[os.write(self._descriptor, view) :]
+def portions(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """The entries, rows in portions of `MOST_ROWS` at most."""
+    for entry in entries:
+        if isinstance(entry, PortEvent):
+            yield entry
+            continue
+        for start in range(0, len(entry), MOST_ROWS):
+            yield entry[start : start + MOST_ROWS]

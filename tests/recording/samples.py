@@ -108,7 +108,7 @@ def bulk(path: Path) -> None:
         rows = some_rows(400, BOTH)
         for start in range(0, len(rows), 40):
             writer.write(Rows.of(rows[start : start + 40]))
-            writer._flush()
+            writer.flush()
         writer.close()
 
 

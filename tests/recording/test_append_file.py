@@ -22,6 +22,7 @@ from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
+from tests.slow import first
 
 SIZE = 30
 """Rows of each flush."""
@@ -109,7 +110,9 @@ def test_after_each_write_other_readers_read_the_file(tmp_path: Path, writes: li
         assert found.pop() % SIZE in (0, 100 % SIZE)
 
 
-def test_a_kill_at_any_time_leaves_a_file_that_opens(tmp_path: Path) -> None:
+@pytest.mark.program
+@pytest.mark.parametrize("kills", first(1, [10, 200]))
+def test_a_kill_at_any_time_leaves_a_file_that_opens(kills: int, tmp_path: Path) -> None:
     """All rows that the program reports as flushed are in it."""
     program = (
         "import sys\n"
@@ -126,13 +129,13 @@ def test_a_kill_at_any_time_leaves_a_file_that_opens(tmp_path: Path) -> None:
         "writer.close()\n"
     )
     rows = some_rows(9000, BOTH)
-    for number in range(0, 12):
+    for number in range(kills):
         path = tmp_path / f"{number}.mcap"
         command = [sys.executable, "-c", program, str(path)]
-        root = Path(__file__).parents[3]
+        root = Path(__file__).parents[2]
         with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as running:
             assert running.stdout is not None
-            reported = [running.stdout.readline() for _ in range(number * 7 + 1)]
+            reported = [running.stdout.readline() for _ in range(number * 7 % 290 + 1)]
             running.send_signal(signal.SIGKILL)
             reported += running.stdout.readlines()
         found = rows_in(path)

@@ -166,7 +166,7 @@ def spans_of(one: Recorded) -> st.SearchStrategy[TimeRange]:
 def test_two_damaged_sectors_cost_at_most_their_chunks(way: str, tmp_path: Path) -> None:
     one = recorded(way)
 
-    @examples(60)
+    @examples(12)
     @given(sectors_of(one), sectors_of(one), spans_of(one))
     def holds(first: tuple[int, bytes], second: tuple[int, bytes], span: TimeRange) -> None:
         check(one, overwritten(one.content, first, second), tmp_path / "x.mcap", span, True)
@@ -179,7 +179,7 @@ def test_what_is_inserted_removed_or_cut_costs_no_whole_chunk(way: str, tmp_path
     one = recorded(way)
     third = [start for start, _ in one.chunks][2]
 
-    @examples(60)
+    @examples(12)
     @given(
         sectors_of(one),
         st.integers(third, len(one.content)),
@@ -203,7 +203,7 @@ def test_many_damages_invent_nothing(way: str, tmp_path: Path) -> None:
     one = recorded(way)
     changes = st.tuples(places_of(one), st.integers(0, 60), st.binary(max_size=60))
 
-    @examples(40)
+    @examples(12)
     @given(st.lists(changes, min_size=1, max_size=8), spans_of(one))
     def holds(changes: list[tuple[int, int, bytes]], span: TimeRange) -> None:
         altered = bytearray(one.content)
@@ -214,11 +214,34 @@ def test_many_damages_invent_nothing(way: str, tmp_path: Path) -> None:
     holds()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("way", WAYS)
+def test_of_900_random_damages_none_costs_an_untouched_chunk(way: str, tmp_path: Path) -> None:
+    one, rng = recorded(way), random.Random(way)
+    for _ in range(129):
+        altered = bytearray(one.content)
+        for _ in range(rng.choice((1, 1, 2, 3))):
+            at = rng.randrange(len(altered))
+            size = rng.choice((1, 1, 9, 60, SECTOR))
+            match rng.choice(("bytes", "zeros", "removed", "inserted", "cut")):
+                case "bytes":
+                    altered[at : at + size] = rng.randbytes(min(size, len(altered) - at))
+                case "zeros":
+                    altered[at : at + size] = bytes(min(size, len(altered) - at))
+                case "removed":
+                    del altered[at : at + size]
+                case "inserted":
+                    altered[at:at] = rng.randbytes(size)
+                case "cut":
+                    del altered[max(at, 9) :]
+        check(one, bytes(altered), tmp_path / "x.mcap", EVERYTHING, True)
+
+
 def test_each_record_of_a_file_can_be_damaged(tmp_path: Path) -> None:
     one = recorded("chunks below a sector")
     start, end = [*one.chunks][1]
     heads = {opcode: head for opcode, head, _ in records(one.content)}
-    places = {*range(start, end, 7), *(head + step for head in heads.values() for step in (0, 5))}
+    places = {*range(start, end, 29), *(head + step for head in heads.values() for step in (0, 5))}
     for place in sorted(places):
         altered = overwritten(one.content, (place, bytes([one.content[place] ^ 0x41])))
         check(one, altered, tmp_path / "x.mcap", EVERYTHING, True)
@@ -252,10 +275,11 @@ def test_a_loss_is_stated_in_bytes_and_times(tmp_path: Path) -> None:
     before, after = (one.chunks[[*one.chunks][number]] for number in (1, 3))
     damaged = overwritten(one.content, (end - 5, bytes(5)))
     reports = check(one, damaged, path, EVERYTHING, True).reports
-    assert reports == [f"bytes {start} to {end} could not be read: a chunk that does not unpack"]
+    where = f"bytes {start} to {end} ({end - start} bytes)"
+    assert reports == [f"{where} could not be read: a chunk that does not unpack"]
     damage = Repair(path).damage
     (gap,) = damage.gaps
-    assert gap.reason == f"bytes {start} to {end} ({end - start} bytes)"
+    assert gap.reason == where
     assert (gap.start_ns, gap.end_ns) == (before[-1].t_ns, after[0].t_ns)
     assert (damage.lost_messages, damage.lost_bytes) == (len(rows), end - start)
     with (tmp_path / "mended.mcap").open("rb") as file:

@@ -38,7 +38,6 @@ ROTATED = RecordingOptions(rotate_bytes=15_000)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The next attempt after a failure is made at the next flush."""
     monkeypatch.setattr(recorder_module, "RETRY_S", 0.0)
-    monkeypatch.setattr(recorder_module, "MOST_RETRY_S", 0.0)
 
 
 @pytest.fixture
