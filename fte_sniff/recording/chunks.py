@@ -81,12 +81,10 @@ class LostBytes(NamedTuple):
 
     @property
     def where(self) -> str:
-        """The bytes; the end of a file that is cut off has none."""
+        """The bytes; a file that is cut off between two records lacks none of those before."""
         if self.start == self.stop:
-            return TranslatableText("the end, at byte {at}", at=self.start)
-        size = self.stop - self.start
-        form = "bytes {start} to {stop} ({size} bytes)"
-        return TranslatableText(form, start=self.start, stop=self.stop, size=size)
+            return TranslatableText("the end at byte {at}", at=self.start)
+        return TranslatableText("bytes {start} to {stop}", start=self.start, stop=self.stop)
 
 
 @dataclass(slots=True)
@@ -216,7 +214,8 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             following = _next_chunk(file, before + 1)
             start = at if at < following else max(before, 0)
             found.lost = [one for one in found.lost if one.stop <= start]
-            found.lost.append(LostBytes(start, following, _RECORDS_LOST))
+            is_ended = following == file.size
+            found.lost.append(LostBytes(start, following, _END_LOST if is_ended else _RECORDS_LOST))
             at, before = following, following - 1
             continue
         opcode, stop = head
@@ -237,7 +236,7 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             if at < file.size:
                 found.lost.append(LostBytes(stop, at, _RECORDS_LOST))
     if not is_ended:
-        found.lost.append(LostBytes(file.size, file.size, _CUT_OFF))
+        found.lost.append(LostBytes(file.size, file.size, _END_LOST))
     return found
 
 
@@ -253,7 +252,7 @@ class _Bytes(NamedTuple):
 
 
 _RECORDS_LOST: Final = TranslatableText("damaged records")
-_CUT_OFF: Final = TranslatableText("the file is cut off")
+_END_LOST: Final = TranslatableText("the file is damaged or cut off there")
 
 
 def _start_of(file: _Bytes, found: Contents) -> int:

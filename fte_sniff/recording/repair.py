@@ -110,7 +110,8 @@ class Repair:
         before = [one.last_ns for one in chunks if one.stop <= lost.start]
         after = [one.first_ns for one in chunks if one.start >= lost.stop]
         times = before[-1] if before else None, after[0] if after else None
-        return Gap(GapKind.DAMAGE, None, *times, lost.where)
+        where = f"{lost.where} ({lost.stop - lost.start} bytes)"
+        return Gap(GapKind.DAMAGE, None, *times, where)
 
     def _batches(self) -> Iterator[Batch]:
         before = 0

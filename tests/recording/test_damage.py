@@ -275,11 +275,11 @@ def test_a_loss_is_stated_in_bytes_and_times(tmp_path: Path) -> None:
     before, after = (one.chunks[[*one.chunks][number]] for number in (1, 3))
     damaged = overwritten(one.content, (end - 5, bytes(5)))
     reports = check(one, damaged, path, EVERYTHING, True).reports
-    where = f"bytes {start} to {end} ({end - start} bytes)"
+    where = f"bytes {start} to {end}"
     assert reports == [f"{where} could not be read: a chunk that does not unpack"]
     damage = Repair(path).damage
     (gap,) = damage.gaps
-    assert gap.reason == where
+    assert gap.reason == f"{where} ({end - start} bytes)"
     assert (gap.start_ns, gap.end_ns) == (before[-1].t_ns, after[0].t_ns)
     assert (damage.lost_messages, damage.lost_bytes) == (len(rows), end - start)
     with (tmp_path / "mended.mcap").open("rb") as file:
