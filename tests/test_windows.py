@@ -26,7 +26,7 @@ from fte_sniff.cli.input_files import FileName
 from fte_sniff.recording import output_file
 from fte_sniff.recording.output_file import Existing, OutputPath
 from tests.beside import Work, running, server_socket
-from tests.cli.forked import Program
+from tests.cli.program import Program
 from tests.pseudo_terminals import Pty
 from tests.slow import first
 from tests.waiting import BOUND_S
@@ -86,30 +86,14 @@ def environment_in(folder: Path, **variables: str) -> dict[str, str]:
     }
 
 
-@contextmanager
-def loaded(before: str, **variables: str) -> Iterator[Program]:
-    """The program, loaded once for many runs."""
-    with Program(environment_in(ROOT, **variables), ROOT, before) as program:
-        yield program
+@pytest.fixture
+def ordinary() -> Program:
+    return Program()
 
 
-@pytest.fixture(scope="module")
-def ordinary() -> Iterator[Program]:
-    with loaded("") as program:
-        yield program
-
-
-@pytest.fixture(scope="module")
-def without_posix() -> Iterator[Program]:
-    with loaded(BLOCKED) as program:
-        yield program
-
-
-@pytest.fixture(scope="module", params=first(1, ["gbk", "cp1252"]))
-def encoded(request: pytest.FixtureRequest) -> Iterator[tuple[Program, str]]:
-    """The program without POSIX, with standard streams in an encoding of Windows."""
-    with loaded(BLOCKED, PYTHONIOENCODING=request.param) as program:
-        yield program, request.param
+@pytest.fixture
+def without_posix() -> Program:
+    return Program(BLOCKED)
 
 
 def run(program: Program, folder: Path, *words: str) -> Result:
@@ -308,14 +292,13 @@ ENCODED = {
 }
 
 
+@pytest.mark.parametrize("encoding", first(1, ["gbk", "cp1252"]))
 @pytest.mark.parametrize("words", first(4, ENCODED.values()))
-def test_console_of_any_encoding_shows_the_output(
-    folder: Path, encoded: tuple[Program, str], words: str
-) -> None:
+def test_console_of_any_encoding_shows_the_output(folder: Path, encoding: str, words: str) -> None:
     """What an encoding lacks is written with backslashes."""
-    program, encoding = encoded
+    environment = environment_in(folder, PYTHONIOENCODING=encoding)
     (folder / "clean.mcap").rename(folder / "记录.mcap")
-    code, output, errors = run(program, folder, *words.split())
+    code, output, errors = Program(BLOCKED).run(words.split(), b"", folder, environment)
     assert code in (0, 1, 4), errors
     assert b"Traceback" not in errors
     named = {"stats": "记录.mcap", "report": "报告.html", "live": "新.mcap"}.get(words.split()[0])

@@ -21,8 +21,8 @@ from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
-from tests.cli.forked import Program
 from tests.cli.processes import ended, wire
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import first
 

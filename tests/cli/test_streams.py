@@ -17,9 +17,9 @@ from fte_sniff.cli.streams import NOT_BEGUN, PATIENCE_S, progress_text
 from fte_sniff.errors import TOO_MANY_FILES
 from fte_sniff.session.inputs import Progress
 from tests.cli.conftest import ROOT, SAMPLES, Run
-from tests.cli.forked import Program
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.processes import FRAME as RESET
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import crossed, first
 
