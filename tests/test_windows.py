@@ -23,8 +23,6 @@ from fte_sniff import platform
 from fte_sniff.capture.lasting_name import lasting_name
 from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.cli.input_files import FileName
-from fte_sniff.recording import output_file
-from fte_sniff.recording.output_file import Existing, OutputPath
 from tests.beside import Work, running, server_socket
 from tests.cli.program import Program
 from tests.pseudo_terminals import Pty
@@ -352,22 +350,6 @@ def test_file_is_read_and_written_at_an_offset(tmp_path: Path, monkeypatch) -> N
         assert platform.read_at(descriptor, 4, 0) == b"0ab3"
     finally:
         os.close(descriptor)
-
-
-@pytest.mark.parametrize(("end", "content"), [("commit", b"new"), ("discard", b"old")])
-def test_file_that_is_replaced_is_moved_aside(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, content: bytes
-) -> None:
-    """Windows gives an open file no other name; an output that fails restores the old file."""
-    monkeypatch.setattr(output_file, "POSIX", False)
-    path = tmp_path / "x.mcap"
-    path.write_bytes(b"old")
-    output = OutputPath(path, Existing.REPLACE)
-    os.write(output.descriptor, b"new")
-    getattr(output, end)()
-    if end == "commit":
-        output.close()
-    assert files_of(tmp_path) == {"x.mcap": content}
 
 
 def test_what_a_system_lacks_is_left_out() -> None:

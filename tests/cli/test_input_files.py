@@ -10,7 +10,7 @@ import pytest
 from fte_sniff.cli.input_files import time_range
 from fte_sniff.protocol import PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import Recording, row_times
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import entries, read_rows
 
@@ -123,8 +123,7 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
     rows = _with_events(path, samples)
     if cut:
         path.write_bytes(path.read_bytes()[:-cut])
-    first, last = rows[0].t_ns, rows[-1].t_ns
-    assert row_times(Recording(path)) == (first, last)
+    first = rows[0].t_ns
     known = [row.t_ns - first for row in rows]
     for options, count in (
         (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
