@@ -8,6 +8,7 @@ import pty
 import select
 import signal
 import struct
+import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -17,8 +18,8 @@ from threading import Event
 from time import monotonic
 
 from tests.beside import Work, running
-from tests.cli.processes import BOUND_S, Process
-from tests.cli.program import Program
+from tests.cli.forked import loaded_program, needs_start
+from tests.cli.processes import BOUND_S, PROGRAM, Process
 
 
 class Terminal:
@@ -132,15 +133,28 @@ def terminal(
     """The program, another one, or Python code, in a terminal.
 
     Its standard error is in the terminal too, or in the file `errors`.
+
+    It starts anew if the environment needs that.
     """
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    command = [*program, *arguments] if program else Program().command(arguments, code)
+    if program is None and needs_start(environment):
+        program = PROGRAM if code is None else (sys.executable, "-c", code)
     with ExitStack() as stack:
         opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
         process: Process = stack.enter_context(
-            running(
-                command,
+            loaded_program().start(
+                arguments,
+                folder,
+                environment,
+                streams=(near, near, opened),
+                code=code,
+                leads_session=True,
+                controlled=session is controlling_terminal,
+            )
+            if program is None
+            else running(
+                [*program, *arguments],
                 stdin=near,
                 stdout=near,
                 stderr=opened,

@@ -37,8 +37,8 @@ from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.cli.conftest import ROOT, SAMPLES
+from tests.cli.forked import Program
 from tests.cli.processes import ended, started
-from tests.cli.program import Program
 from tests.slow import crossed
 from tests.support.columns import entries
 

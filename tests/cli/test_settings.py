@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.settings import Settings, read_settings
+from fte_sniff.cli.settings import Settings, read_settings, settings_path
 from fte_sniff.errors import FileError
 from fte_sniff.tui.cells import ORDER, VALUES, Delta
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
+from tests.cli.forked import Program
 from tests.cli.processes import ended, wire
-from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import first
 
@@ -75,6 +75,12 @@ def written(file: Path, text: str) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
     return file
+
+
+def test_without_a_file_nothing_is_printed(file: Path) -> None:
+    settings = read_settings(file)
+    assert settings == Settings()
+    assert settings.choices == Choices()
 
 
 def test_all_settings_are_read(file: Path) -> None:
@@ -146,6 +152,14 @@ def test_what_is_right_beside_it_holds(file: Path) -> None:
     assert settings.by_port == {"/dev/ttyUSB0": {"resolution": 500, "gear-ratio": 30}}
 
 
+@pytest.mark.parametrize("text", ["[screen", "a = " + "[" * 5_000])
+def test_what_is_not_toml_is_one_line(file: Path, text: str) -> None:
+    with pytest.raises(FileError) as caught:
+        read_settings(written(file, text))
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("content", "line"), [(b"\xff\xfe\x00", 1), ("[screen]\n# 电机".encode("gbk"), 2)]
 )
@@ -158,6 +172,12 @@ def test_bytes_that_are_not_utf_8_are_one_line(file: Path, content: bytes, line:
 def test_a_byte_order_mark_is_read(file: Path) -> None:
     written(file, "").write_bytes("\ufeff[screen]\r\ntheme = 'nord'\r\n".encode())
     assert read_settings(file).screen["theme"] == "nord"
+
+
+def test_a_folder_in_its_place_is_one_line(file: Path) -> None:
+    file.mkdir(parents=True)
+    with pytest.raises(FileError, match="is a directory"):
+        read_settings(file)
 
 
 def zero(file: Path) -> None:
@@ -205,7 +225,17 @@ def test_invalid_choices_are_ignored(
     assert Settings({"theme": "nord"}).choices == Choices(theme="nord")
 
 
+def test_the_environment_names_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FTE_SNIFF_CONFIG", "/elsewhere/c.toml")
+    assert settings_path() == Path("/elsewhere/c.toml")
+    monkeypatch.delenv("FTE_SNIFF_CONFIG")
+    monkeypatch.setenv("XDG_CONFIG_HOME", "/xdg")
+    assert settings_path() == Path("/xdg/fte-sniff/config.toml")
+
+
 CLEAN = str(SAMPLES / "clean.mcap")
+DOTS = "sim://?seed=1&rate=500"
+QUICK = ("--plain", "--no-record", "--count", "1")
 
 
 def test_what_is_chosen_on_the_screen_holds_the_next_time(
@@ -287,6 +317,48 @@ def test_colours_of_the_settings_and_what_is_wrong_with_them(
         screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
+
+
+@pytest.mark.parametrize(
+    ("broken", "way_on", "named"),
+    [
+        ("[screen", "starting without settings", False),
+        ("[screen", "starting without settings", True),
+        ("[colour]\n", "it is ignored", True),
+        ('[screen]\ntheme = "pink"\n', "it is ignored", False),
+    ],
+)
+def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
+    run, settings_file: Path, tmp_path: Path, broken: str, way_on: str, named: bool
+) -> None:
+    file = tmp_path / "own.toml" if named else settings_file
+    file.write_text(broken)
+    done = run("live", DOTS, *QUICK, *(("--config", file) if named else ()))
+    assert done.returncode == 0
+    assert done.stdout.count("\n") == 2
+    (line,) = (line for line in done.stderr.splitlines() if str(file) in line)
+    assert line.startswith(f"fte-sniff: {file}")
+    assert line.endswith(way_on)
+
+
+def test_ports_hold_beside_a_name_that_is_none(run, settings_file: Path) -> None:
+    settings_file.write_text(f'[live]\nports = ["{DOTS}"]\nfoo = 1\n')
+    done = run("live", *QUICK)
+    assert done.returncode == 0
+    assert done.stdout.count("\n") == 2
+    assert "unknown name 'foo' in [live]" in done.stderr
+
+
+def test_an_absent_file_that_was_named_is_an_error(run, environment, tmp_path: Path) -> None:
+    own = ("--config", "own.toml")
+    with terminal(environment, tmp_path, "view", CLEAN, *own) as screen:
+        assert screen.ended() == 4
+    assert screen.drawn.count(b"\n") == 1
+    assert b"own.toml" in screen.drawn
+    for command in ("live", "bridge"):
+        done = run(command, DOTS, "--plain", *own)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (4, "", 1)
+        assert "own.toml" in done.stderr
 
 
 def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_file: Path) -> None:

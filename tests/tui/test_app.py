@@ -25,7 +25,7 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.table import RowTable
-from tests.cli.program import plain_environment
+from tests.cli.forked import plain_environment
 from tests.cli.terminals import Terminal, controlling_terminal, terminal
 from tests.slow import first
 from tests.tui.conftest import (

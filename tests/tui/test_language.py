@@ -40,7 +40,7 @@ from fte_sniff.errors import (
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.protocol import Chunk, Framer, Gap, LineErrorCounts, PortEvent, PortEventKind, Row
 from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.recording.output_file import DeletedError, stopped_by_error
+from fte_sniff.recording.output_file import DeletedError, stopped_by_error, stopped_by_limit
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.inputs import ANOTHER, DAMAGED
 from fte_sniff.tui.app import SniffApp
@@ -227,6 +227,15 @@ def test_port_events_and_the_end_of_a_feed_are_shown_in_chinese(feed: Any) -> No
         port_error("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
         stopped_by_error("a.mcap", OSError(errno.ENOSPC, "full"), 7),
         stopped_by_error("a.mcap", DeletedError(), 7),
+        *(
+            stopped_by_limit(
+                "a.mcap",
+                TranslatableText("its files have reached {size} (--max-size)", size="1 GB"),
+                7,
+                deletes_oldest=deletes_oldest,
+            )
+            for deletes_oldest in (False, True)
+        ),
         unwritable("a.mcap", OSError(errno.ENOSPC, "full")),
         unreadable("a.mcap", FileNotFoundError()),
     ],
