@@ -476,8 +476,9 @@ class InputQuery:
         """The command that shows the rows of these inputs that a filter selects in a span."""
         words = ["fte-sniff", "view", *map(str, self.files)]
         for name, option in _READING_OPTIONS.items():
-            if (given := getattr(self, name)) is not None:
-                words += [option, str(given)]
+            given = getattr(self, name)
+            for value in given if isinstance(given, tuple) else (given,):
+                words += [] if value is None else [option, str(value)]
         if span_ns is not None:
             # Whole seconds around the span are shorter, and show what was before.
             first, last = span_ns[0] // SECOND_NS, span_ns[1] // SECOND_NS + 1
