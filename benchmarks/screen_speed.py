@@ -376,7 +376,7 @@ def _screen(rows: int, text: str) -> None:
             return
 
     wanted = RowFilter.parse(text) if text else None
-    run_screen(GrowingFeed(), StartOptions(row_filter=wanted, keep_rows=rows + 10 * MILLION))
+    run_screen(GrowingFeed(), StartOptions(row_filter=wanted))
 
 
 if __name__ == "__main__":

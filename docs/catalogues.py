@@ -21,16 +21,17 @@ from babel.messages.pofile import read_po, write_po
 from jinja2.ext import babel_extract
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
-from fte_sniff.analysis.motors import Health
+from fte_sniff.analysis.whole.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.protocol.spec import Role
 from fte_sniff.recording.output_file import STOPPED
-from fte_sniff.tui.cells import Delta, TimeStyle, event_words
-from fte_sniff.tui.commands import COMMANDS, SECTIONS, UNBOUND, Mode
+from fte_sniff.tui.cells import DELTAS, TimeStyle, event_words
+from fte_sniff.tui.commands import COMMANDS, SECTIONS
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.painter import Sign
+from fte_sniff.tui.status import Mode
 
 # The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
@@ -43,12 +44,9 @@ KEYWORDS = ("_", "later", "TranslatableText", "RecordError", "_sentence")
 
 def table_texts() -> Iterator[str]:
     """Texts of the tables that the screen shows."""
-    for heading, keys in SECTIONS:
-        yield heading
-        for key in keys:
-            yield from (key.description, key.tooltip)
-    yield from (command.tooltip for command in UNBOUND)
-    yield from (text for command in COMMANDS.values() for text in command.instead.values())
+    yield from (heading for heading, _commands in SECTIONS)
+    for command in COMMANDS.values():
+        yield from (command.meaning, command.short)
     for kind in KINDS:
         yield kind.meaning
         for field in kind.fields:
@@ -64,9 +62,11 @@ def table_texts() -> Iterator[str]:
     yield from Joint
     yield from (Role.SPEED, Role.POSITION)
     yield from (event_words(kind) for kind in PortEventKind)
-    yield from (one.value for one in Health)
-    for style in (*TimeStyle, *Delta):
+    yield from (one.value for one in Trouble)
+    for style in TimeStyle:
         yield from (style, style.meaning)
+    for texts in DELTAS.values():
+        yield from texts
     yield from (sign.meaning for sign in Sign)
 
 

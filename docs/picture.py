@@ -25,11 +25,9 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import Simulation, parse_parameters
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.tui import status_bar
+from fte_sniff.tui import status
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.switcher import SEARCH, STEP_ROWS
-from fte_sniff.tui.table import RowTable
 
 FOLDER = Path(__file__).with_name("pictures")
 """Folder of the pictures."""
@@ -73,22 +71,25 @@ class Picture:
 
 
 PICTURES: Mapping[str, Picture] = {
-    "screen": Picture((118, 30), ("E", "enter"), "byte by byte"),
-    "screen-zh": Picture((118, 30), ("E", "enter"), "逐字节", language="zh"),
-    "motors": Picture((118, 40), ("M",), "motor 4", frames=2650),
-    "top": Picture((140, 24), ("T",), "unanswered", frames=2650),
+    "screen": Picture((120, 32), ("E", "enter"), "byte by byte"),
+    "screen-zh": Picture((120, 32), ("E", "enter"), "逐字节", language="zh"),
+    "motors": Picture((120, 32), ("M",), "feedback", frames=2650),
+    "motors-zh": Picture((120, 32), ("M",), "实线", frames=2650, language="zh"),
+    "streams": Picture((120, 32), ("T",), "of the line used", frames=2650),
     "small": Picture((80, 24), (), "LIVE"),
+    "small-zh": Picture((80, 24), (), "实时", language="zh"),
     "narrow": Picture((40, 16), (), "LIVE"),
-    "statistics": Picture((200, 60), ("S",), "jitter"),
-    "bytes": Picture((110, 30), ("E", "b"), "around offset"),
-    "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "did you mean motor"),
+    "wide": Picture((200, 60), ("M",), "feedback", frames=2650),
+    "wide-zh": Picture((200, 60), ("T",), "线路占用", frames=2650, language="zh"),
+    "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "moter"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
-        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "hit 2 of 16"
+        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "match 2 of 16"
     ),
     "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
-    "columns": Picture((100, 30), ("C",), "which way the frame goes"),
-    "light": Picture((118, 30), ("space", "v", "up", "up", "m", "ctrl+t"), "PAUSED"),
+    "columns": Picture((100, 30), ("C",), "enter applies"),
+    "light": Picture((120, 32), ("space", "v", "up", "up", "m", "ctrl+t"), "PAUSED"),
+    "light-motors-zh": Picture((80, 24), ("ctrl+t", "M"), "电机", language="zh"),
     "colourless": Picture((100, 30), ("E", "enter"), "byte by byte", environment={"NO_COLOR": "1"}),
 }
 """Pictures by file name."""
@@ -172,14 +173,13 @@ async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
             if poll == POLLS // 2:
                 for keys in picture.keys:
                     await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))
+                    await app.typed.done()
         return await _settled(app, pilot, picture.shows)
 
 
 async def _caught_up(app: PictureApp) -> None:
-    """Let the models observe all rows, and a search for findings end, whatever time they take."""
-    while not app._panes.models.step(STEP_ROWS):
-        pass
-    searches = [worker for worker in app.workers if worker.group == SEARCH]
+    """Let a search for findings end, whatever time it takes."""
+    searches = [worker for worker in app.workers if worker.group == "findings"]
     if searches:
         await app.workers.wait_for_complete(searches)
 
@@ -189,8 +189,7 @@ async def _settled(app: PictureApp, pilot: Pilot[None], shows: str) -> str:
     before, wanted = "", shows.replace(" ", "&#160;")
     for _ in range(MOST_ROUNDS):
         await pilot.pause(0.02)
-        # The overview in the scroll bar is drawn once a second.
-        app.query_one(RowTable).end_overview_pause()
+        app.show_all()
         now = app.export_screenshot(title=f"fte-sniff live {PORT}")
         if now == before and wanted in now:
             return in_cells(now)
@@ -241,7 +240,7 @@ def drawn(name: str) -> str:
 
 
 if __name__ == "__main__":
-    status_bar.INFO_S = 3600.0  # a slow machine draws the same
+    status.INFO_S = 3600.0  # a slow machine draws the same
     FOLDER.mkdir(exist_ok=True)
     for each in sys.argv[1:] or PICTURES:
         (FOLDER / f"{each}.svg").write_text(drawn(each), encoding="utf-8")

@@ -26,7 +26,7 @@ from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
 from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
-from fte_sniff.tui.commands import SECTIONS, key_names
+from fte_sniff.tui.commands import SECTIONS, key_name
 from fte_sniff.tui.i18n import _, set_language
 
 _PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
@@ -249,9 +249,9 @@ def keys(key: str = "key", meaning: str = "what it does") -> str:
         f"**{_(heading)}**\n\n"
         + table(
             (key, meaning),
-            ((_code(key_names(one).split()), _(one.tooltip)) for one in bindings),
+            ((_code(map(key_name, one.keys.split(","))), _(one.meaning)) for one in commands),
         )
-        for heading, bindings in SECTIONS
+        for heading, commands in SECTIONS
     )
 
 

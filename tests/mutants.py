@@ -5,8 +5,8 @@
 Each mutant is one changed expression or statement in a copy of the project. First all tests run
 once, with a probe at each statement that is to change: it records the tests that execute it. Then
 these tests run for each mutant, the nearest first, then the fastest. What an import executes
-belongs to no test, and what is compiled has no probe: there the tests are those of the module,
-those that import it, and those of its package.
+belongs to no test: there the tests are those of the module, those that import it, and those of
+its package.
 
 A mutant that no test notices has survived. One is undecided if its tests do not end, or fail
 without it too. Exit code 1 if one survived.
@@ -33,8 +33,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "fte_sniff"
-FRAMER = "protocol/framer"
-"""Compiled modules, whose source is interpreted for a mutant."""
+MARKS = "not (browser or cluster or conformance or sabotage or slow)"
+"""The tests that have to notice: those of README's command and of the gate."""
 OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
@@ -53,7 +53,7 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
     ast.Mult: ast.FloorDiv,
     ast.FloorDiv: ast.Mult,
 }
-LINKED = ("samples", "benchmarks", "pyproject.toml", "setup.py", ".ci")
+LINKED = ("samples", "benchmarks", "pyproject.toml", ".ci")
 """What tests use and no mutant changes."""
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+)$", re.MULTILINE)
 """A line of pytest's summary, with the test, and often ` - ` and a message."""
@@ -192,7 +192,7 @@ class Tests(NamedTuple):
         reaching = self.reaching.get(f"{one.module}:{one.statement}", ())
         # A fixture of a module runs in the setup of its first test.
         files = {test.partition("::")[0] for test in reaching if test.endswith(" (setup)")}
-        if "" in reaching or one.module.is_relative_to(FRAMER):
+        if "" in reaching:
             files.update(near(one.module))
         tests = {test.rpartition(" (")[0] for test in reaching}
         own, place = own_tests(one.module), f"tests/{one.module}"
@@ -244,11 +244,11 @@ def all_tests(folder: Path, mutants: Collection[Mutant]) -> Tests:
     records, probe = folder / "records", folder / PACKAGE / "reached.py"
     records.mkdir()
     probe.write_text(f"FOLDER = {str(records)!r}\n{PROBE}")
-    modules = {one.module for one in mutants if not one.module.is_relative_to(FRAMER)}
+    modules = {one.module for one in mutants}
     for module in modules:
         lines = {one.statement for one in mutants if one.module == module}
         (folder / PACKAGE / module).write_text(probed(module, lines), "utf-8")
-    run = _pytest(folder, [], "-n", "auto", "--dist", "worksteal", "-vv", "--durations", "0")
+    run = _pytest(folder, [], "-n", "auto", "-vv", "--durations", "0")
     if run.returncode == pytest.ExitCode.USAGE_ERROR:
         raise SystemExit(run.stderr)
     for module in modules:
@@ -270,7 +270,8 @@ def _pytest(
     folder: Path, tests: Iterable[str], *options: str, limit_s: float | None = None
 ) -> subprocess.CompletedProcess[str]:
     command = [
-        *(sys.executable, "-m", "pytest", "-rfE", "--tb=no", "-p", "no:cacheprovider"),
+        *(sys.executable, "-m", "pytest", "-m", MARKS),
+        *("-rfE", "--tb=no", "-p", "no:cacheprovider"),
         *options,
         *tests,
     ]
@@ -292,18 +293,17 @@ def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
     """Whether tests notice a mutant. A test that also fails without it decides nothing."""
     if not tests:
         return "survived"
-    options = ["-x", *(["--interpreted"] if one.module.is_relative_to(FRAMER) else [])]
     limit_s = 60 + LONGER * sum(tests.values())
     file = folder / PACKAGE / one.module
     try:
         file.write_text(one.source, "utf-8")
-        run = _pytest(folder, tests, *options, limit_s=limit_s)
+        run = _pytest(folder, tests, "-x", limit_s=limit_s)
         if run.returncode == pytest.ExitCode.OK:
             return "survived"
         failed = failed_tests(run.stdout, tests)
         # The source without comments, as that of the mutant: some tests read it.
         file.write_text(ast.unparse(tree_of(one.module)), "utf-8")
-        run = _pytest(folder, failed or tests, *options, limit_s=limit_s)
+        run = _pytest(folder, failed or tests, "-x", limit_s=limit_s)
         return "killed" if run.returncode == pytest.ExitCode.OK else "undecided"
     except subprocess.TimeoutExpired:
         return "undecided"
@@ -312,7 +312,7 @@ def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
 
 
 def copied(folder: Path) -> Path:
-    """A copy of the project, with the compiled modules."""
+    """A copy of the project."""
     ignored = shutil.ignore_patterns("__pycache__")
     for name in (PACKAGE, "tests", "docs"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)

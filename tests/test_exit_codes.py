@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.forked import Ended, loaded_program, plain_environment
 from tests.cli.processes import ended
+from tests.cli.program import Ended, Program, plain_environment
 from tests.slow import first
 
 pytestmark = pytest.mark.program
@@ -21,7 +21,7 @@ def run_with(tmp_path: Path, before: str, *arguments: str) -> Ended:
     """Run the program; `before` is Python code that runs when `cli.main` is loaded."""
     code = "import sys, fte_sniff.cli.main\nmodule = sys.modules['fte_sniff.cli.main']\n"
     code += f"{before}\nfrom fte_sniff.__main__ import main\nmain()\n"
-    return loaded_program().run(list(arguments), b"", tmp_path, plain_environment(), code)
+    return Program().run(list(arguments), b"", tmp_path, plain_environment(), code)
 
 
 CHECK = ("check", str(SAMPLE), "--jobs", "1", "--expect", "count(malformed) == 0")
@@ -98,8 +98,7 @@ def test_an_error_of_the_system_without_a_file_is_not_put_down_to_standard_outpu
 def test_a_standard_output_that_is_full_is_named(tmp_path: Path, command: tuple[str, ...]) -> None:
     with Path("/dev/full").open("wb") as full:
         streams = (subprocess.DEVNULL, full.fileno(), subprocess.PIPE)
-        program = loaded_program()
-        with program.start(command, tmp_path, plain_environment(), streams=streams) as process:
+        with Program().start(command, tmp_path, plain_environment(), streams=streams) as process:
             code, _, errors = ended(process)
     assert code == 4
     assert errors.startswith("fte-sniff: standard output cannot be written: the disk is full")

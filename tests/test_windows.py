@@ -23,10 +23,8 @@ from fte_sniff import platform
 from fte_sniff.capture.lasting_name import lasting_name
 from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.cli.input_files import FileName
-from fte_sniff.recording import output_file
-from fte_sniff.recording.output_file import Existing, OutputPath
 from tests.beside import Work, running, server_socket
-from tests.cli.forked import Program
+from tests.cli.program import Program
 from tests.pseudo_terminals import Pty
 from tests.slow import first
 from tests.waiting import BOUND_S
@@ -86,30 +84,14 @@ def environment_in(folder: Path, **variables: str) -> dict[str, str]:
     }
 
 
-@contextmanager
-def loaded(before: str, **variables: str) -> Iterator[Program]:
-    """The program, loaded once for many runs."""
-    with Program(environment_in(ROOT, **variables), ROOT, before) as program:
-        yield program
+@pytest.fixture
+def ordinary() -> Program:
+    return Program()
 
 
-@pytest.fixture(scope="module")
-def ordinary() -> Iterator[Program]:
-    with loaded("") as program:
-        yield program
-
-
-@pytest.fixture(scope="module")
-def without_posix() -> Iterator[Program]:
-    with loaded(BLOCKED) as program:
-        yield program
-
-
-@pytest.fixture(scope="module", params=first(1, ["gbk", "cp1252"]))
-def encoded(request: pytest.FixtureRequest) -> Iterator[tuple[Program, str]]:
-    """The program without POSIX, with standard streams in an encoding of Windows."""
-    with loaded(BLOCKED, PYTHONIOENCODING=request.param) as program:
-        yield program, request.param
+@pytest.fixture
+def without_posix() -> Program:
+    return Program(BLOCKED)
 
 
 def run(program: Program, folder: Path, *words: str) -> Result:
@@ -308,14 +290,13 @@ ENCODED = {
 }
 
 
+@pytest.mark.parametrize("encoding", first(1, ["gbk", "cp1252"]))
 @pytest.mark.parametrize("words", first(4, ENCODED.values()))
-def test_console_of_any_encoding_shows_the_output(
-    folder: Path, encoded: tuple[Program, str], words: str
-) -> None:
+def test_console_of_any_encoding_shows_the_output(folder: Path, encoding: str, words: str) -> None:
     """What an encoding lacks is written with backslashes."""
-    program, encoding = encoded
+    environment = environment_in(folder, PYTHONIOENCODING=encoding)
     (folder / "clean.mcap").rename(folder / "记录.mcap")
-    code, output, errors = run(program, folder, *words.split())
+    code, output, errors = Program(BLOCKED).run(words.split(), b"", folder, environment)
     assert code in (0, 1, 4), errors
     assert b"Traceback" not in errors
     named = {"stats": "记录.mcap", "report": "报告.html", "live": "新.mcap"}.get(words.split()[0])
@@ -369,22 +350,6 @@ def test_file_is_read_and_written_at_an_offset(tmp_path: Path, monkeypatch) -> N
         assert platform.read_at(descriptor, 4, 0) == b"0ab3"
     finally:
         os.close(descriptor)
-
-
-@pytest.mark.parametrize(("end", "content"), [("commit", b"new"), ("discard", b"old")])
-def test_file_that_is_replaced_is_moved_aside(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, content: bytes
-) -> None:
-    """Windows gives an open file no other name; an output that fails restores the old file."""
-    monkeypatch.setattr(output_file, "POSIX", False)
-    path = tmp_path / "x.mcap"
-    path.write_bytes(b"old")
-    output = OutputPath(path, Existing.REPLACE)
-    os.write(output.descriptor, b"new")
-    getattr(output, end)()
-    if end == "commit":
-        output.close()
-    assert files_of(tmp_path) == {"x.mcap": content}
 
 
 def test_what_a_system_lacks_is_left_out() -> None:

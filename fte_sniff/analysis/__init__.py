@@ -1,4 +1,4 @@
-"""Filter, statistics, models and the row store: no screen and no file.
+"""Filter, statistics and models: no screen and no file.
 
 Modules:
 
@@ -11,15 +11,11 @@ Modules:
     filter        The filter language: SQL boolean expressions over the row columns.
     findings      Findings: the spans of time in which something is wrong.
     line_condition  Condition of a line: sound, damaged, silent, low, text, unreadable.
-    live_models   Models that follow a growing store, with checkpoints of the motors' state.
     measures      Measures of rows, and the table of them; rules compare them with numbers.
     model         Changes between rows; what all models share; counts and rates of rows.
     motors        The motors: state, statistics, and events over time.
     plots         The data of plots: targets and feedback of the motors, and their usual range.
-    relations     Relations of the rows of a store: the frame before, a command and its answers.
-    row_store     Append-only store of rows in blocks, with a filtered view and landmarks.
     rules         Rules about rows, and their verdicts: pass, fail, or not covered.
-    search        Search in a store: the next matching row, and a counter.
     statistics    Statistics of ports, streams, faults and motors, over one or more inputs.
     time_text     Times and durations that a user types.
     whole         The same analyses as functions over columns; takes the place of the above.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol, runtime_checkable
+from typing import Final, Protocol
 
 from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import PortEvent
@@ -65,11 +65,3 @@ class Feed(Protocol):
 
     def stop(self) -> None:
         """Ask the source to end; a later poll reports the end. Calling it again does nothing."""
-
-
-@runtime_checkable
-class StaticFeed(Protocol):
-    """A feed that can pause its reading, which takes processor time from the screen."""
-
-    def rest(self) -> None:
-        """Pause reading until the next poll; a read in progress is finished; returns at once."""

@@ -166,13 +166,12 @@ class Attachment:
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
         reconnect = self.reconnect and self.pid is None
-        notes = [LIMITS]  # reported once, however often it is attached again
-        return Source([partial(connect_strace, self, clock, notes)], clock, reconnect=reconnect)
+        return Source([partial(connect_strace, self, clock)], clock, reconnect=reconnect)
 
 
-def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
+def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
     """Watch the programs that have the port open; raises as `Attachment.open`."""
-    calls = CallReader(wanted.names, Strace.on(wanted), clock, notes)
+    calls = CallReader(wanted.names, Strace.on(wanted), clock)
     attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
     return Connection(
         names=wanted.names,
@@ -190,11 +189,9 @@ def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableTex
 class CallReader:
     """The system calls of a strace as chunks of both wires, ordered by time."""
 
-    def __init__(
-        self, names: tuple[str, ...], strace: Strace, clock: Clock, notes: list[TranslatableText]
-    ) -> None:
-        """Read a strace that watches the programs, and take the notes to report first."""
-        self._names, self.strace, self._clock, self._notes = names, strace, clock, notes
+    def __init__(self, names: tuple[str, ...], strace: Strace, clock: Clock) -> None:
+        """Read a strace that watches the programs."""
+        self._names, self.strace, self._clock = names, strace, clock
         self._lines, self._rest = StraceLines(strace.device), b""
         self._last_ns = dict.fromkeys(names, 0)
         """By wire: no later item may have an earlier time."""
@@ -211,8 +208,7 @@ class CallReader:
             self._is_new = False
             holders = holders_text(self.strace.holders)
             yield self._event(HOST, PortEventKind.OPENED, holders)
-        while self._notes:
-            yield self._event(self._names[0], PortEventKind.WIRING, self._notes.pop())
+            yield self._event(self._names[0], PortEventKind.WIRING, LIMITS)
         data = self.strace.read()
         if data is None and not self._is_finishing:
             raise self._loss()

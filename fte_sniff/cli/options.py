@@ -105,25 +105,6 @@ def silence_of(text: str | None) -> float | None:
     return float(found[1]) if found else None
 
 
-DROPPED_ROWS = "Rows that the screen keeps; older rows leave the screen, never the file."
-REREAD_ROWS = (
-    "Rows that the screen keeps in memory; older rows of recordings are read again when "
-    "needed, older rows of raw bytes and hex text leave the screen."
-)
-
-
-def keep_rows_option(default: int, meaning: str = DROPPED_ROWS) -> Decorator:
-    """The `--keep-rows` option; a row takes about 60 bytes of memory."""
-    return click.option(
-        "--keep-rows",
-        type=click.IntRange(min=1),
-        default=default,
-        show_default=True,
-        metavar="N",
-        help=meaning,
-    )
-
-
 def format_option(help_text: str, forms: Iterable[str], default: str | None = None) -> Decorator:
     """The `--format` option; its value is one of the forms, or None if not given and no default."""
     return click.option(

@@ -12,9 +12,6 @@ language = "zh"                 # or en, or auto: that of the locale
 [filters]                       # listed by the key f, with those that ^s there adds
 stalled = "abs(rpm) < 10 AND motor IS NOT NULL"
 
-[colors]                        # rows that match; the first match wins
-"error != 0" = "white on dark_red"
-
 [port."/dev/ttyUSB0"]           # or its stable name, /dev/serial/by-id/...
 baud = 115200
 resolution = 500
@@ -41,15 +38,12 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, unreadable
-from fte_sniff.tui.cells import ORDER, VALUES, Delta
+from fte_sniff.tui.cells import ORDER
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 
 if TYPE_CHECKING:
     from fte_sniff.session.user_state import Place
     from fte_sniff.tui.options import Choices
-
-
-_COLUMNS: Final = (*ORDER, VALUES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +57,6 @@ class Settings:
     by_port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By port, `baud`, `resolution` and `gear-ratio`, without those that the file lacks."""
     filters: Mapping[str, str] = field(default_factory=dict)
-    colors: Mapping[str, str] = field(default_factory=dict)
-    """Styles of rows by the filter that they match, as rich writes styles."""
     faults: tuple[str, ...] = ()
     """Invalid entries of the file, one line each."""
     path: Path = Path()
@@ -117,7 +109,7 @@ class Settings:
     def choices_at(self, place: Place) -> Choices:
         """The choices, with the columns of a view that was left."""
         names = place.columns
-        if names is None or not set(names) <= set(_COLUMNS):
+        if names is None or not set(names) <= set(ORDER):
             return self.choices
         return replace(self.choices, columns=names)
 
@@ -164,10 +156,6 @@ def _word(words: Collection[str]) -> _Convert:
     return _one((str,), f"one of {', '.join(words)}", lambda word: word in words)
 
 
-def _delta(value: Any) -> Delta:
-    return Delta[_word([delta.name.lower() for delta in Delta])(value).upper()]
-
-
 def _share(value: Any) -> int:
     from fte_sniff.tui.options import SHARES
 
@@ -183,17 +171,15 @@ def _ports(value: Any) -> tuple[str, ...]:
 
 
 def _columns(value: Any) -> tuple[str, ...]:
-    known = isinstance(value, list) and value and all(name in list(_COLUMNS) for name in value)
+    known = isinstance(value, list) and value and all(name in list(ORDER) for name in value)
     if not known or len(set(value)) < len(value):
-        raise ValueError(f"a list of different names out of {', '.join(_COLUMNS)}")
+        raise ValueError(f"a list of different names out of {', '.join(ORDER)}")
     return tuple(value)
 
 
 SCREEN_SETTINGS: Final[Mapping[str, _Convert]] = {
     "theme": _word(THEMES),
     "columns": _columns,
-    "delta": _delta,
-    "changes": _yes_or_no,
     "events": _yes_or_no,
     "language": _word((*LANGUAGES, AUTO)),
     "pane_beside": _yes_or_no,
@@ -204,7 +190,7 @@ SCREEN_SETTINGS: Final[Mapping[str, _Convert]] = {
 
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
 _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}
-_TABLES = ("screen", "live", "port", "filters", "colors")
+_TABLES = ("screen", "live", "port", "filters")
 
 
 def parse_settings(content: Mapping[str, Any]) -> Settings:
@@ -219,7 +205,6 @@ def parse_settings(content: Mapping[str, Any]) -> Settings:
             for name, table in check.table(tables.get("port", {}), "port").items()
         },
         check.texts(tables.get("filters", {}), "filters"),
-        check.texts(tables.get("colors", {}), "colors"),
         tuple(check.faults),
     )
 

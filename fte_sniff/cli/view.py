@@ -26,11 +26,9 @@ from fte_sniff.cli.input_files import (
     row_filter,
 )
 from fte_sniff.cli.options import (
-    REREAD_ROWS,
     alert_of,
     alert_option,
     grouped_command,
-    keep_rows_option,
     line_setup,
     units_options,
 )
@@ -39,7 +37,7 @@ from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import FileError, FilterError, UsageError, printable, size_text
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.following import Following
-from fte_sniff.session.inputs import Input, RecordingInput
+from fte_sniff.session.inputs import Input
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -57,7 +55,6 @@ if TYPE_CHECKING:
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )
-@keep_rows_option(10_000_000, REREAD_ROWS)
 @units_options
 @config_option
 @lang_option
@@ -66,7 +63,6 @@ def command(
     alert_text: str | None,
     play_speed: float | None,
     following: Following | None,
-    keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
     config: Path | None,
@@ -94,7 +90,7 @@ def command(
         query = replace(query, files=(_picked(language),))
     check_inputs(query.files)
     from fte_sniff.session.notes import Notes
-    from fte_sniff.session.replay import RecordingPages, ReplaySession
+    from fte_sniff.session.replay import Played, ReplaySession
     from fte_sniff.session.user_state import read_place
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
@@ -108,8 +104,6 @@ def command(
         opening_rows = [*islice(batches, 1)]
     ports = reading.source.ports
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
-    only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
-    pages = RecordingPages() if only_recordings else None
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns if several else None for one in reading.inputs})
     session = ReplaySession(
@@ -117,27 +111,24 @@ def command(
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
-        pages,
         following,
     )
     opening = StartOptions(
         row_filter=wanted or _filter_of(place),
         alert=alert_of(alert_text, query.zone_given()),
-        keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,
         zone=query.zone_given(),
         language=language,
-        colors=settings.colors,
         choices=settings.choices_at(place),
         save_choices=settings.keep,
         warnings=(*settings.trouble, *notes.damage),
         notes=notes,
         place=place if play_speed is None else replace(place, cursor=None),
-        play_speed=play_speed,
         save_place=partial(_keep_place, paths, place),
     )
-    code = run_screen(session, opening, pages)
+    feed = session if play_speed is None else Played(session, play_speed)
+    code = run_screen(feed, opening)
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
@@ -181,13 +172,14 @@ def _picked(language: str) -> Path:
     dated = sorted(((path.stat().st_mtime, path) for path in Path().glob("*.mcap")), reverse=True)
     if not dated:
         raise UsageError("this folder has no recording; name a FILE")
-    from fte_sniff.tui.modals import Entry, pick
+    from fte_sniff.tui.help import pick
 
+    width = max(len(printable(path.name)) for _, path in dated[:MOST_RECENT])
     entries = [
-        Entry(
-            printable(path.name),
+        (
+            f"{printable(path.name):<{width}}  {datetime.fromtimestamp(at_s):%Y-%m-%d %H:%M}"
+            f"  {size_text(path.stat().st_size):>8}",
             str(path),
-            f"{datetime.fromtimestamp(at_s):%Y-%m-%d %H:%M}  {size_text(path.stat().st_size):>8}",
         )
         for at_s, path in dated[:MOST_RECENT]
     ]

@@ -313,9 +313,6 @@ DRAIN_EVERY_NS = 40_000_000
 """Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
 flushed only after a batch."""
 
-MOST_UNDRAINED = 2**18
-"""Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""
-
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
 bytes late."""
@@ -393,7 +390,7 @@ class CaptureLoop:
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
-        self._now_ns = self._drain_ns = self._undrained = 0
+        self._now_ns = self._drain_ns = 0
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         """When the write under way began."""
@@ -446,9 +443,8 @@ class CaptureLoop:
         self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
-        self._undrained += len(chunk.data)
-        if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
-            self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS, 0
+        if now_ns >= self._drain_ns:
+            self._drain_ns = now_ns + DRAIN_EVERY_NS
             self._drain()
             wire.put(*wire.silence.check(now_ns))
             self._watch_clock(chunk.port, now_ns)

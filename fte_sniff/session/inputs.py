@@ -469,7 +469,7 @@ class RecordingInput(Input):
 
 
 class ChunkInput(Input):
-    """Chunks, which are framed here: raw bytes, or topics of another program."""
+    """Chunks of one port, which are framed here: raw bytes, or a topic of another program."""
 
     def __init__(
         self,
@@ -480,25 +480,20 @@ class ChunkInput(Input):
         baud: int = DEFAULT_BAUD,
         *,
         is_guess: bool = False,
-        ports: Sequence[str] = (),
-        remarks: Sequence[str] = (),
     ) -> None:
         """Read nothing yet.
 
         Args:
             chunks: the bytes.
-            name: of the input, and the port of its rows if there are no `ports`.
+            name: of the input, and the port of its rows.
             first_ns: returns the time of the first byte, which it may read separately.
             size: bytes of a file that holds nothing else; None for others.
             baud: bits per second.
             is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
-            ports: the ports of the chunks.
-            remarks: what is noted of the chunks; complete once they are read.
         """
         super().__init__(name)
         self._chunks, self._first_ns, self.size = chunks, first_ns, size
         self._baud, self._is_guess = baud, is_guess
-        self._ports, self._remarks = ports or [name], remarks
 
     @property
     def first_ns(self) -> int | None:
@@ -518,10 +513,10 @@ class ChunkInput(Input):
 
     @property
     def ports(self) -> Sequence[PortFacts]:
-        """The ports of the chunks."""
+        """One port, named like the input."""
         from fte_sniff.recording.metadata import PortFacts
 
-        return [PortFacts(port) for port in self._ports]
+        return [PortFacts(self.name)]
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
@@ -529,8 +524,6 @@ class ChunkInput(Input):
         """Read its rows; see `Input`."""
         rows = self._checked(rows_of_chunks(self._counted(self._chunks), note, self._baud))
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
-        for remark in self._remarks:
-            note(remark)
 
     def _checked(self, batches: Iterable[Rows]) -> Iterator[Rows]:
         has_frames = not self._is_guess

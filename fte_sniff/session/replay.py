@@ -1,19 +1,20 @@
-"""Session that reads files for a view, playback of their rows, and pages that are read again."""
+"""Feeds of files for a view: as fast as they are read, or as fast as the rows came."""
 
 from __future__ import annotations
 
 import queue
 import threading
-from bisect import bisect_left, bisect_right
+import time
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
-from typing import Final
+from dataclasses import replace
 
-from fte_sniff.analysis.feed import SPEEDS, FeedState, FeedUpdate
-from fte_sniff.analysis.model import Rate, StreamChange, Tally, shifted
-from fte_sniff.analysis.row_store import RowStore
+import numpy as np
+
+from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.model import StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol.rows import NO_ROWS, Rows
+from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputBatch
 
@@ -36,7 +37,6 @@ class ReplaySession:
         title: str,
         total: int | None = None,
         files: Sequence[str] = (),
-        pages: RecordingPages | None = None,
         following: Following | None = None,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
@@ -48,12 +48,11 @@ class ReplaySession:
             title: the name to show.
             total: approximate number of rows; None if unknown.
             files: paths of the files.
-            pages: receives the batches, which all can be read again.
             following: None for a file that does not grow.
         """
         self._following = following
         self._is_live = False
-        self._expected_rows, self._files, self._pages = total, files, pages
+        self._expected_rows, self._files = total, files
         self._source = batches
         self._title = title
         self._rows = 0
@@ -88,18 +87,11 @@ class ReplaySession:
             self._losses += read.losses
             changes += shifted(read.changes, count)
             count += len(read.rows)
-            if self._pages is not None and read.reload is not None:
-                self._pages.append(read.reload, len(read.rows))
         self._polled_rows |= bool(reads)
         rows = Rows.concat([read.rows for read in reads if len(read.rows)])
         self._rows += len(rows)
         events = [event for read in reads for event in read.rows.events]
         return FeedUpdate(self._state(), rows, events, changes)
-
-    def rest(self) -> None:
-        """Pause reading until the next poll, after the current batch; does not block."""
-        if not self._stop.is_set():
-            self._resumed.clear()
 
     def stop(self) -> None:
         """Stop reading; does not block."""
@@ -167,114 +159,50 @@ def _has_room(reads: list[InputBatch]) -> bool:
     return sum(len(read.rows) for read in reads) < MAX_ROWS_PER_POLL
 
 
-MAX_PLAYED_PER_STEP: Final = 100_000
-"""Rows that one step of playback shows at most."""
+class Played:
+    """Another feed's rows as fast as they came, or `speed` times as fast."""
 
+    def __init__(
+        self, feed: Feed, speed: float, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        """Play from now on, by a clock in nanoseconds."""
+        self._feed, self._speed, self._clock = feed, speed, clock
+        self._rows, self._given = NO_ROWS, 0
+        self._changes: list[StreamChange] = []
+        self._events: list[PortEvent] = []
+        self._began: tuple[int, int] | None = None
+        """Time of the clock and of the rows at the start."""
 
-class Playback:
-    """Shows the rows of a store at the pace at which they came, from one row on."""
+    def poll(self) -> FeedUpdate:
+        """The rows whose time has come."""
+        update = self._feed.poll()
+        self._changes += shifted(update.changes, len(self._rows))
+        self._events += update.events
+        self._rows = Rows.concat([one for one in (self._rows, update.rows) if len(one)])
+        count = self._due_rows()
+        last_ns = int(self._rows.t_ns[:count].max(initial=NO_TIME))
+        is_over = count == len(self._rows) and not update.state.running
+        rows, self._rows = self._rows[:count], self._rows[count:]
+        changes = [one for one in self._changes if one.index < count or is_over]
+        self._changes = shifted(self._changes[len(changes) :], -count)
+        events = [one for one in self._events if one.t_ns <= last_ns or is_over]
+        self._events = [one for one in self._events if one not in events]
+        self._given += count
+        state = replace(update.state, running=not is_over, rows=self._given, progress=None)
+        return FeedUpdate(state, rows, events, changes)
 
-    def __init__(self, store: RowStore, index: int, speed: float, now_ns: int) -> None:
-        """Hide the rows from an index on; their times give the pace.
-
-        It sets the store's limit. The row at the index or a later one must have a time; `now_ns` is
-        the present time of a monotonic clock.
-        """
-        self._store, self._now_ns = store, now_ns
-        self.speed = speed
-        self.paused = False
-        self.tally = Tally()
-        self._rate = Rate()
-        for rows in store.batches(store.first, index):
-            self.tally.observe(rows)
-        self.t_ns = self._time_from(index)
-        """The time that is played, nanoseconds since 1970 UTC."""
-        store.limit = index
-
-    def _time_from(self, index: int) -> int:
-        """Time of the first row with one, from an index on."""
-        for rows in self._store.batches(index, self._store.loaded):
-            if rows.timed.any():
-                return int(rows.t_ns[rows.timed][0])
-        return self.tally.last_ns or 0
-
-    @property
-    def is_over(self) -> bool:
-        """Whether all rows are shown."""
-        return self._store.next >= self._store.loaded
-
-    def advance(self, now_ns: int) -> Rows:
-        """Show the rows that are due, and return them."""
-        elapsed_ns, self._now_ns = now_ns - self._now_ns, now_ns
-        if self.paused:
-            return NO_ROWS
-        self.t_ns += round(elapsed_ns * self.speed)
-        start = self._store.next
-        self._store.limit = None
-        end = min(start + MAX_PLAYED_PER_STEP, self._store.loaded)
-        shown = []
-        for rows in self._store.batches(start, end):
-            later = rows.timed & (rows.t_ns > self.t_ns)
-            due = int(later.argmax()) if later.any() else len(rows)
-            shown.append(rows[:due])
-            if due < len(rows):
-                break
-        count = sum(map(len, shown))
-        self._store.limit = start + count
-        for rows in shown:
-            self.tally.observe(rows)
-        self._rate.observe(sum(int(rows.framed.sum()) for rows in shown), self.t_ns)
-        return Rows.concat(shown)
-
-    @property
-    def frames_per_s(self) -> float | None:
-        """Frames per second of the recorded time, lately."""
-        return self._rate.per_second(self.t_ns)
-
-    def change_speed(self, by: int) -> None:
-        """Switch to the next speed (`by` 1) or the previous one (-1)."""
-        number = bisect_right(SPEEDS, self.speed) if by > 0 else bisect_left(SPEEDS, self.speed) - 1
-        self.speed = SPEEDS[min(max(number, 0), len(SPEEDS) - 1)]
+    def _due_rows(self) -> int:
+        """The number of rows whose time has come; rows without a time come with those before."""
+        t_ns, now_ns = np.maximum.accumulate(self._rows.t_ns), self._clock()
+        timed = t_ns[t_ns != NO_TIME]
+        if self._began is None and len(timed):
+            self._began = now_ns, int(timed[0])
+        if self._began is None:
+            return len(t_ns)
+        since_ns, first_ns = self._began
+        until_ns = first_ns + round((now_ns - since_ns) * self._speed)
+        return int(np.searchsorted(t_ns, until_ns, side="right"))
 
     def stop(self) -> None:
-        """Show all rows."""
-        self._store.limit = None
-
-
-MAX_CACHED: Final = 4
-"""Batches in the cache: a filter works from the cursor in both directions, and the rows of one
-block may be in two batches."""
-
-
-class RecordingPages:
-    """Reads rows of recordings again, with an LRU cache of batches; a `BlockSource`."""
-
-    def __init__(self) -> None:
-        """Create it without rows."""
-        self._reloads: list[Callable[[], Rows]] = []
-        self._starts: list[int] = []
-        self._rows = 0
-        self._batch = lru_cache(MAX_CACHED)(lambda number: self._reloads[number]())
-
-    def append(self, reload: Callable[[], Rows], rows: int) -> None:
-        """Append the next batch of `rows` rows, which `reload` reads again."""
-        if rows:
-            self._reloads.append(reload)
-            # Last, because `load` searches this list in another thread.
-            self._starts.append(self._rows)
-            self._rows += rows
-
-    def load(self, start: int, count: int) -> Rows:
-        """The rows from index `start` on; see `BlockSource`.
-
-        Raises FileError if the file changed, or cannot be read any more.
-        """
-        parts, done = list[Rows](), 0
-        while done < count:
-            number = bisect_right(self._starts, start + done) - 1
-            first = start + done - self._starts[number]
-            part = self._batch(number)[first : first + count - done]
-            parts.append(part)
-            done += len(part)
-        # A copy, so that a block does not keep whole batches in memory.
-        return Rows.concat([*parts, NO_ROWS])
+        """Stop the other feed."""
+        self._feed.stop()

@@ -1,23 +1,44 @@
-"""The screen; the only package that imports Textual.
+"""The screen: the only package that imports Textual.
+
+```
+ title          what is captured, whether it is recorded, the mode
+ strip          the four motors: state, target, feedback, answers
+ table | page   rows, and one page about them: row, motors, streams, findings
+ status         numbers, or the news until esc
+ footer         the keys that act now
+```
+
+What is shown is a function of a slice of the rows, or of one growing array of their indices.
 
 Modules:
 
-    app           The application: composes the screen, polls the feed, handles signals.
-    cells         Values of rows as text: in short words, and in the columns of the table.
-    commands      The commands: their keys, the key line, the help and the palette.
-    export        Copy rows; save rows and pictures of the screen.
-    filters       The field for a filter, its candidates, and the filters before.
-    find          The fields that lead to a row: go to, and search.
-    i18n          Translation, and the names of the themes.
-    modals        Modal screens: pick an entry, choose columns, the help page.
-    notes         Marks and notes on rows.
-    options       Options with which the screen is opened.
-    painter       What the table draws: colours, lines, signs in the scroll bar.
-    panes         The panes below the table.
-    playback      Freeze the view of a capture; play a file.
-    prompt        Base class of the fields at the bottom, and the focus.
-    status_bar    Lines around the table: title, status, keys and notices.
-    table         The table of rows.
-    terminal      Terminal driver: output that never blocks, one frame at a time, job control.
-    view_model    Rows polled from a feed, and their counts.
+    app         Composes the screen, polls the feed, runs the commands, ends.
+    cells       Values of rows as text, in columns and their widths.
+    commands    The keys and what they run.
+    curves      Curves in braille characters.
+    detail      The page about the cursor's row.
+    examine     The search for findings in the rows so far.
+    export      Copy rows, save rows and pictures.
+    filters     The filter in effect and those before; the columns.
+    find        Keys that lead to a row.
+    findings    The page of findings.
+    help        The help pages.
+    i18n        Translation.
+    line        The line on which the user answers what a key asks.
+    motors      The page of motors.
+    notes       Marks and notes on rows.
+    options     How the screen begins.
+    pages       The pane, and what its pages have in common.
+    painter     Rows as styled lines, and signs in the scroll bar.
+    parts       What the parts that answer keys share.
+    search      A search: a filter whose rows are gone to.
+    shown       The rows that are shown, and the events between them.
+    status      The title and the status line.
+    streams     The page of streams.
+    strip       The motor strip.
+    table       The table of rows.
+    terminal    Textual's driver, adapted.
+    typed       Keys act in the order in which they come.
+    view        A feed, its rows, and the span that is looked at.
+    viewport    The window onto the shown rows.
 """

@@ -1,306 +1,172 @@
-"""The application: composes the screen, polls the feed, handles signals and the end."""
+"""The application: composes the screen, polls the feed, runs the commands, and ends."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC
-from inspect import isawaitable
+from functools import partial
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar, Final, TypeAlias
 
-from rich.console import RenderableType
+from rich.text import Text
 from textual import on
-from textual.actions import ActionParseResult, parse
-from textual.app import App, ComposeResult
-from textual.binding import BindingType
-from textual.dom import DOMNode
+from textual.actions import parse
+from textual.app import App, ComposeResult, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Vertical
 from textual.driver import Driver
-from textual.events import Event, InputEvent, Key, MouseDown, Resize
-from textual.filter import LineFilter
+from textual.events import Event, Key, MouseDown
 from textual.screen import Screen
-from textual.widgets import Input
+from textual.widgets import Footer, Input
 
-from fte_sniff.analysis.feed import Feed
+from fte_sniff.analysis.feed import Feed, FeedUpdate
+from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.model import Tally
-from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.time_text import LOCAL
+from fte_sniff.analysis.whole.motors import MotorState, Trouble
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
+from fte_sniff.protocol.dissect import dissect
 from fte_sniff.session.notes import RowKey
 from fte_sniff.session.user_state import Place
 from fte_sniff.tui.cells import TimeStyle
-from fte_sniff.tui.commands import (
-    COMMANDS,
-    FINDING,
-    HANDLING,
-    INTERRUPT,
-    LEAVING,
-    PALETTE,
-    UNDERSTANDING,
-    action_of,
-    bindings,
-    key_names,
-)
-from fte_sniff.tui.export import ExportField
-from fte_sniff.tui.filters import FilterField
-from fte_sniff.tui.find import GotoField, SearchField
+from fte_sniff.tui.commands import COMMANDS, IN_FOOTER, Needs
+from fte_sniff.tui.detail import DetailPage
+from fte_sniff.tui.examine import Examiner
+from fte_sniff.tui.export import Export
+from fte_sniff.tui.filters import Columns, Filters
+from fte_sniff.tui.find import Find, Goto, Searching
+from fte_sniff.tui.findings import FindingsPage, span_of
+from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
-from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
-from fte_sniff.tui.notes import NotesField
-from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
-from fte_sniff.tui.painter import CONTRAST_THEMES, ColorRules, NoColor, ReadableColors
-from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.panes.row import DetailPane
-from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.playback import PlaybackControl
-from fte_sniff.tui.prompt import Focus, Parts, PromptField
-from fte_sniff.tui.status_bar import KeyLine, NoticeLine, StatusLine, TitleLine, mode_of
+from fte_sniff.tui.line import CommandLine
+from fte_sniff.tui.motors import MotorsPage
+from fte_sniff.tui.notes import NotesControl
+from fte_sniff.tui.options import DEFAULTS, SHARES, Choices, StartOptions
+from fte_sniff.tui.pages import Context, Page, Pane
+from fte_sniff.tui.parts import Parts
+from fte_sniff.tui.status import Mode, StatusLine, TitleLine, badge_text, mode_of
+from fte_sniff.tui.streams import StreamsPage
+from fte_sniff.tui.strip import LOW, MotorStrip, strip_text
 from fte_sniff.tui.table import RowTable, TableHeader
-from fte_sniff.tui.view_model import TICK_S, HitStatus, PollInterval, ViewModel, ViewUpdate
+from fte_sniff.tui.typed import Turn, TypedKeys
+from fte_sniff.tui.view import Span, View
 
-if TYPE_CHECKING:
-    from fte_sniff.tui.terminal import FramePacer
+TICK_S: Final = 0.1
+"""Time between two polls of the feed: rows come on the screen ten times a second."""
 
-LOW = 16
-"""Lines of the terminal below which a pane has only a few."""
+STRIP_NS: Final = 500_000_000
+"""Shortest time between two updates of the motors, while rows come."""
 
-TALL = 40
-"""Lines of the terminal from which on a pane takes the larger part."""
+MOVED_NS: Final = 100_000_000
+"""As `STRIP_NS`, while the cursor moves."""
+
+SHARE: Final = 8
+"""A page that takes long to draw waits this many times as long until it is drawn again."""
+
+FINDINGS_NS: Final = 5_000_000_000
+"""Shortest time between two searches for findings in a capture."""
+
+BESIDE_CELLS: Final = 160
+"""Cells from which on the pane can be beside the table."""
+
+STEP_SHARE: Final = 10
+"""Percent by which the pane grows."""
+
+
+Part: TypeAlias = MotorStrip | RowTable | Pane
+"""What can have the keys."""
+
+
+class MainScreen(Screen[None], inherit_bindings=False):
+    """The screen; the keys are those of the app."""
 
 
 class SniffApp(App[None]):
-    """The screen over one feed.
-
-    It composes the widgets, runs the commands on what owns them, polls the feed, and ends.
-    """
+    """The screen over one feed."""
 
     CSS_PATH = Path(__file__).with_name("screen.tcss")
     TITLE = "fte-sniff"
-    ENABLE_COMMAND_PALETTE = False
-    """Textual's palette fails on very small terminals and on keys that are typed ahead."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        INTERRUPT,
-        *bindings(LEAVING, FINDING, HANDLING, UNDERSTANDING),
+        Binding("ctrl+c", "interrupt", show=False, priority=True),
+        Binding("ctrl+q", "quit", show=False, priority=True),
     ]
 
-    def __init__(
-        self, feed: Feed, options: StartOptions = DEFAULTS, source: BlockSource | None = None
-    ) -> None:
-        """Build the screen; with a `source`, which reads rows again, not all stay in memory."""
+    def __init__(self, feed: Feed, options: StartOptions = DEFAULTS) -> None:
+        """Build the screen."""
         super().__init__()
         set_language(options.language)
-        for theme in CONTRAST_THEMES:
-            self.register_theme(theme)
-        self.theme = options.choices.theme or THEMES[0]
         self.language = options.language
+        self.theme = options.choices.theme or THEMES[0]
         self.animation_level = "none"
-        self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
+        self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low")]
         self.failure: FteSniffError | None = None
-        self.pacer: FramePacer | None = None
-        """Set by the driver of a terminal, which may be slow."""
         self._options = options
-        self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
-        self._poll_interval = PollInterval(feed)
-        self._alerts = 0
-        self._compose_widgets()
+        self.view = View(feed, options.line_setup, options.alert)
+        self.view.set_filter(options.row_filter)
+        self._compose_parts()
+        self.typed = TypedKeys(self)
+        self._available: tuple[object, ...] = ()
+        self._strip_key: tuple[object, ...] = ()
+        self._strip_at_ns = self._page_due_ns = self._search_due_ns = 0
+        self._page_key: tuple[object, ...] = ()
+        self._span = Span(0, 0, None, None)
+        self._states: Sequence[MotorState] = ()
+        self._since: dict[int, tuple[Trouble, int]] = {}
+        self._held: int | None = None
+        """Index of the row at which a page stopped following the end."""
+        self._searched, self._examiner = -1, Examiner(self.view.store)
+        self._recording_since_ns: int | None = None
+        self._reported = set[tuple[Cause, str, int | None]]()
+        """Topics of the findings that were shown in a line."""
+        self._bind_keys()
         self.first_choices = self.choices
 
-    def _compose_widgets(self) -> None:
-        options, store = self._options, self._model.store
-        rules = ColorRules(options.colors)
-        self._warnings = [*options.warnings, *rules.mistakes]
-        self._notice = NoticeLine()
-        header = TableHeader()
-        self._table = RowTable(store, header, self._notice, options.choices.view)
-        self._table.rules = rules if options.colors else None
-        self._panes = PaneSwitcher(store, header, self._table, self._notice, options)
-        self._focus = Focus(self, self._table, header, self._panes.top)
-        self._title_line, self._status_line = TitleLine(), StatusLine()
-        self._key_line = KeyLine()
-        self._hit_status = HitStatus(store, self._table)
-        parts = Parts(options, self._model, self._table, self._panes, self._focus, self._notice)
+    def _compose_parts(self) -> None:
+        options, view = self._options, self.view
+        self._header, self.status, self.title_line = TableHeader(), StatusLine(), TitleLine()
+        self.table = RowTable(view, self._header, options.choices.view)
+        self.strip, self.line, self.pane = MotorStrip(), CommandLine(), Pane()
+        choices = options.choices
+        self._beside, self._shares = choices.pane_beside, [choices.pane_height, choices.pane_width]
+        self._part: Part = self.table
+        self.findings, self.motors, self.streams = FindingsPage(), MotorsPage(), StreamsPage()
+        pages: tuple[Page, ...] = (DetailPage(), self.motors, self.streams, self.findings)
+        self._pages = {page.NAME: page for page in pages}
+        parts = Parts(options, view, self.table, self.line, self.status, self._look_at)
         self.filters, self.notes, self.search = (
-            FilterField(parts),
-            NotesField(parts),
-            SearchField(parts),
+            Filters(parts),
+            NotesControl(parts),
+            Searching(parts),
         )
-        self.goto, self.export = GotoField(parts), ExportField(parts)
-        self.playback = PlaybackControl(parts)
-        self._owners: Mapping[str, object] = {
-            "app": self,
-            "table": self._table,
-            "top": self._panes.top,
-            "panes": self._panes,
-            "filters": self.filters,
-            "notes": self.notes,
-            "search": self.search,
-            "goto": self.goto,
-            "export": self.export,
-            "playback": self.playback,
+        self.export = Export(parts)
+        self._owners: dict[str, object] = {
+            **{"table": self.table, "pane": self.pane, "line": self.line},
+            **{"filters": self.filters, "notes": self.notes, "search": self.search},
+            **{"export": self.export, "goto": Goto(parts), "find": Find(parts)},
+            "columns": Columns(parts),
         }
 
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
-        yield self._title_line
-        yield self._panes
-        yield self._notice
-        yield self.filters
-        yield self.filters.name_field
-        yield self.notes
-        yield self.search
-        yield self.goto
-        yield self.export
-        yield self._status_line
-        yield self._key_line
+        yield self.title_line
+        yield self.strip
+        with Container(id="body"):
+            yield Vertical(self._header, self.table, id="main")
+            yield self.pane
+        yield self.status
+        yield self.line
+        yield Footer(compact=True, show_command_palette=False)
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Whether a key may act now."""
-        return action != "command" or self._focus.allows(COMMANDS[str(parameters[0])].where)
-
-    async def run_action(
-        self,
-        action: str | ActionParseResult,
-        default_namespace: DOMNode | None = None,
-        namespaces: Mapping[str, DOMNode] | None = None,
-    ) -> bool:
-        """Run the action of a key, and remove the answer to the key before."""
-        before = self._notice.answer
-        done = await super().run_action(action, default_namespace, namespaces)
-        if done:
-            self._notice.remove_answer(before)
-        return done
-
-    async def action_command(self, run: str) -> None:
-        """Run a command of the table of commands, on what owns it."""
-        self._focus.prepare(COMMANDS[run].where)
-        owner, name, parameters = parse(run)
-        waits = getattr(self._owners[owner], f"action_{name}")(*parameters)
-        if isawaitable(waits):
-            await waits
-
-    def action_dismiss(self) -> None:
-        """End one thing that was begun: a save, a selection, a notice, a search, a pane."""
-        if self.export.abandon() or self._table.end_selection():
-            return
-        if self._notice.display and not self.search.is_searching:
-            self._notice.dismiss()
-        elif not self.search.end() and not self._panes.close():
-            if self._panes.top.display:
-                self.action_top()
-            else:
-                self.playback.stop()
-
-    def action_leave(self) -> None:
-        """Close the open pane, else quit."""
-        if not self._panes.close():
-            self._quit()
-
-    def _quit(self) -> None:
-        """Quit; while the capture is recorded, only at the second request."""
-        state = self._model.state
-        is_recording = state.recording is not None and state.running
-        if is_recording and not self._notice.asks:
-            self._notice.ask(_("press q or ^c again to stop recording and quit"))
-        else:
-            self.exit()
-
-    def action_interrupt(self) -> None:
-        """Copy the selected text of a field; without one, leave fields and pages, and quit."""
-        field = self.focused
-        if isinstance(field, Input) and field.selected_text:
-            self.copy_to_clipboard(field.selected_text)
-            return
-        while len(self.screen_stack) > 1:
-            self.pop_screen()
-        self._focus.leave()  # the question is behind them
-        self._quit()
-
-    def action_open(self) -> None:
-        """Show the rows of the chosen finding or time of a pane, else explain the row."""
-        pane = self._panes.open
-        if self.filters.show_finding():
-            return
-        if pane is not None and (span := pane.chosen_span) is not None:
-            self._panes.close()
-            self._table.go_to_fault_between(*span)
-        else:
-            self._panes.action_switch(DetailPane.NAME)
-
-    def action_choose(self) -> None:
-        """Show the rows of the chosen finding, else of the line of the top view."""
-        if not self.filters.show_finding():
-            self.filters.choose()
-
-    def action_top(self) -> None:
-        """Show one line for each kind and motor in place of the table, or the table again."""
-        self._focus.show_top(not self._panes.top.display)
-        if self._panes.top.display and self._panes.explains_row:
-            self._panes.close()
-        self._panes.call_after_refresh(self._panes.redraw)
-
-    def action_columns(self) -> None:
-        """Choose columns and their order."""
-
-        def choose(chosen: ChosenColumns | None) -> None:
-            if chosen is not None:
-                self._table.set_view(choice=chosen.names, delta=chosen.delta)
-
-        chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
-        self.push_screen(chooser, choose)
-
-    def action_help(self) -> None:
-        """Show the help page."""
-        self.push_screen(HelpPage(self._table.palette))
-
-    def action_theme(self) -> None:
-        """Switch to the next theme."""
-        self.theme = choice_after(self.theme, THEMES)
-        self._table.sync()
-        self._notice.inform(_("theme {name}", name=self.theme))
-
-    def action_language(self) -> None:
-        """Switch to the next language."""
-        self.language = choice_after(self.language, list(LANGUAGES))
-        switch_language(self.language)
-        self._key_line.refresh()
-        for field in self.query(PromptField):
-            field.translate()
-        self._panes.forget_texts()
-        self._table.refresh()
-        self._notice.inform(_("the language is English"))
-
-    def action_palette(self) -> None:
-        """Pick a command from a list."""
-        entries = [
-            Entry(
-                _(command.tooltip),
-                command.run,
-                key_names(command),
-                f"{command.words} {command.key_display} {command.tooltip}",
-            )
-            for command in PALETTE
-        ]
-        self.push_screen(Picker(_("commands"), entries), self._run_picked)
-
-    async def _run_picked(self, run: str | None) -> None:
-        if run is not None:
-            await self.run_action(action_of(run))
-
-    def action_overview(self, cell: int) -> None:
-        """Go to the most important row of a cell of the scroll bar that was clicked."""
-        self._table.jump_to_cell(cell)
-
-    def get_default_screen(self) -> Screen[object]:
-        """Give the screen the class of its height: the first resize need not style all again."""
-        screen: Screen[object] = super().get_default_screen()
-        height = self.size.height
-        _, name = max(one for one in self.VERTICAL_BREAKPOINTS or () if one[0] <= height)
-        return screen.add_class(name, update=False)
+    def get_default_screen(self) -> Screen[None]:
+        """The screen without keys of its own."""
+        return MainScreen(id="_default")
 
     def get_driver_class(self) -> type[Driver]:
         """Our driver in place of Textual's for Linux."""
@@ -313,23 +179,313 @@ class SniffApp(App[None]):
             return Terminal if driver is LinuxDriver else driver
         return driver
 
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """The filter for a terminal with no or 16 colours."""
-        if self.no_color:
-            return [NoColor()]
-        few = [ReadableColors()] if self.console.color_system == "standard" else []
-        return [*super().get_line_filters(), *few]
+    # Keys and commands
+
+    def _bind_keys(self) -> None:
+        """Bind the commands, those of the footer first, in the language of the screen."""
+
+        def rank(keys: str) -> int:
+            return IN_FOOTER.index(keys) if keys in IN_FOOTER else len(IN_FOOTER)
+
+        bound = (command for command in COMMANDS.values() if command.keys)
+        for command in sorted(bound, key=lambda one: rank(one.keys)):
+            self.bind(
+                command.keys,
+                f"app.command({command.run!r}, {self.language!r})",
+                description=_(command.short),
+                show=command.keys in IN_FOOTER,
+                key_display=command.key_display.split(" ")[0],
+            )
+
+    async def on_event(self, event: Event) -> None:
+        """Let a key wait for its turn."""
+        if isinstance(event, Key) and not event.is_forwarded:
+            self.typed.put(event)
+        else:
+            await super().on_event(event)
+
+    async def on_turn(self, event: Turn) -> None:
+        """Give a key to what has the focus, then to the commands."""
+        await super().on_event(event.key)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Whether a command can work now."""
+        if action != "command":
+            return True
+        if parameters[1:] not in ((), (self.language,)):
+            return False  # a key is bound once in each language, for the footer
+        needs, question = COMMANDS[str(parameters[0])].needs, self.line.question
+        if question is not None and not needs & (Needs.ANYWHERE | Needs.SAVES):
+            return False
+        page = self.pane.page
+        there = {
+            Needs.ROWS: self.table.viewport.count > 0,
+            Needs.PANE: page is not None,
+            Needs.PLOTS: page is self.motors,
+            Needs.FILTER: bool(self.filters.current),
+            Needs.EARLIER: bool(self.filters.earlier),
+            Needs.SEARCH: self.search.matches is not None,
+            Needs.MARKS: bool(self.table.marks),
+            Needs.SAVES: question is not None and question.saves is not None,
+        }
+        return all(holds for need, holds in there.items() if need in needs)
+
+    def action_command(self, run: str, _language: str = "") -> None:
+        """Run a command; the answer to the key before is removed."""
+        before = self.status.answer
+        owner, name, parameters = parse(run)
+        if owner == "app":
+            getattr(self, f"do_{name}")(*parameters)
+        else:
+            getattr(self._owners[owner], name)(*parameters)
+        self.status.remove_answer(before)
+        self.show_state()
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """The commands of the palette."""
+        for run, command in COMMANDS.items():
+            if self.check_action("command", (run,)):
+                title = f"{_(command.meaning)}  {command.key_display}".rstrip()
+                yield SystemCommand(title, "", partial(self.action_command, run))
+
+    def do_move(self, by: int) -> None:
+        """Move in the part that has the focus."""
+        self.line.step(-by) if self.line.question else self._part.move(by)
+
+    def do_page(self, by: int) -> None:
+        """Move by pages."""
+        if isinstance(self._part, Pane):
+            self._part.move(by * self._part.size.height)
+        else:
+            self.table.page(by)
+
+    def do_aside(self, by: int) -> None:
+        """Move sideways in the part that has the focus."""
+        self.strip.move(by) if self._part is self.strip else self.table.aside(by)
+
+    def do_next_part(self) -> None:
+        """Give the focus to the next part, or complete the typed line."""
+        if self.line.question is not None:
+            self.line.complete()
+            return
+        parts: list[Part] = [self.strip, self.table, *([self.pane] if self.pane.page else [])]
+        self._give(choice_after(self._part, parts))
+
+    def _give(self, part: Part) -> None:
+        """Give the focus to a part."""
+        self._part = part
+        if self.line.question is None:
+            self.screen_stack[0].set_focus(part)
+
+    def do_open(self) -> None:
+        """Show the rows of what is chosen, else explain the row."""
+        page = self.pane.page
+        if self._part is self.strip:
+            self.filters.add(f"motor = {self.strip.chosen}")
+        elif page is self.findings and self.findings.chosen is not None:
+            finding = self.findings.chosen
+            self._show(None)
+            self.filters.show(finding)
+        elif page is self.streams and self.streams.chosen is not None:
+            condition = self.streams.chosen.condition
+            self._show(None)
+            self.filters.add(condition)
+        elif self.table.viewport.count:
+            self.do_switch(DetailPage.NAME)
+
+    def do_switch(self, name: str) -> None:
+        """Show a page in place of any other, or close it where it is shown."""
+        page = self._pages[name]
+        self._show(None if self.pane.page is page else page)
+
+    def _show(self, page: Page | None) -> None:
+        """Show a page; one that explains a row stops following the end until it is closed."""
+        viewport = self.table.viewport
+        before = self.pane.page
+        if before is self.findings and page is not self.findings and before is not page:
+            self.view.finding = None
+        self.pane.show(page)
+        if page is not None and page.EXPLAINS_ROW:
+            if viewport.following and not viewport.paused:
+                self._held = self.table.last_index
+            self.table.stop_following()
+        elif self._held is not None:
+            held, self._held = self._held, None
+            if held == self.table.last_index:
+                self.table.follow()
+        if page is None and self._part is self.pane:
+            self._give(self.table)
+        self._place_pane()
+        self._page_key = self._strip_key = ()
+        self.call_after_refresh(self.show_state)
+
+    def do_motor(self, motor: int) -> None:
+        """Show one motor in the pane, or all again."""
+        is_shown = self.pane.page is self.motors
+        self.motors.chosen = None if is_shown and self.motors.chosen == motor else motor
+        if not is_shown:
+            self._show(self.motors)
+        self._page_key = ()
+
+    def do_change(self, what: str, by: int) -> None:
+        """Change how the motors are drawn."""
+        self.motors.change(what, by)
+        self._page_key = ()
+
+    def do_field(self, by: int) -> None:
+        """Look at the next field of the cursor's row, or at the previous one."""
+        row = self.table.cursor_row
+        if row is None:
+            return
+        if self.pane.page is None or not self.pane.page.EXPLAINS_ROW:
+            self.do_switch(DetailPage.NAME)
+        count, current = len(dissect(row)), self.table.field
+        start = (-1 if by > 0 else count) if current is None else current
+        self.table.look_at((start + by) % count)
+
+    def do_grow(self, by: int) -> None:
+        """Make the pane larger (`by` 1) or smaller (-1)."""
+        beside, body = self._is_beside, self.query_one("#body").size
+        own = self.pane.outer_size
+        now = own.width / body.width if beside else own.height / body.height
+        share = self._shares[beside] or round(now * 100)
+        self._shares[beside] = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
+        self._place_pane()
+
+    def do_beside(self) -> None:
+        """Move the pane beside the table, or below it."""
+        if self.size.width < BESIDE_CELLS:
+            text = _("a pane is beside the table from {cells} columns on", cells=BESIDE_CELLS)
+            self.status.inform(text)
+        else:
+            self._beside = not self._beside
+            self._place_pane()
+
+    @property
+    def _is_beside(self) -> bool:
+        return self._beside and self.size.width >= BESIDE_CELLS
+
+    def _place_pane(self) -> None:
+        beside = self._is_beside
+        self.query_one("#body").set_class(beside, "-beside")
+        share = self._shares[beside]
+        self.pane.set_class(share is not None, "-divided")
+        self.pane.styles.width = f"{share}%" if share and beside else None
+        self.pane.styles.height = f"{share}%" if share and not beside else None
+
+    def do_select(self) -> None:
+        """Begin a selection at the cursor's row, or end it."""
+        if self.table.selection_start is None:
+            self.table.stop_following()
+            self.table.selection_start = self.table.last_index
+            self.status.inform(_("selecting: move, then y or Y copies, w saves, esc ends it"))
+        else:
+            self.table.selection_start = None
+        self.table.draw()
+
+    def do_times(self) -> None:
+        """Switch to the next time style; without a mark or another zone, two are skipped."""
+        if self.view.first_ns is None:
+            self.status.inform(_("no row here has a time"))
+            return
+        styles = list(TimeStyle)
+        if not self.table.marks:
+            styles.remove(TimeStyle.MARK)
+        if self.table.look.zone == UTC:
+            styles.remove(TimeStyle.LOCAL)
+        style = choice_after(self.table.look.times, styles)
+        self.table.set_look(times=style)
+        self._page_key = self._strip_key = ()
+        self.status.inform(_(style.meaning))
+
+    def do_changes(self) -> None:
+        """Highlight the bytes that changed, or no longer."""
+        changes = not self.table.look.changes
+        self.table.set_look(changes=changes)
+        on = _("bytes that differ from the frame before of the same kind and motor are highlighted")
+        self.status.inform(on if changes else _("changed bytes are not highlighted"))
+
+    def do_events(self) -> None:
+        """Show the lines of port events and gaps, or hide them."""
+        events = not self.table.look.events
+        self.table.set_look(events=events)
+        self.status.inform(_("port events are shown") if events else _("port events are hidden"))
+
+    def do_theme(self) -> None:
+        """Switch to the next theme."""
+        self.theme = choice_after(self.theme, THEMES)
+        self.table.draw()
+        self._page_key = self._strip_key = ()
+        self.status.inform(_("theme {name}", name=self.theme))
+
+    def do_language(self) -> None:
+        """Switch to the next language."""
+        self.language = choice_after(self.language, list(LANGUAGES))
+        switch_language(self.language)
+        self._bind_keys()
+        self._page_key = self._strip_key = self._available = ()
+        self._header.refresh()
+        self.status.inform(_("the language is English"))
+
+    def do_dismiss(self) -> None:
+        """End one thing that was begun: a line, a save, a selection, a notice, a search, a pane."""
+        if self.line.question is not None:
+            self.line.close()
+        elif self.export.abandon():
+            return
+        elif self.table.selection_start is not None:
+            self.do_select()
+        elif not (self.status.dismiss() or self.search.end()):
+            self._show(None)
+
+    def do_help(self) -> None:
+        """Show the help."""
+        self.push_screen(HelpPage())
+
+    def do_leave(self) -> None:
+        """Close the pane, else quit; while the capture is recorded, only at the second request."""
+        state = self.view.state
+        if self.pane.page is not None:
+            self._show(None)
+        elif state.recording is not None and state.running and not self.status.asks:
+            self.status.ask(_("press q or ^c again to stop recording and quit"))
+        else:
+            self.exit()
+
+    def do_quit(self) -> None:
+        """Quit at once."""
+        self.exit()
+
+    def do_suspend(self) -> None:
+        """Go to the shell."""
+        self.action_suspend_process()
+
+    def action_interrupt(self) -> None:
+        """Copy the selected text of a field; without one, leave all, and quit."""
+        field = self.focused
+        if isinstance(field, Input) and field.selected_text:
+            self.copy_to_clipboard(field.selected_text)
+            return
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+        self.line.close()
+        self.pane.show(None)
+        self.do_leave()
+
+    def _look_at(self, finding: Finding | None) -> None:
+        self.view.finding = finding
+        self._strip_key = self._page_key = ()
+
+    # Time
 
     def on_mount(self) -> None:
         """Start to poll, a file at its first row; quit on signals."""
-        self._focus.start()
-        if self._warnings:
-            self._notice.warn("; ".join(map(_, self._warnings)))
+        self._give(self.table)
+        for warning in self._options.warnings:
+            self.status.warn(_(warning))
         self.tick()
-        if not self._model.state.live and self.notes.left_at == self._options.place.cursor:
-            self._table.action_first()
-        if self._options.play_speed is not None:
-            self.call_later(self.playback.action_pause)
+        if not self.view.state.live and self.notes.left_at == self._options.place.cursor:
+            self.table.jump(0)
         self.set_interval(TICK_S, self._on_clock)
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
@@ -339,227 +495,367 @@ class SniffApp(App[None]):
 
     def on_unmount(self) -> None:
         """Remove an unfinished file and the signal handlers."""
-        if self.export.job is not None:
-            self.export.job.abandon()
+        self.export.abandon()
         self.notes.save()
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.remove_signal_handler(number)
 
+    def now_ns(self) -> int:
+        """The monotonic clock."""
+        return monotonic_ns()
+
+    @property
+    def _is_slow(self) -> bool:
+        """Whether the terminal has not yet drawn what was written."""
+        output = getattr(self._driver, "output", None)
+        return output is not None and bool(output.is_slow)
+
+    def _on_clock(self) -> None:
+        if not self.view.at_rest or self._searched != self.view.store.known:
+            self.tick()
+        else:
+            self.show_state()
+        self.search.step()
+
+    def tick(self) -> None:
+        """Poll the feed, and draw what changed, unless the terminal is slow."""
+        view, before = self.view, self.view.state
+        first, shown = view.store.next, view.shown.count
+        try:
+            update = view.poll(self.now_ns())
+        except FteSniffError as failure:
+            self.failure = failure
+            self.exit()
+            return
+        if view.state.live and not before.live:
+            self.table.follow()  # what was recorded so far is read
+        self.notes.find_noted(update.rows, first)
+        self._report(before.trouble, ended=before.running and not view.state.running)
+        self._report_alert(update)
+        for event in update.events if view.state.live else ():
+            self.status.on_port_event(event, self.table.look.shown_zone)
+        self._examine()
+        if self._is_slow:
+            return
+        if len(update.rows) or update.events or shown != view.shown.count:
+            self._sync_table()
+        self.show_state()
+
+    def _sync_table(self) -> None:
+        first_ns, look = self.view.first_ns, self.table.look
+        if first_ns is not None and look.zone == UTC and look.times is TimeStyle.CLOCK:
+            wanted = self._options.zone
+            zone = zone_at(first_ns, wanted or LOCAL)
+            is_first = wanted is not None and zone != UTC
+            look = replace(look, zone=zone, times=TimeStyle.LOCAL if is_first else look.times)
+        self.table.look = replace(look, ports=self.view.store.ports)
+        self.table.sync()
+
+    def _report(self, before: str | None, *, ended: bool) -> None:
+        """Show troubles of the recording, alerts, and the end of the feed; quit then if wanted."""
+        state, status = self.view.state, self.status
+        if state.trouble and state.trouble != before:
+            status.warn(_(state.trouble), "recording")
+        elif not state.trouble:
+            status.unpin("recording")
+        if ended and status.asks:
+            status.remove_answer(status.answer)  # nothing is recorded any more
+        if ended and self._options.leave_at_end:
+            self.exit()
+        elif ended and state.ended:
+            status.warn(_("ended: {reason}", reason=_(state.ended)), "end")
+
+    def _report_alert(self, update: FeedUpdate) -> None:
+        """Ring the bell where rows match the alert, and show how many there are."""
+        alert = self.view.alert
+        if alert is None or not self.view.state.live:
+            return
+        if alert.observe(update.rows, self.now_ns() / 1e9, update.events):
+            self.bell()
+            self.title_line.flash()
+        if alert.last is not None:
+            text = _("{count:,} rows match the alert", count=alert.count)
+            if alert.last.t_ns is not None:
+                time = clock_text(alert.last.t_ns, 3, self.table.look.shown_zone)
+                text = _("{text}, the last at {time}", text=text, time=time)
+            self.status.warn(text, "alert")
+
+    def _examine(self) -> None:
+        """Search for findings in a thread, if rows came since the last search, a while ago."""
+        view, now_ns = self.view, self.now_ns()
+        is_due = now_ns >= self._search_due_ns if view.state.running else view.at_rest
+        if is_due and self._searched != view.store.known and not self._examining:
+            self._searched = view.store.known
+            self._search_due_ns = now_ns + FINDINGS_NS
+            self.run_worker(self._find(), group="findings", exclusive=True)
+
+    @property
+    def _examining(self) -> bool:
+        return any(one.group == "findings" and one.is_running for one in self.workers)
+
+    async def _find(self) -> None:
+        search = partial(self._examiner.search, lives=self.view.lives)
+        found, coverage = await asyncio.to_thread(search)
+        self.findings.take(found, coverage)
+        self._page_key = ()
+        if not self.view.state.live:
+            if found and self.pane.page is None and not self._reported:
+                self._show(self.findings)
+        else:
+            self._announce(found)
+        self._reported |= {(one.cause, one.port, one.motor) for one in found}
+        self.show_state()
+
+    def _announce(self, found: Sequence[Finding]) -> None:
+        """Show a new finding of a capture in one line, once; events of ports were shown before."""
+        for one in found:
+            topic = (one.cause, one.port, one.motor)
+            if one.cause is not Cause.PORT and topic not in self._reported:
+                when = span_of(one, self.table.look.shown_zone)
+                text = _("{when}: {text}; ! lists the findings", when=when, text=one.text)
+                self.status.warn(text, topic)
+
+    # What is shown
+
+    def show_all(self) -> None:
+        """Draw all that has changed, however little time has passed."""
+        self._strip_at_ns = self._page_due_ns = 0
+        self.table.end_overview_pause()
+        self.show_state()
+
+    def show_state(self) -> None:
+        """Draw the lines, the motors and the page, as far as they have changed."""
+        if not self.is_running or len(self.screen_stack) < 1:
+            return
+        page = self.pane.page
+        if page is self.findings:
+            self.view.finding = self.findings.chosen
+        viewport, state = self.table.viewport, self.view.state
+        mode = mode_of(
+            state, paused=viewport.paused, at_end=viewport.following or not viewport.below
+        )
+        unseen = viewport.waiting if mode is Mode.PAUSED else viewport.below
+        if state.recording is not None and state.running and self._recording_since_ns is None:
+            self._recording_since_ns = self.now_ns()
+        since_ns = self.now_ns() - (self._recording_since_ns or self.now_ns())
+        self.title_line.show(state, badge_text(state, mode, unseen), since_ns / 1e9)
+        self.status.show(self._numbers())
+        self.table.empty_text = self._empty_text()
+        self._show_motors()
+        self._show_page()
+        available = tuple(self.check_action("command", (run,)) for run in COMMANDS)
+        if available != self._available:
+            self._available = available
+            self.refresh_bindings()
+
+    def _numbers(self) -> list[Text]:
+        """The numbers of the status line, the most important first."""
+        view, tally, viewport = self.view, self.view.tally, self.table.viewport
+        parts = [_("{count:,} rows", count=view.state.rows)]
+        if self.filters.current:
+            parts = [f"{_('filter')} {self.filters.text}"]
+        if self.search.text:
+            parts.append(self.search.text)
+        if tally.malformed:
+            share = tally.malformed_share
+            text = "<0.1%" if share < 0.001 else f"{share:.1%}"
+            parts.append(_("{count:,} malformed ({share})", count=tally.malformed, share=text))
+        if viewport.count and not viewport.following:
+            parts.append(_("row {number:,}", number=viewport.cursor + 1))
+        rate = view.frames_per_s(self.now_ns())
+        if rate is not None:
+            parts.append(_("{rate:,.0f} frames/s", rate=rate))
+        if view.state.not_shown:
+            parts.append(_("{count:,} too fast to show", count=view.state.not_shown))
+        return [Text(part) for part in parts]
+
+    def _empty_text(self) -> str:
+        """Why no row is shown."""
+        view = self.view
+        if view.shown.pending:
+            return _("filtering ...")
+        if view.store.next:
+            return _(
+                "the filter hides all {count:,} rows; F shows them again", count=view.store.next
+            )
+        return _("nothing came yet") if view.state.running else _("nothing came")
+
+    @property
+    def _follows(self) -> bool:
+        viewport = self.table.viewport
+        return viewport.following and not viewport.paused
+
+    def _show_motors(self) -> None:
+        """The motors at the cursor's row, or now."""
+        view, now_ns = self.view, self.now_ns()
+        cursor = None if self._follows else self.table.cursor_index
+        chosen = self.strip.chosen if self._part is self.strip else None
+        key = (
+            *(view.finding, cursor, view.store.next if cursor is None else 0, chosen),
+            *(self.strip.size, self.theme, self.language),
+        )
+        pause_ns = STRIP_NS if cursor is None else MOVED_NS
+        is_due = now_ns - self._strip_at_ns >= pause_ns or not self._strip_key
+        if key == self._strip_key or not is_due or (not view.store.next and self._states):
+            return
+        self._strip_key, self._strip_at_ns = key, now_ns
+        self._span = view.span(cursor, now_ns)
+        self._states = view.motors(self._span)
+        self.strip.text = strip_text(
+            self._states,
+            (self.size.width, self.strip.size.height),
+            self.table.palette,
+            lambda t_ns: clock_text(t_ns, 0, self.table.look.shown_zone)[:8],
+            self._times_of_trouble(),
+            chosen,
+        )
+
+    def _times_of_trouble(self) -> dict[int, int]:
+        """By motor, since when it is in trouble, where that is known."""
+        finding, now_ns = self.view.finding, self._span.now_ns
+        if finding is not None:
+            return {finding.motor: finding.first_ns} if finding.motor else {}
+        if not self._follows or not self.view.lives or now_ns is None:
+            return {}
+        for one in self._states:
+            if one.motor not in self._since or self._since[one.motor][0] is not one.trouble:
+                self._since[one.motor] = one.trouble, now_ns
+        return {
+            motor: t_ns
+            for motor, (trouble, t_ns) in self._since.items()
+            if trouble not in (Trouble.NONE, Trouble.UNKNOWN)
+        }
+
+    def _show_page(self) -> None:
+        """Draw the open page, where it is due."""
+        page, table, now_ns = self.pane.page, self.table, self.now_ns()
+        if page is None:
+            return
+        key = (
+            *(page, self._strip_key, table.cursor_index, table.field, self.pane.size),
+            *(self.view.shown.matches, self.view.shown.count),
+            *(self.findings.at, self.findings.found, self.streams.at),
+        )
+        is_forced = not self._page_key
+        if key == self._page_key or (
+            now_ns < self._page_due_ns and self.view.lives and not is_forced
+        ):
+            return
+        self._page_key = key
+        self.pane.draw(self._page_context(now_ns))
+        took_ns = self.now_ns() - now_ns
+        self._page_due_ns = now_ns + max(int(page.REDRAW_S * 1e9), SHARE * took_ns)
+
+    def _page_context(self, now_ns: int) -> Context:
+        table = self.table
+        return Context(
+            self.view,
+            self._span,
+            self._states,
+            table.cursor_row,
+            table.cursor_index,
+            self._follows,
+            now_ns,
+            table.palette,
+            table.look.shown_zone,
+            table.field,
+            self.pane.room,
+            self.size.height >= 40,
+        )
+
+    # Messages of the parts
+
+    @on(RowTable.Moved)
+    def _on_table_moved(self) -> None:
+        self.notes.show()
+        self.show_state()
+
+    @on(RowTable.Opened)
+    def _on_double_click(self) -> None:
+        if self.pane.page is None or not self.pane.page.EXPLAINS_ROW:
+            self.do_switch(DetailPage.NAME)
+
+    @on(Pane.Chosen)
+    def _on_line_chosen(self, event: Pane.Chosen) -> None:
+        if isinstance(page := self.pane.page, FindingsPage | StreamsPage):
+            page.at = event.line
+            if event.twice:
+                self.do_open()
+            self.show_state()
+
+    @on(Pane.Resized)
+    def _on_pane_resized(self) -> None:
+        self._page_key = ()
+        self.show_state()
+
+    @on(CommandLine.Typed)
+    def _on_typed(self, event: CommandLine.Typed) -> None:
+        """Show what continues the line; the parts have the keys again once it is closed."""
+        if self.line.question is None:
+            self._give(self._part)
+            self.status.unpin("line")
+        elif event.suggestions:
+            self.status.pin("line", f"tab: {'   '.join(event.suggestions)}")
+        else:
+            self.status.pin("line", _("enter applies   esc: back   up: earlier"))
+        self.show_state()
+
+    def on_mouse_down(self, event: MouseDown) -> None:
+        """Leave an open line where the rows are clicked; a part that is clicked has the keys."""
+        parts: tuple[Part, ...] = (self.strip, self.table, self.pane)
+        for part in parts:
+            if part is event.widget:
+                self.line.close()
+                self._give(part)
+
+    # The end
+
     @property
     def choices(self) -> Choices:
         """What the user has chosen by now."""
-        view, panes, before = self._table.view, self._panes.pane_layout, self._options
+        before = self._options
         switched = self.language != before.language
         return Choices(
             self.theme,
-            view.choice,
+            self.table.look.choice,
             self.language if switched else before.choices.language,
             tuple(self.filters.saved.items()),
-            panes.beside,
-            panes.height,
-            panes.width,
-            view.delta,
-            view.changes,
-            view.events,
+            self._beside,
+            self._shares[False],
+            self._shares[True],
+            self.table.look.events,
         )
 
     @property
     def place(self) -> Place:
         """Where the view is now."""
-        row = self._table.cursor_row
+        row = self.table.cursor_row
         return Place(
             self.filters.own,
-            self._table.view.choice,
+            self.table.look.choice,
             None if row is None else RowKey(row.port, row.offset, row.t_ns),
         )
-
-    @property
-    def tally(self) -> Tally:
-        """Counts over all rows that reached the screen."""
-        return self._model.tally
-
-    def now_ns(self) -> int:
-        """The time of a poll, by a monotonic clock."""
-        return monotonic_ns()
-
-    def _on_clock(self) -> None:
-        state = self._model.state
-        at_rest = self._model.at_rest and not self._panes.models_pending
-        if self._poll_interval.on_clock(at_rest=at_rest, captures=state.live and state.running):
-            self.tick()
-
-    async def on_event(self, event: Event) -> None:
-        """Let keys come before a file's rows."""
-        state = self._model.state
-        if isinstance(event, InputEvent | Resize):
-            self._poll_interval.on_input()
-        if isinstance(event, Key) and state.running and not state.live:
-            self._panes.postpone_models()
-            self._poll_interval.on_key()
-        await super().on_event(event)
-
-    def tick(self) -> None:
-        """Poll the feed, and draw what changed."""
-        state = self._model.state
-        keys_first = state.running and self._poll_interval.key_was_recent
-        # A file waits until its rows are counted; a live feed cannot.
-        wait = keys_first or (self._panes.models_late and not state.live)
-        try:
-            update = self._model.poll(self.now_ns(), take_rows=not wait)
-        except FteSniffError as failure:
-            self._close_for(failure)
-            return
-        if self._model.state.live and not state.live:
-            self._table.action_follow()  # what was recorded so far is read
-        self._panes.observe(update.events, update.stream_changes)
-        self.notes.find_noted(update.rows, update.first)
-        self._report(update)
-        if update.changed or update.events:
-            self._update_table()
-        self._hit_status.tick()
-        self._show_state()
-        if not keys_first:
-            play = self._model.playback
-            playhead_ns = None if play is None else play.t_ns
-            self._panes.tick(self.now_ns(), self._model.state, playhead_ns)
-            if play is not None and play.is_over and not state.running:
-                self.playback.stop()
-
-    def _update_table(self) -> None:
-        start_ns = self._model.start_ns
-        self._table.set_view(ports=self._model.ports)
-        if start_ns is not None and self._table.start_ns is None:
-            self._set_zone(start_ns)
-        self._table.start_ns = start_ns
-        self._table.sync()
-
-    def _set_zone(self, start_ns: int) -> None:
-        """Set the offset of local times; show these where the user has named a zone."""
-        wanted = self._options.zone
-        zone = zone_at(start_ns, wanted or LOCAL)
-        is_first = wanted is not None and zone != UTC
-        self._table.set_view(
-            zone=zone, times=TimeStyle.LOCAL if is_first else self._table.view.times
-        )
-
-    def _report(self, update: ViewUpdate) -> None:
-        """Show notices of port events, the recording and the feed; quit at the end if wanted."""
-        state = self._model.state
-        for event in update.events if state.live or self._model.playback else ():
-            self._notice.on_port_event(event, self._table.view.shown_zone)
-        if update.rings:
-            self.bell()
-            self._title_line.flash()
-        self._report_alert()
-        if update.trouble:
-            self._notice.unpin("recording")  # the other one is new
-            self._notice.pin("recording", _(update.trouble))
-        elif not state.trouble:
-            self._notice.unpin("recording")
-        if update.ended and self._notice.asks:
-            self._notice.remove_answer(self._notice.answer)  # nothing is recorded any more
-        if update.ended and self._options.leave_at_end:
-            self.exit()
-        elif update.ended and state.ended:
-            self._notice.pin("end", _("ended: {reason}", reason=_(state.ended)))
-        elif update.ended and self._model.events_text:
-            self._notice.report(self._model.events_text)
-
-    def _report_alert(self) -> None:
-        alert = self._model.alert
-        if alert is None or alert.last is None or alert.count == self._alerts:
-            return
-        self._alerts = alert.count
-        text = _("{count:,} rows match the alert")
-        if alert.last.t_ns is not None:
-            text = _("{count:,} rows match the alert, the last at {time}")
-        zone = self._table.view.shown_zone
-        time = clock_text(alert.last.t_ns or 0, 3, zone)
-        self._notice.pin("alert", text.format(count=alert.count, time=time))
-
-    def _show_state(self) -> None:
-        model, viewport = self._model, self._table.viewport
-        play = model.playback
-        newest_in_view = viewport.following or not viewport.below
-        mode = mode_of(model.state, viewport.paused, newest_in_view, play)
-        unseen = viewport.waiting if viewport.paused else viewport.below
-        speed = None if play is None else play.speed
-        self._title_line.show(model.state, mode, speed or unseen, int(model.recorded_s))
-        self._key_line.mode = mode
-        top_time = self._panes.top_time(live=model.state.live and model.state.running)
-        self._status_line.numbers = model.status_counters(
-            viewport, self._hit_status.text, self._panes.health, top_time
-        )
-        if model.filter_count is not None:
-            self.filters.set_count(*model.filter_count)
-        self._table.set_empty_text(model.empty_text)
-
-    def _display(self, screen: Screen[object], renderable: RenderableType | None) -> None:
-        """Draw a frame, unless the terminal is still busy with the last one."""
-        if self.pacer is None:
-            super()._display(screen, renderable)
-        elif self.pacer.begins():
-            super()._display(screen, renderable)
-            self.pacer.ended()
-
-    def _handle_exception(self, error: Exception) -> None:
-        """Close the screen with a reason where rows cannot be read any more."""
-        if isinstance(error, FteSniffError):
-            self._close_for(error)
-        else:
-            super()._handle_exception(error)
-
-    @on(RowTable.Failed)
-    def _on_table_failed(self, event: RowTable.Failed) -> None:
-        self._close_for(event.failure)
-
-    def _close_for(self, failure: FteSniffError) -> None:
-        self.failure = failure
-        self.exit()
-
-    def on_mouse_down(self, event: MouseDown) -> None:
-        """Leave an open field where the rows behind it are clicked."""
-        self._focus.clicked(event.widget)
-
-    @on(RowTable.Opened)
-    def _on_double_click(self) -> None:
-        self._panes.explain_row()
-
-    @on(Pane.Pointed)
-    def _on_pointed(self, event: Pane.Pointed) -> None:
-        self._table.look_at(event.field)
-
-    @on(Pane.Resized)
-    def _on_pane_resized(self) -> None:
-        self._panes.redraw()
-
-    @on(RowTable.Moved)
-    def _on_table_moved(self) -> None:
-        self._show_state()
-        self.notes.show_note()
-        self._panes.on_table_moved()
 
 
 def run_screen(
     feed: Feed,
     options: StartOptions = DEFAULTS,
-    source: BlockSource | None = None,
     on_exit: Callable[[Tally], None] = lambda _tally: None,
 ) -> int:
     """Show the feed until the user quits or a signal comes, then stop the feed.
 
-    With a `source`, which reads rows again, not all stay in memory. `on_exit` is called with the
-    counts over all rows. Returns 0, or another number where the screen failed, which it has then
-    reported. Raises FteSniffError if the feed failed; the terminal is restored.
+    `on_exit` is called with the counts over all rows. Returns 0, or another number where the screen
+    failed, which it has then reported. Raises FteSniffError if the feed failed; the terminal is
+    restored.
     """
-    app = SniffApp(feed, options, source)
+    app = SniffApp(feed, options)
     try:
         app.run()
     finally:
         feed.stop()
-        on_exit(app.tally)
+        on_exit(app.view.tally)
     if options.save_choices is not None and app.choices != app.first_choices:
         options.save_choices(app.choices)
     if app.failure is not None:

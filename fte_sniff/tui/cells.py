@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
-from functools import cache, reduce
+from functools import cache
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from rich.cells import cell_len
@@ -26,18 +25,17 @@ from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
     VALUE_FIELDS,
-    Column,
     ColumnType,
     Field,
     FrameKind,
     Gap,
     PortEvent,
     PortEventKind,
-    Row,
     Value,
     spaced_hex,
 )
 from fte_sniff.protocol.columns import RANKED, short_feedback, value_heads
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FIELD_BY_NAME
 from fte_sniff.tui.i18n import ExplainedWord, _, later
 
@@ -101,13 +99,6 @@ def short_kind(name: str, width: int) -> str:
     return fit(name, width).rstrip() if short is None else short
 
 
-def faulty_text(row: Row, width: int) -> str:
-    """The faults, then the bytes, for a table without room for both columns."""
-    faults = ",".join(row.faults)
-    words = f"{faults}  " if faults else ""
-    return fit(words + bytes_text(row.raw, width - len(words)), width)
-
-
 def bytes_text(raw: bytes, width: int) -> str:
     """The bytes as hex; if they are too long for the width, the first bytes and the length."""
     if len(raw) <= max(FRAME_LENGTH, (width + 1) // 3):
@@ -139,23 +130,8 @@ def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
 
 
 def _detail(text: str) -> str:
-    """The text in the language of the screen; of one from a file, the parts that are known."""
-    shown = _(text)
-    if shown != text:
-        return shown
-    parts = map(_known, text.split("; "))
-    return reduce(lambda one, other: _("{one}; {other}", one=one, other=other), parts)
-
-
-_SETTINGS = re.compile(r"(\d+) baud 8N1, DTR (\w+), RTS (\w+)")
-"""`PortSettings` in a recording."""
-
-
-def _known(part: str) -> str:
-    if found := _SETTINGS.fullmatch(part):
-        form = later("{baud} baud 8N1, DTR {dtr}, RTS {rts}")
-        return _(form, baud=found[1], dtr=_(found[2]), rts=_(found[3]))
-    return _(part)
+    """The text in the language of the screen, part by part."""
+    return "; ".join(map(_, text.split("; ")))
 
 
 def event_words(kind: PortEventKind) -> str:
@@ -192,12 +168,18 @@ class TimeStyle(ExplainedWord):
         return self not in (TimeStyle.CLOCK, TimeStyle.LOCAL)
 
 
-class Delta(ExplainedWord):
-    """What the column of time differences measures; the value is the column's head."""
-
-    ROW = "Δt row", "the time since the row above"
-    FRAME = "Δt frame", "the time since the frame before of the same kind and motor"
-    ANSWER = "Δt answer", "the time since the command that the row answers"
+DELTAS: Final = {
+    "delta": (later("Δt row"), later("the time since the row above")),
+    "delta_frame": (
+        later("Δt frame"),
+        later("the time since the frame before of the same kind and motor"),
+    ),
+    "delta_answer": (
+        later("Δt answer"),
+        later("the time since the command that the row answers"),
+    ),
+}
+"""The columns of time differences: head and meaning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +191,6 @@ class TableView:
     times: TimeStyle = TimeStyle.CLOCK
     choice: tuple[str, ...] | None = None
     """The columns from left to right, at least one; None where the width of the window decides."""
-    delta: Delta = Delta.ROW
     changes: bool = False
     """Whether bytes that changed are highlighted, and the others dimmed."""
     events: bool = True
@@ -227,36 +208,20 @@ VALUES = "values"
 
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
-DELTA = "delta"
 
+ORDER = (RANKED[0].name, *DELTAS, VALUES, *(column.name for column in RANKED[1:]))
+"""All columns, the most useful first."""
 
-def _with_delta(columns: Iterable[Column]) -> tuple[str, ...]:
-    first, *others = (column.name for column in columns)
-    return first, DELTA, *others
-
-
-ORDER = _with_delta(RANKED)
-"""Columns of the row contract, and `DELTA` behind the time, the most useful first."""
-
-
-def _shown() -> Iterator[str]:
-    """The columns that are shown, with `VALUES` in place of the values' own."""
-    for name in _with_delta(column for column in RANKED if column.shown):
-        if name == VALUE_NAMES[0]:
-            yield VALUES
-        elif name not in VALUE_NAMES:
-            yield name
-
-
-SHOWN = tuple(_shown())
+SHOWN = tuple(
+    dict.fromkeys(
+        VALUES if column.name in VALUE_NAMES else column.name for column in RANKED if column.shown
+    )
+)
+SHOWN = (SHOWN[0], "delta", *SHOWN[1:])
 """Columns of a table for which the user has not chosen any."""
 
 
 MIN_WIDTH = 3
-
-HOURS_WIDTH = len("12:00:00.000")
-
-MINUTES_WIDTH = len("00:00.000")
 
 LONG_VALUES_WIDTH = 45
 """Cells of the longest values of a row in one column."""
@@ -288,7 +253,7 @@ class TableColumn:
     @property
     def head_cell(self) -> str:
         """The column's name, aligned as its cells."""
-        head = _(self.head) if self.name in ("time", DELTA) else self.head
+        head = _(self.head)
         if self.name == "time" and cell_len(head) > self.width:
             # The zone or the start of the count is more important than the word "time".
             head = head.rpartition(" ")[2]
@@ -306,8 +271,8 @@ def column_of(name: str, view: TableView) -> TableColumn:
         return _value_column(field)
     if name == "time":
         return _time_column(view)
-    if name == DELTA:
-        return TableColumn(DELTA, view.delta, _DELTA_WIDTH, True, _delta_cell)
+    if name in DELTAS:
+        return TableColumn(name, DELTAS[name][0], _DELTA_WIDTH, True, _delta_cell)
     if name == "port":
         return _port_column(view.ports)
     if name == VALUES:
@@ -353,7 +318,7 @@ def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
         if not isinstance(value, int):
             return ""
         clock = clock_text(value, 9, zone)
-        return clock[:width] if width >= HOURS_WIDTH else clock[3:][:width]
+        return clock[:width] if width >= len("12:00:00.000") else clock[3:][:width]
 
     return cell
 
@@ -392,18 +357,16 @@ MARK_WIDTH = 1
 RAISED_MARK = "^"
 """Sign of a row without faults whose flag bytes report a motor's error."""
 
-NARROW = 49
-"""Cells below which times, kinds and values are shortened."""
-
 WITH_DELTA = 119
 """Cells from which on there is a column of time differences."""
 
-_WIDE: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 17, VALUES: 30}
-_MEDIUM: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 11, VALUES: 21}
-_SMALL: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 8, "port": 10, VALUES: 14}
-_NARROW: Mapping[str, int] = {"time": MINUTES_WIDTH, "kind": 8, VALUES: 18}
-_NARROW_PORT: Mapping[str, int] = {"time": MINUTES_WIDTH, "port": 4, "kind": 7, VALUES: 14}
-"""Widths that differ from a column's own, by the width of the window."""
+_SIZES: Final = (
+    (96, {"time": len("12:00:00.000"), "kind": 17}, 30),
+    (76, {"time": len("12:00:00.000"), "kind": 11}, 21),
+    (49, {"time": len("12:00:00.000"), "kind": 8, "port": 8}, 12),
+    (0, {"time": len("00:00.000"), "kind": 7, "port": 4}, 14),
+)
+"""By the least cells of the window: widths of columns, at most, and of the values, at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -459,43 +422,18 @@ class TableLayout:
 @cache
 def layout_for(width: int, view: TableView) -> TableLayout:
     """The layout of a view in a table of `width` cells."""
-    if view.choice is not None:
-        return _sized(view.choice, view.choice[-1], width, view)
-    hidden = {"port"} if len(view.ports) < 2 else set()
-    hidden |= {DELTA} if width < WITH_DELTA else set()
-    names = tuple(name for name in SHOWN if name not in hidden)
-    return _sized(names, "raw", width, view)
-
-
-def _sized(names: tuple[str, ...], last: str, width: int, view: TableView) -> TableLayout:
-    """The columns with the largest widths with which those up to `last` are in the window.
-
-    The values have the space that remains.
-    """
-    if width < NARROW:
-        choices = [_NARROW_PORT if "port" in names else _NARROW]
-    else:
-        choices = [_WIDE, _MEDIUM, _SMALL]
-    layouts = [_with_widths(names, widths, view) for widths in choices]
-    fitting = (layout for layout in layouts if layout.end_of(last) <= width)
-    layout = next(fitting, layouts[len(layouts) // 2])
-    # A cell between the bytes and the signs in the scroll bar.
-    rest = width - 1 - layout.end_of(last)
-    return TableLayout(
-        tuple(
-            column.sized(min(column.width + max(0, rest), LONG_VALUES_WIDTH))
-            if column.name == VALUES
-            else column
-            for column in layout.columns
-        )
-    )
-
-
-def _with_widths(names: tuple[str, ...], widths: Mapping[str, int], view: TableView) -> TableLayout:
-    columns = (column_of(name, view) for name in names)
-    return TableLayout(
-        tuple(
-            column.sized(min(column.width, widths.get(column.name, column.width)))
-            for column in columns
-        )
-    )
+    names = view.choice
+    if names is None:
+        hidden = {"port"} if len(view.ports) < 2 else set()
+        hidden |= {"delta"} if width < WITH_DELTA else set()
+        names = tuple(name for name in SHOWN if name not in hidden)
+    _least, most, values = next(one for one in _SIZES if width >= one[0])
+    columns = [column_of(name, view) for name in names]
+    columns = [one.sized(min(one.width, most.get(one.name, one.width))) for one in columns]
+    if VALUES in names:  # they have the space that remains up to the bytes
+        end = names.index("raw") + 1 if "raw" in names else len(names)
+        layout = TableLayout(tuple(columns[:end]))
+        rest = width - 1 - layout.width + LONG_VALUES_WIDTH
+        at = names.index(VALUES)
+        columns[at] = columns[at].sized(max(values, min(rest, LONG_VALUES_WIDTH)))
+    return TableLayout(tuple(columns))

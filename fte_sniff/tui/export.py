@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from platformdirs import user_cache_path
-from textual.worker import WorkType
 
-from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FileError, FteSniffError, TranslatableText, reason_of
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
-from fte_sniff.protocol import Row, spaced_hex
+from fte_sniff.errors import FileError, FteSniffError, reason_of
+from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.protocol import spaced_hex
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import (
     DEFAULT_NAME,
@@ -29,24 +28,21 @@ from fte_sniff.session.save import (
 )
 from fte_sniff.tui.cells import WITH_DETAIL
 from fte_sniff.tui.i18n import _, error_text, later
-from fte_sniff.tui.prompt import Parts, Prompt, PromptField
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
-
+from fte_sniff.tui.line import Question
+from fte_sniff.tui.parts import Parts
 
 COPY_NAME: Final = "copied.txt"
 """File in the user's cache folder that holds the latest copy."""
 
 PICTURE_NAME: Final = "fte-sniff-screen.svg"
 
-MAX_COPIED_ROWS = 10_000
+MAX_COPIED_ROWS: Final = 10_000
 """A terminal accepts about a megabyte."""
 
-GROUP = "save"
-"""The worker that saves, and its notice."""
+SAVED_ROWS: Final = 4_096
+"""Rows that are saved at once, in a few hundredths of a second."""
 
-_GAPS = re.compile(" {2,}")
+_GAPS: Final = re.compile(" {2,}")
 
 
 def write_copy(text: str) -> Path | None:
@@ -66,172 +62,150 @@ def _short_path(path: Path) -> str:
     return str(path)
 
 
-class ExportField(PromptField):
+class Export:
     """Copies and saves rows, one file at a time, and pictures of the screen."""
 
-    PROMPT = Prompt(
-        later("save to"),
-        DEFAULT_NAME,
-        TranslatableText(
-            "enter saves, esc goes back; the extension selects the format: {forms}",
-            forms=" ".join(FORMAT_BY_SUFFIX),
-        ),
-    )
-
     def __init__(self, parts: Parts) -> None:
-        super().__init__(parts)
+        self._parts, self._view, self._table = parts, parts.view, parts.table
+        self._status = parts.status
         self.job: SaveJob | None = None
         """The rows that are being saved."""
+        self._task: asyncio.Task[None] | None = None
 
-    def action_copy_text(self) -> None:
+    @property
+    def _indices(self) -> range:
+        """The rows to save or copy, as far as they are shown."""
+        return self._table.selected or range(self._view.store.next)
+
+    def copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
         rows = self._rows_to_copy()
         if rows is not None:
-            stream = StringIO()
-            zone = self._table.view.shown_zone
-            ports = len(self._model.ports) > 1
-            row_writer(OutputFormat.TABLE, stream, ports=ports, zone=zone).write(rows)
+            stream, zone = StringIO(), self._table.look.shown_zone
+            several = len(self._view.store.ports) > 1
+            row_writer(OutputFormat.TABLE, stream, ports=several, zone=zone).write(rows)
             text = stream.getvalue()
             if len(rows) == 1:
                 # A single row needs neither columns nor their names.
                 text = _GAPS.sub("  ", text.splitlines()[-1])
             self._copy(text, len(rows))
 
-    def action_copy(self) -> None:
+    def copy_hex(self) -> None:
         """Copy the bytes of the selected rows, or of the cursor's, as hex."""
         rows = self._rows_to_copy()
         if rows is not None:
             self._copy("\n".join(spaced_hex(row.raw) for row in rows), len(rows))
 
-    def _rows_to_copy(self) -> list[Row] | None:
+    def _rows_to_copy(self) -> Rows | None:
         """The rows to copy; None where there are none, or too many."""
-        positions, row = self._selected_positions(), self._table.cursor_row
-        if not self._table.selected:
-            return None if row is None else [row]
-        if len(positions) > MAX_COPIED_ROWS:
-            text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
-            self._notice.inform(text.format(count=len(positions), most=MAX_COPIED_ROWS))
+        index, selected = self._table.cursor_index, self._table.selected
+        if index is None:
             return None
-        rows = self._store.view.slice(positions.start, positions.stop)
-        return [row for _, row in rows]
+        own = selected or range(index, index + 1)
+        indices = self._view.shown.between(own.start, own.stop)
+        if len(indices) > MAX_COPIED_ROWS:
+            text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
+            self._status.inform(text.format(count=len(indices), most=MAX_COPIED_ROWS))
+            return None
+        return self._view.store.rows_at(indices)
 
     def _copy(self, text: str, rows: int) -> None:
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
-        self.app.copy_to_clipboard(text)
+        self._table.app.copy_to_clipboard(text)
         file = write_copy(text)
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows", count=rows)
-        form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
-        self._notice.inform(form.format(what=first, file=_short_path(file) if file else ""))
+        form = _("copied {what}") if file is None else _("copied to {file}: {what}")
+        if file is not None and os.environ.get("TMUX"):
+            form = _("copied to {file}; tmux passes it on with `set -g set-clipboard on`: {what}")
+        self._status.inform(form.format(what=first, file=_short_path(file) if file else ""))
 
-    def action_ask(self) -> None:
+    def ask(self) -> None:
         """Ask for the file to which the selected rows, or all shown rows, are saved."""
         if self.job is not None:
             text = _("{file} is still being saved; esc ends that")
-            self._notice.inform(text.format(file=self.job.path))
-        elif not self._store.view.count:
-            self._notice.inform(_("no row is shown that could be saved"))
-        else:
-            self._report_row_count()
-            self.default = str(free_path(DEFAULT_NAME))
-            self.open()
-
-    def _report_row_count(self) -> None:
-        selected = self._selected_positions()
-        count, text = self._store.view.count, _("{count:,} shown rows would be saved")
-        if selected:
-            count, text = len(selected), _("{count:,} selected rows would be saved")
-        self._notice.inform(text.format(count=count))
-
-    def _selected_positions(self) -> range:
-        """Positions of the selected rows among those shown."""
-        selected, position_of = self._table.selected, self._store.view.position_of
-        return range(position_of(selected.start), position_of(selected.stop))
+            self._status.inform(text.format(file=self.job.path))
+            return
+        own = self._indices
+        count = len(self._view.shown.between(own.start, own.stop))
+        self._status.inform(_("{count:,} rows would be saved", count=count))
+        name = str(free_path(DEFAULT_NAME))
+        self._parts.line.ask(Question(later("save to"), name, self.parse, self.accept), name)
 
     def parse(self, line: str) -> SaveTarget:
         """Parse the path and format of a file; raises FteSniffError."""
-        return SaveTarget.parse(line, self._model.state.files)
+        return SaveTarget.parse(line, self._view.state.files)
 
     def accept(self, line: str) -> None:
         """Save the rows to a file."""
         if not line:
             return
-        store, selected = self._store, self._table.selected
-        indices = selected or range(store.first, store.next)
         try:
-            job = self.job = SaveJob(self.parse(line), self._export_source(selected))
+            job = self.job = SaveJob(self.parse(line), self._source())
         except FteSniffError as error:
-            self._notice.warn(error_text(error))
+            self._status.warn(error_text(error))
             return
-        self._show_progress(job, 0)
-        work: WorkType[None] = partial(self._write, job, indices, store.view.filter)
-        self.run_worker(work, group=GROUP, exclusive=True)
+        self._task = asyncio.create_task(self._write(job, self._indices))
 
-    def _export_source(self, selected: range) -> ExportSource:
+    def _source(self) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
-        store = self._store
-        zone = self._table.view.shown_zone
-        source = replace(self._options.export_source, ports=self._model.ports, zone=zone)
+        view, selected, own = self._view, self._table.selected, self._parts.options.export_source
+        source = replace(own, ports=view.store.ports, zone=self._table.look.shown_zone)
         if selected:
-            first, last = store.row(selected.start), store.row(selected.stop - 1)
+            first, last = view.row(selected.start), view.row(selected.stop - 1)
             source = source.within(first.t_ns, last.t_ns)
-        if store.view.filter is not None:
-            rows = len(selected or range(store.first, store.next))
-            selection = Selection(store.view.filter.text, rows)
+        if view.filter is not None:
+            selection = Selection(view.filter.text, len(self._indices))
             source = replace(source, selections=[*source.selections, selection])
         return source
 
-    async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
-        """Save the rows of these indices that pass the filter, while the screen continues."""
-        store, index = self._store, indices.start
-        # The first rows may take long, so the notice comes before them.
-        await self.screen.wait_for_refresh()
+    async def _write(self, job: SaveJob, indices: range) -> None:
+        """Save the rows of these indices that are shown, while the screen continues."""
+        view, start = self._view, indices.start
         try:
-            while index < indices.stop:
-                if index < store.first:
-                    index = min(store.first, indices.stop)
-                rows, index = select_rows(store, index, indices.stop, row_filter)
-                job.write(rows)
-                self._show_progress(job, (index - indices.start) / len(indices))
+            while start < indices.stop:
+                self._show_progress(job, (start - indices.start) / len(indices))
                 await asyncio.sleep(0)
+                end = min(start + SAVED_ROWS, indices.stop)
+                job.write(view.store.rows_at(view.shown.between(start, end)))
+                start = end
             job.close()
         except FteSniffError as error:
             self._forget_job()
-            self._notice.warn(error_text(error))
+            self._status.warn(error_text(error))
         else:
             self._forget_job()
             text = _("saved {count:,} rows to {file}", count=job.rows, file=job.path)
-            self._notice.report(text)
-            self._table.end_selection()
+            self._status.report(text)
+            self._table.selection_start = None
+            self._table.draw()
 
-    def action_picture(self) -> None:
+    def picture(self) -> None:
         """Save the screen as it is now to a new file in the working folder."""
         path = free_path(PICTURE_NAME)
         try:
             with path.open("x", encoding="utf-8") as file:
-                file.write(self.app.export_screenshot())
+                file.write(self._table.app.export_screenshot())
         except OSError as error:
             failed = _("{file} was not saved", file=path)
-            self._notice.warn(_(WITH_DETAIL, event=failed, detail=_(reason_of(error))))
+            self._status.warn(_(WITH_DETAIL, event=failed, detail=_(reason_of(error))))
         else:
-            self._notice.inform(_("saved the screen to {file}", file=path))
+            self._status.inform(_("saved the screen to {file}", file=path))
 
     def _show_progress(self, job: SaveJob, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")
-        text = text.format(file=job.path, share=share)
-        self._notice.pin(GROUP, text, warning=False)
+        self._status.pin("save", text.format(file=job.path, share=share))
 
     def _forget_job(self) -> None:
         self.job = None
-        self._notice.unpin(GROUP)
+        self._status.unpin("save")
 
     def abandon(self) -> bool:
         """Cancel a running save and remove its file; returns whether there was one."""
         job = self.job
-        if job is None:
+        if job is None or self._task is None:
             return False
+        self._task.cancel()
         self._forget_job()
-        self.workers.cancel_group(self, GROUP)
-        # A worker that has not started yet does not notice that it is cancelled.
         job.abandon()
-        self._notice.inform(_("{file} was not saved", file=job.path))
+        self._status.inform(_("{file} was not saved", file=job.path))
         return True

@@ -109,10 +109,7 @@ def later(text: str) -> str:
     return text
 
 
-CONTRAST_DARK: Final = "contrast-dark"
-CONTRAST_LIGHT: Final = "contrast-light"
-
-THEMES: Final = ("textual-dark", "textual-light", CONTRAST_DARK, CONTRAST_LIGHT, "nord")
+THEMES: Final = ("textual-dark", "textual-light", "nord")
 """Names of the themes; the first is the default."""
 
 

@@ -4,107 +4,97 @@ from __future__ import annotations
 
 import asyncio
 
-from textual.worker import WorkType
-
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import clock_text
-from fte_sniff.protocol import Row
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.session.notes import Note, located
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.modals import Entry, Picker
-from fte_sniff.tui.prompt import Parts, Prompt, PromptField
+from fte_sniff.tui.line import Question
+from fte_sniff.tui.parts import Parts
 
 
-class NotesField(PromptField):
+class NotesControl:
     """Marks rows, asks for notes on them, and writes these to the file of the notes.
 
     The marks that are shown are an attribute of the table.
     """
 
-    PROMPT = Prompt(
-        later("note"),
-        later("the wheel was blocked by hand"),
-        later("enter keeps it beside the recording, an empty one removes it, esc goes back"),
-    )
-
     def __init__(self, parts: Parts) -> None:
-        super().__init__(parts)
-        self._notes = self._options.notes
+        self._parts, self._view, self._table = parts, parts.view, parts.table
+        self._status, self._notes = parts.status, parts.options.notes
         self._missing = {} if self._notes is None else dict(self._notes.notes)
         """Notes whose rows have not come yet."""
-        self.left_at = self._options.place.cursor
+        self.left_at = parts.options.place.cursor
         """The row where the view was left, until it has come."""
-        self._noted: tuple[int, Row] | None = None
-        """The row whose note is written, after its index."""
+        self._saving: asyncio.Task[None] | None = None
 
-    def action_mark(self) -> None:
+    def mark(self) -> None:
         """Mark the row under the cursor, or remove its mark."""
-        if self._table.viewport.count:
-            self._table.stop_following()
-            index, row = self._table.last_index, self._table.cursor_row
-            if self._table.marks.get(index):
-                self._notice.inform(_("the row has a note; # changes it, an empty one removes it"))
-            elif row is not None:
-                self._keep_note(index, row, "" if index not in self._table.marks else None)
-
-    def action_ask(self) -> None:
-        """Ask for a note on the row under the cursor."""
+        row = self._table.cursor_row
+        if row is None:
+            return
         self._table.stop_following()
-        index, row = self._table.last_index, self._table.cursor_row
-        if row is not None:
-            self._noted = index, row
-            self.open(self._table.marks.get(index, ""))
+        index = self._table.last_index
+        if self._table.marks.get(index):
+            self._status.inform(_("the row has a note; # changes it, an empty one removes it"))
+        else:
+            self._keep(index, row, "" if index not in self._table.marks else None)
 
-    def accept(self, line: str) -> None:
-        """Write the note; an empty one removes the mark."""
-        if self._noted is not None:
-            self._keep_note(*self._noted, line or None)
+    def ask(self) -> None:
+        """Ask for a note on the row under the cursor."""
+        row = self._table.cursor_row
+        if row is None:
+            return
+        self._table.stop_following()
+        index = self._table.last_index
 
-    def _keep_note(self, index: int, row: Row, text: str | None) -> None:
+        def accept(line: str) -> None:
+            self._keep(index, row, line or None)
+
+        question = Question(later("note"), later("the wheel was blocked by hand"), str, accept)
+        self._parts.line.ask(question, self._table.marks.get(index, ""))
+
+    def _keep(self, index: int, row: Row, text: str | None) -> None:
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
         note = Note.on(row, text)
         if note.text is None:
             self._table.marks.pop(index, None)
         else:
             self._table.marks[index] = note.text
-        self._table.sync()
-        if self._notes is not None:
-            self._notes.set(note)
-            if text is not None and (path := self._notes.news(note.key)):
-                text = _("marks and notes are saved in {path}", path=printable(str(path)))
-                self._notice.inform(text)
-            work: WorkType[None] = self._save_notes
-            self.run_worker(work, group="notes", exclusive=True)
+        self._table.draw()
+        if self._notes is None:
+            return
+        self._notes.set(note)
+        if text is not None and (path := self._notes.news(note.key)):
+            news = _("marks and notes are saved in {path}", path=printable(str(path)))
+            self._status.inform(news)
+        self._saving = asyncio.create_task(self._save())
 
-    async def _save_notes(self) -> None:
+    async def _save(self) -> None:
         """Write the notes in a thread, since a disk may be slow."""
         if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
-            self._notice.warn(_(trouble))
+            self._status.warn(_(trouble))
 
-    def action_notes(self) -> None:
-        """Pick a marked row and go to it."""
-        store, marks, entries = self._store, self._table.marks, []
-        for index in sorted(marks):
-            if store.first <= index < store.next:
-                row = store.row(index)
-                time = "" if row.t_ns is None else clock_text(row.t_ns, 3, self._table.view.zone)
-                text = printable(marks[index]) or _("mark")
-                entries.append(Entry(f"{time}  {text}", str(index), f"{row.offset:,}"))
-        if entries:
-            self.app.push_screen(Picker(_("marks and notes"), entries), self._go_to_note)
-        else:
-            self._notice.inform(_("no row is marked; m marks one"))
+    def choose(self) -> None:
+        """Choose a marked row and go to it."""
+        zone = self._table.look.shown_zone
+        by_text = {}
+        for index in sorted(self._table.marks):
+            row = self._view.row(index)
+            time = "" if row.t_ns is None else f"{clock_text(row.t_ns, 3, zone)}  "
+            text = printable(self._table.marks[index]) or _("mark")
+            by_text[f"{time}{text}  @{row.offset}"] = index
 
-    def _go_to_note(self, index: str | None) -> None:
-        if index is not None and not self._table.jump_to_index(int(index)):
-            self._notice.inform(_("the filter hides this row; F shows all rows"))
+        def accept(line: str) -> None:
+            if not self._table.jump_to_index(by_text.get(line)):
+                self._status.inform(_("the filter hides this row; F shows all rows"))
+
+        question = Question(later("go to the note"), "", str, accept, choices=[*by_text])
+        self._parts.line.ask(question)
 
     def find_noted(self, rows: Rows, first: int) -> None:
-        """Mark those of the new rows that have a note, and find the row where the view was left."""
-        wanted = set(self._missing)
-        if self.left_at is not None:
-            wanted.add(self.left_at)
+        """Mark those of the new rows that have a note, and go to that where the view was left."""
+        wanted = {*self._missing, *([] if self.left_at is None else [self.left_at])}
         if not (wanted and len(rows)):
             return
         for number, key in located(rows, wanted):
@@ -116,24 +106,25 @@ class NotesField(PromptField):
                 self._table.sync()
                 self._table.jump_to_index(first + number)
 
-    def show_note(self) -> None:
+    def show(self) -> None:
         """Show the note on the row under the cursor."""
         index = self._table.cursor_index
         text = "" if index is None else self._table.marks.get(index, "")
         if text:
-            self._notice.pin("note", _("note: {text}", text=text), warning=False)
+            self._status.pin("note", _("note: {text}", text=text))
         else:
-            self._notice.unpin("note")
+            self._status.unpin("note")
 
-    def action_to_mark(self, by: int) -> None:
-        """Go to the next mark, or to the previous one."""
-        below = _("no marked row is shown below this one")
-        above = _("no marked row is shown above this one")
-        none = "" if self._table.marks else _("no row is marked; m marks one")
-        if not self._table.jump_to_index(self._table.next_mark(by)):
-            self._notice.inform(none or (below if by > 0 else above))
+    def to_mark(self, by: int) -> None:
+        """Go to the next shown mark, or to the previous one."""
+        last, shown = self._table.last_index, self._view.shown
+        beyond = [one for one in self._table.marks if (one - last) * by > 0 and shown.has(one)]
+        if not self._table.jump_to_index(min(beyond, key=lambda one: one * by, default=None)):
+            below, above = _("no marked row is shown below"), _("no marked row is shown above")
+            none = "" if self._table.marks else _("no row is marked; m marks one")
+            self._status.inform(none or (below if by > 0 else above))
 
     def save(self) -> None:
-        """Write the notes at the end, if the worker has not."""
+        """Write the notes at the end, if the task has not."""
         if self._notes is not None:
             self._notes.save()

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.facts import ANSWERABLE, DEADLINE_NS, MOST_HELD, Facts
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.model import StreamChange
-from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Direction, Fault, Gap, GapKind, Row, encode
 from fte_sniff.protocol.rows import FACTS, Rows
 from tests.analysis.pieces import Step, captures
@@ -142,28 +141,6 @@ def test_previous_is_that_of_the_frame_before_for_any_division(
     assert wanted.matches(whole).tolist() == expected
     unknown = RowFilter.parse(f"previous({field}) IS NULL").matches(whole).tolist()
     assert unknown == [one is None for one in previous_by_hand(steps, field)]
-
-
-@given(STEPS, CUTS, st.integers(1, 9))
-def test_filter_with_previous_selects_the_same_rows_in_a_store(
-    steps: list[Step], cuts: list[int], block_rows: int
-) -> None:
-    """Also where the filter is set later, and applied to the blocks in another order."""
-    wanted = RowFilter.parse("abs(rpm - previous(rpm)) > 0")
-    early, late = (RowStore(1000, block_rows) for _ in "12")
-    early.view.set_filter(wanted)
-    for store in (early, late):
-        facts = Facts()
-        for rows, changes in batches(steps, cuts):
-            store.append(rows)
-            store.fill(facts.feed(rows, changes))
-        store.fill(facts.interrupt())
-    late.view.set_filter(wanted, near=0)
-    expected = np.flatnonzero(jumps(steps, "rpm")).tolist()
-    for store in (early, late):
-        while not store.view.filter_step():
-            pass
-        assert [index for index, _ in store.view.slice(0, len(expected) + 1)] == expected
 
 
 def answers_by_hand(steps: Sequence[Step]) -> list[tuple[int | None, bool | None]]:

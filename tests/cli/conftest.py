@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.cli.forked import Program, loaded_program
-from tests.cli.forked import plain_environment as plain_environment
+from tests.cli.program import Program
+from tests.cli.program import plain_environment as plain_environment
 from tests.in_process import call
 from tests.needs import needs
 
@@ -45,8 +45,8 @@ def _variables(settings_file: Path) -> dict[str, str]:
 @pytest.fixture(scope="session")
 @needs("program")
 def program() -> Program:
-    """The program, loaded once for all tests."""
-    return loaded_program()
+    """The program, in processes of its own."""
+    return Program()
 
 
 @pytest.fixture

@@ -5,20 +5,18 @@ from __future__ import annotations
 import os
 import select
 import subprocess
-import sys
 import tty
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tests.beside import running
-from tests.cli.forked import Running as Process
-from tests.cli.forked import loaded_program, needs_start
+from tests.beside import Process as Process
+from tests.cli.program import PROGRAM as PROGRAM
+from tests.cli.program import Program
 from tests.support.columns import read_rows
 from tests.waiting import BOUND_S, while_waiting
 from tests.waiting import wait_until as wait_until
 
-PROGRAM = (sys.executable, "-m", "fte_sniff")
 FRAME = bytes.fromhex("AA0000000000000000EE")
 
 
@@ -44,16 +42,9 @@ def started(
     stdout: int = subprocess.PIPE,
     stderr: int = subprocess.PIPE,
 ) -> Iterator[Process]:
-    """The running program in `folder`, with its streams; killed at the end if it runs.
-
-    It starts anew if the environment needs that, and then has the limits of the test too.
-    """
-    streams = {"stdin": stdin, "stdout": stdout, "stderr": stderr}
-    with (
-        running([*PROGRAM, *arguments], **streams, env=environment, cwd=folder)
-        if needs_start(environment)
-        else loaded_program().start(arguments, folder, environment, streams=[*streams.values()])
-    ) as process:
+    """The running program in `folder`, with its streams; killed at the end if it runs."""
+    streams = (stdin, stdout, stderr)
+    with Program().start(arguments, folder, environment, streams=streams) as process:
         yield process
 
 

@@ -8,7 +8,6 @@ import pty
 import select
 import signal
 import struct
-import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,8 +17,8 @@ from threading import Event
 from time import monotonic
 
 from tests.beside import Work, running
-from tests.cli.forked import loaded_program, needs_start
-from tests.cli.processes import BOUND_S, PROGRAM, Process
+from tests.cli.processes import BOUND_S, Process
+from tests.cli.program import Program
 
 
 class Terminal:
@@ -133,28 +132,15 @@ def terminal(
     """The program, another one, or Python code, in a terminal.
 
     Its standard error is in the terminal too, or in the file `errors`.
-
-    It starts anew if the environment needs that.
     """
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    if program is None and needs_start(environment):
-        program = PROGRAM if code is None else (sys.executable, "-c", code)
+    command = [*program, *arguments] if program else Program().command(arguments, code)
     with ExitStack() as stack:
         opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
         process: Process = stack.enter_context(
-            loaded_program().start(
-                arguments,
-                folder,
-                environment,
-                streams=(near, near, opened),
-                code=code,
-                leads_session=True,
-                controlled=session is controlling_terminal,
-            )
-            if program is None
-            else running(
-                [*program, *arguments],
+            running(
+                command,
                 stdin=near,
                 stdout=near,
                 stderr=opened,

@@ -12,26 +12,17 @@ import subprocess
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
-import click
 import pytest
-from click.testing import CliRunner
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.capture.port_source import PortGroup
-from fte_sniff.cli.capture_loop import Observer
-from fte_sniff.cli.capturing import PlainLines, Report, options_from, recording_options
-from fte_sniff.errors import FileError
-from fte_sniff.protocol import PortEvent, PortEventKind, Row, Rows
+from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import RecordingOptions
-from fte_sniff.session.capture_process import MOST_WAITING, CapturePlan, WriteProgress
-from fte_sniff.session.live_session import END_WITHIN_S, CaptureState, LiveSession
+from fte_sniff.session.capture_process import MOST_WAITING
+from fte_sniff.session.live_session import END_WITHIN_S
 from tests.beside import running
 from tests.cli.processes import (
     BOUND_S,
@@ -150,23 +141,6 @@ def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
     done = run("decode", "x.mcap")
     assert done.returncode == 0
     assert "cut" not in done.stderr
-
-
-def test_outputs_that_nobody_reads_do_not_hold_up_the_end(environment, tmp_path: Path) -> None:
-    with running(
-        [*PROGRAM, "live", SIM, "--no-record"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env=environment,
-        cwd=tmp_path,
-    ) as process:
-        assert process.stdout is not None
-        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
-        # The pipe holds one page: a write that does not fit behind the first waits for ever.
-        wait_until(lambda: bytes_waiting(process.stdout) > 0)
-        process.terminate()
-        assert process.wait(BOUND_S) == 0
 
 
 @pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM, signal.SIGKILL]))
@@ -364,21 +338,6 @@ def test_no_command_replaces_a_file_that_is_being_recorded(
         code, output, _ = ended(process)
     assert code == 0
     assert run("decode", "x.mcap").stdout.endswith(output.splitlines()[-1] + "\n")
-
-
-def test_several_that_start_at_once_record_to_a_file_each(environment, tmp_path: Path) -> None:
-    lines_shown = []
-    with ExitStack() as stack:
-        arguments = ("live", SIM, "--count", "20")
-        processes = [
-            stack.enter_context(started(environment, tmp_path, *arguments)) for _ in range(4)
-        ]
-        for process in processes:
-            code, _, errors = ended(process)
-            assert code == 0, errors
-            lines_shown.append(errors.splitlines()[-1].removeprefix("recorded to "))
-    assert sorted(lines_shown) == sorted(path.name for path in tmp_path.iterdir())
-    assert len(lines_shown) == len(processes)
 
 
 def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_path: Path) -> None:
@@ -600,110 +559,9 @@ def event(kind: PortEventKind, detail: str) -> PortEvent:
     return PortEvent(1, PORT, kind, detail)
 
 
-class Reporting:
-    """A report, and the updates of a session."""
-
-    def __init__(self, *others: Observer, count: int | None = None) -> None:
-        self._observers = [Report(CapturePlan(PortGroup((PORT,)), None, count=count)), *others]
-        self._session = LiveSession.__new__(LiveSession)
-        self._session.state = CaptureState((PORT,))
-
-    def update(self, state: FeedState, rows: Sequence[Row] = (), **more: Any) -> None:
-        for one in self._observers:
-            one.update(FeedUpdate(state, Rows.of(rows), **more), self._session)
-
-    def becomes(self, **state: Any) -> None:
-        self._session.state = replace(self._session.state, **state)
-
-    def end(self) -> None:
-        for one in self._observers:
-            one.ended(self._session)
-
-
-def test_port_events_that_matter_are_reported_as_they_come_and_counted_at_the_end(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    reporting = Reporting()
-    events = [
-        event(PortEventKind.OPENED, "115200 baud"),
-        event(PortEventKind.OVERRUN, "512 bytes were lost"),
-        event(PortEventKind.OVERRUN, "7 bytes were lost\x1b[2J"),
-        event(PortEventKind.LINE_ERROR, ""),
-        event(PortEventKind.LOST, "hung up"),
-        event(PortEventKind.CLOSED, "as asked"),
-    ]
-    reporting.update(FeedState(PORT), events=events)
-    assert capsys.readouterr().err.splitlines() == [
-        r"tty\x1b[31m overrun: 512 bytes were lost",
-        r"tty\x1b[31m overrun: 7 bytes were lost\x1b[2J",
-        r"tty\x1b[31m line error",
-        r"tty\x1b[31m lost: hung up",
-    ]
-    reporting.end()
-    assert "port events: overrun 2, line_error 1, lost 1" in capsys.readouterr().err.splitlines()
-
-
-def test_failure_is_reported_once_while_the_capture_goes_on(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    reporting = Reporting(PlainLines(None))
-    reporting.becomes(error=FileError("recording stopped: full"))
-    for number in range(3):
-        reporting.update(FeedState("p"), [Row("p", 10 * number, FRAME, number)])
-    printed = capsys.readouterr()
-    assert printed.err == "recording stopped: full\n"
-    assert printed.out.count("\n") == 4
-
-
-def test_failure_that_ends_the_capture_is_left_to_the_caller(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    reporting = Reporting()
-    reporting.becomes(error=FileError("full"))
-    reporting.update(FeedState("p", running=False))
-    assert capsys.readouterr().err == ""
-
-
-def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    reporting = Reporting()
-    reporting.becomes(not_shown=4999)
-    reporting.update(FeedState("p", rows=5000, not_shown=4999))
-    reporting.end()
-    assert "4,999 more rows arrived too fast to be printed" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("limit", "after"), [(3, "after the limit "), (4, ""), (None, "")])
-def test_bytes_that_were_not_decoded_after_the_limit_are_named_so(
-    capsys: pytest.CaptureFixture[str], limit: int | None, after: str
-) -> None:
-    reporting = Reporting(count=limit)
-    reporting.update(FeedState("p"), [Row("p", 10 * number, FRAME, 0) for number in range(3)])
-    reporting.becomes(progress=WriteProgress(waiting=20))
-    reporting.end()
-    assert f"nothing malformed, 20 bytes {after}not decoded" in capsys.readouterr().err
-
-
 FEWER = "sim://?seed=1&rate=500"
 FAST = ("sim://?seed=1&rate=5000", "--baud", "1000000")
 """Many rows in little time."""
-
-
-def _parse(*arguments: str) -> RecordingOptions:
-    """The recording options that a command line gives."""
-    found: list[RecordingOptions] = []
-
-    @click.command()
-    @recording_options
-    def command(**given: Any) -> None:
-        found.append(options_from(**given))
-
-    done = CliRunner().invoke(command, arguments)
-    assert done.exit_code == 0, done.output
-    return found[0]
-
-
-def test_options_that_are_not_given_have_the_defaults_of_a_recording() -> None:
-    assert _parse() == RecordingOptions()
 
 
 def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
@@ -718,38 +576,6 @@ def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     assert all((reader.ending, reader.losses) == ("", ()) for reader in readers)
     assert [row.offset for row in rows] == list(range(0, 10 * len(rows), 10))
     assert f"{len(rows):,} rows" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--rotate", "1"], "at least 100 kB"),
-        (["--rotate", "0s"], "at least 1 s"),
-        (["--rotate", "soon"], "512MB or 1h"),
-        (["--rotate", "none", "--max-size", "1GB"], "leave --rotate none out"),
-        (["--max-size", "5"], "--max-size: a file has at least 100 kB"),
-        (["--max-size", "big"], "512MB, 2GB or none"),
-        (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
-        (["--rotate", "9" * 400], "9…' is too large for a size; use for example 512MB"),
-        (["--rotate", "9" * 400 + "s"], "9…' is too large for a time; use for example 100ms"),
-        (["--max-size", "9" * 400], "9…' is too large"),
-        (["--min-free", "9" * 400 + "TiB"], "9…' is too large"),
-        (["--rotate", "5m"], "'5m' is ambiguous; write 5MB or 5min"),
-        (["--duration", "5 parsecs"], "100ms, 10s, 5min or 1h"),
-        (["-o", "-"], "for rows on a pipe use --format jsonl"),
-        (["-o", "/dev/null"], "a capture is recorded to a file"),
-        (["-o", "a.csv"], "name it a.mcap, and convert it with `fte-sniff decode a.mcap"),
-        (["-o", "a.BIN"], "recorded as MCAP"),
-    ],
-)
-def test_what_cannot_be_kept_so_is_one_line(
-    run, tmp_path: Path, options: list[str], words: str
-) -> None:
-    done = run("live", FEWER, "--count", "1", *options)
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert len(done.stderr.splitlines()) <= 3
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_too_little_room_is_reported_before_the_first_row(run, tmp_path: Path) -> None:

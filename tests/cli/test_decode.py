@@ -17,10 +17,6 @@ from mcap.records import Metadata
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.model import shifted
-from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
@@ -35,10 +31,9 @@ from fte_sniff.protocol import (
 from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.cli.conftest import ROOT, SAMPLES
-from tests.cli.forked import Program
 from tests.cli.processes import ended, started
+from tests.cli.program import Program
 from tests.slow import crossed
 from tests.support.columns import entries
 
@@ -169,35 +164,8 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
     assert later == every[-len(later) :]
     refusal = run("decode", path)
     assert refusal.returncode == 4
-    assert "'/uart'; if one of them has serial bytes, name it with --topic" in refusal.stderr
+    assert "'/uart'; if one of them holds serial bytes, name it with --topic" in refusal.stderr
     assert run("decode", samples / "clean.raw", "--topic", "/uart").returncode == 2
-
-
-def test_several_topics_are_several_wires_in_the_order_of_log_times(
-    run, samples: Path, tmp_path: Path
-) -> None:
-    path, content = tmp_path / "robot.mcap", (samples / "clean.raw").read_bytes()[:1000]
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channels = [writer.register_channel(topic, "", 0) for topic in ("/rx", "/tx")]
-        for at in range(980, -1, -20):
-            for channel in channels:
-                writer.add_message(channel, 10**18 + at * 86_800, content[at : at + 20], 0)
-        writer.finish()
-    both = run("decode", path, "--topic", "/rx", "--topic", "/tx", "--format", "jsonl")
-    assert both.returncode == 0, both.stderr
-    for topic in ("/rx", "/tx"):
-        one = run("decode", path, "--topic", topic, "--format", "jsonl")
-        raws = [row["raw"] for row in jsonl(both.stdout) if row["port"] == topic]
-        assert raws == [row["raw"] for row in jsonl(one.stdout)]
-        assert "".join(raws) == content.hex().upper()
-        note = f"{topic}: the log times of its messages fall 49 times in the file; they are read in"
-        assert note in one.stderr
-        assert note in both.stderr
-    assert (
-        "fte-sniff: /rx, /tx: 100 of 200 frames go the other way than the log says" in both.stderr
-    )
 
 
 @pytest.mark.parametrize(("source", "end"), crossed(["mcap", "raw", "hex"], ["raw", "hex", "bin"]))
@@ -379,7 +347,7 @@ def stats(run, *arguments: str | Path) -> dict:
 
 @pytest.mark.parametrize("gap", GAPS)
 def test_nothing_is_measured_across_a_gap(run, tmp_path: Path, gap: str) -> None:
-    """Neither by `stats`, nor on the screen, nor in a copy of what is left."""
+    """Neither by `stats`, nor in a copy of what is left."""
     paths = GAPS[gap](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
     for some in (paths, [tmp_path / "copy.mcap"]):
@@ -389,21 +357,6 @@ def test_nothing_is_measured_across_a_gap(run, tmp_path: Path, gap: str) -> None
         assert port["silences"]["count"] == 2 * 19
         assert port["streams"][0]["period"]["longest_s"] == STEP / 1e9
         assert (reported["motors"][0]["unanswered"], reported["motors"][0]["neither"]) == (None, 40)
-        models = viewed(some)
-        assert models.statistics.ports()[0].silences.count == 2 * 19
-
-
-def viewed(paths: list[Path]) -> LiveModels:
-    """The models of the screen, once it has seen these recordings."""
-    store = RowStore()
-    models = LiveModels(store, LineSetup())
-    inputs = [RecordingInput(Recording(path)) for path in paths]
-    for read in InputReading(inputs):
-        models.add(read.rows.events, shifted(read.changes, store.next))
-        store.append(read.rows)
-    while not models.step(1000):
-        pass
-    return models
 
 
 def test_parts_that_follow_each_other_are_one(run, tmp_path: Path) -> None:
@@ -412,8 +365,6 @@ def test_parts_that_follow_each_other_are_one(run, tmp_path: Path) -> None:
         recorded(tmp_path / f"a_{part}.mcap", rows_of(first, first + 20), facts)
     (port,) = stats(run, "a_1.mcap", "a_2.mcap")["ports"]
     assert port["silences"]["count"] == 39
-    models = viewed([tmp_path / "a_1.mcap", tmp_path / "a_2.mcap"])
-    assert models.statistics.ports()[0].silences.count == 39
 
 
 @pytest.mark.parametrize(

@@ -228,38 +228,8 @@ def test_a_working_folder_that_is_gone_is_a_finding(
     assert done.stdout.startswith("bad   folder: the working folder is gone  ->  cd ~\n")
 
 
-def test_each_finding_is_a_line_with_its_level(run: Run) -> None:
-    done = run("doctor", "sim://?rate=1000", "--duration", LONG)
-    assert done.returncode == 0
-    lines = done.stdout.splitlines()
-    assert {line[:4].rstrip() for line in lines} <= {"ok", "warn", "bad"}
-    assert all((line[:4] == "ok  ") != ("  ->  " in line) for line in lines)
-
-
 def test_without_a_port_no_port_is_opened(run: Run) -> None:
     done = run("doctor")
     assert done.returncode in (0, 1)
     assert "clock: " in done.stdout
     assert not done.stderr
-
-
-def test_a_probe_wants_a_port(run: Run) -> None:
-    done = run("doctor", "--probe")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "fte-sniff ports" in done.stderr
-
-
-def test_ports_as_json_lines_hold_all_that_is_known(run: Run) -> None:
-    done = run("ports", "--format", "jsonl")
-    assert done.returncode == 0
-    for line in done.stdout.splitlines():
-        port = json.loads(line)
-        assert {"device", "by_id", "vid", "pid", "driver", "state", "holders"} <= set(port)
-    table = run("ports").stdout.splitlines()
-    assert len(table) == (len(done.stdout.splitlines()) + 1 if done.stdout else 0)
-
-
-def test_seconds_that_are_not_a_number_are_refused(run: Run) -> None:
-    done = run("doctor", "sim://", "--duration", "nan")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "not a number of seconds" in done.stderr

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.input_files import time_range
-from fte_sniff.errors import FteSniffError, UsageError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import Recording, row_times
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import entries, read_rows
 
@@ -66,52 +65,6 @@ def test_midnight_is_that_of_the_zone() -> None:
 def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
     span = time_range("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
     assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
-
-
-def test_only_a_time_before_the_last_row_needs_the_last_time() -> None:
-    begin = FIRST + SECOND
-    assert time_range("+1s", None, [(FIRST, LAST), (FIRST + 1, None)]).first_ns == begin
-    clock = iso_time(begin)[11:]
-    assert time_range(clock, None, [(FIRST, None)]).first_ns == begin
-    with pytest.raises(UsageError, match="the last time of the input is not known"):
-        time_range(None, "-1s", [(FIRST, LAST), (FIRST + 1, None)])
-
-
-def test_an_empty_text_is_not_a_span() -> None:
-    assert time_range(None, None, [(FIRST, LAST)]) is None
-
-
-@pytest.mark.parametrize(
-    ("since", "until", "times", "reported"),
-    [
-        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is not a time"),
-        ("25:00", None, (FIRST, LAST), "'25:00' is not a time; write it as"),
-        ("+10", None, (FIRST, LAST), "'10' is not a duration"),
-        ("+s", None, (FIRST, LAST), "is not a duration"),
-        ("1969-12-31", None, (FIRST, LAST), "before any row"),
-        (None, "+10s", None, "--to +10s: the input has no times"),
-        ("12:00", None, None, "the input has no times"),
-        ("+20s", "+10s", (FIRST, LAST), "no row is between"),
-        ("+10s", "+10s", (FIRST, LAST), "no row is between"),
-        ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
-        ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
-        ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),
-        (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
-        ("9" * 5000, "x", (FIRST, LAST), "is not a time"),
-        (f"+{'9' * 5000}", None, (FIRST, LAST), "is not a duration"),
-        (None, "+" + "9" * 5000, None, "the input has no times"),
-        ("-1s", None, (FIRST, None), "--from -1s: the last time of the input is not known before"),
-        (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
-    ],
-)
-def test_what_is_not_a_span_is_refused(
-    since: str | None, until: str | None, times: tuple[int, int | None] | None, reported: str
-) -> None:
-    with pytest.raises(FteSniffError) as caught:
-        time_range(since, until, [times])
-    assert reported in str(caught.value)
-    assert len(str(caught.value)) < 300
-    assert caught.value.exit_code == 2
 
 
 DAY = 86400 * SECOND
@@ -170,8 +123,7 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
     rows = _with_events(path, samples)
     if cut:
         path.write_bytes(path.read_bytes()[:-cut])
-    first, last = rows[0].t_ns, rows[-1].t_ns
-    assert row_times(Recording(path)) == (first, last)
+    first = rows[0].t_ns
     known = [row.t_ns - first for row in rows]
     for options, count in (
         (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
@@ -183,15 +135,6 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
         done = run("decode", path, "--format", "csv", *options)
         assert len(done.stdout.splitlines()) == 1 + count, options
         assert f"rows       {count:,}, " in run("stats", path, *options).stdout
-
-
-def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
-    path = tmp_path / "events.mcap"
-    with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(*entries([PortEvent(FIRST, "p", PortEventKind.OPENED, "")]))
-    done = run("decode", path, "--from", "+1s")
-    assert done.returncode == 2
-    assert "the input has no times; set with --start when its bytes began, or give" in done.stderr
 
 
 def test_relative_times_name_their_start_in_a_damaged_file(

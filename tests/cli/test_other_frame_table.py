@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from tests.cli.conftest import ROOT
-from tests.cli.forked import Program
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
+from tests.needs import needs
 
 CHANGES = {
     "FRAME_LENGTH = 10": "FRAME_LENGTH = 12",
@@ -69,8 +69,9 @@ class Other(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Other]:
-    """The other program, loaded once."""
+@needs("program")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Other:
+    """The other program."""
     folder = tmp_path_factory.mktemp("other")
     ignored = shutil.ignore_patterns("*.so", "*.pyd")
     shutil.copytree(ROOT / "fte_sniff", folder / "fte_sniff", ignore=ignored)
@@ -81,10 +82,9 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Other]:
         source = source.replace(old, new)
     spec.write_text(source)
     port = "sim://?seed=1&rate=400&drop=0.02&flip=0.02&noise=0.02"
-    with Program(environment(folder), folder) as program:
-        other = Other(folder, program)
-        run(other, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
-        yield other
+    other = Other(folder, Program())
+    run(other, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
+    return other
 
 
 def environment(folder: Path) -> dict[str, str]:

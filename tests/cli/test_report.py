@@ -32,7 +32,7 @@ from fte_sniff.recording.writer import BulkWriter
 from tests.beside import running
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 from tests.cli.conftest import plain_environment
-from tests.cli.forked import Program
+from tests.cli.program import Program
 from tests.slow import first
 from tests.support.recorded_rows import START_NS, write_recording
 from tests.waiting import BOUND_S

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.settings import Settings, read_settings, settings_path
+from fte_sniff.cli.settings import Settings, read_settings
 from fte_sniff.errors import FileError
-from fte_sniff.tui.cells import ORDER, VALUES, Delta
+from fte_sniff.tui.cells import ORDER
 from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
-from tests.cli.forked import Program
 from tests.cli.processes import ended, wire
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import first
 
@@ -31,8 +31,6 @@ WHOLE = """
 [screen]
 theme = "textual-light"       # at noon
 columns = ["time", "kind", "values"]
-delta = "frame"
-changes = true
 events = false
 language = "zh"
 pane_beside = true
@@ -49,14 +47,12 @@ gear-ratio = 30
 
 ONLY_X = Settings(by_port={"x": {}})
 
-names = st.sampled_from([*ORDER, VALUES])
+names = st.sampled_from(ORDER)
 screens = st.fixed_dictionaries(
     {},
     optional={
         "theme": st.sampled_from(THEMES),
         "columns": st.lists(names, min_size=1, unique=True).map(tuple),
-        "delta": st.sampled_from(Delta),
-        "changes": st.booleans(),
         "events": st.booleans(),
         "language": st.sampled_from(["en", "zh"]),
         "pane_beside": st.booleans(),
@@ -77,19 +73,11 @@ def written(file: Path, text: str) -> Path:
     return file
 
 
-def test_without_a_file_nothing_is_printed(file: Path) -> None:
-    settings = read_settings(file)
-    assert settings == Settings()
-    assert settings.choices == Choices()
-
-
 def test_all_settings_are_read(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
     assert settings.screen == {
         "theme": "textual-light",
         "columns": ("time", "kind", "values"),
-        "delta": Delta.FRAME,
-        "changes": True,
         "events": False,
         "language": "zh",
         "pane_beside": True,
@@ -118,8 +106,6 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[screen]\ncolumns = ["moter"]\n', "columns in [screen] must be a list"),
         ('[screen]\ncolumns = ["time", "time"]\n', "different names"),
         ('[screen]\ntheme = "pink"\n', "theme in [screen] must be one of textual-dark"),
-        ('[screen]\ndelta = "mark"\n', "delta in [screen] must be one of row, frame, answer"),
-        ("[screen]\nchanges = 1\n", "changes in [screen] must be true or false"),
         ('[screen]\nlanguage = "tlh"\n', "language in [screen] must be one of en, zh, auto"),
         ("[screen]\ncolumns = [[]]\n", "columns in [screen] must be a list"),
         ("[screen]\npane_beside = 1\n", "pane_beside in [screen] must be true or false"),
@@ -152,14 +138,6 @@ def test_what_is_right_beside_it_holds(file: Path) -> None:
     assert settings.by_port == {"/dev/ttyUSB0": {"resolution": 500, "gear-ratio": 30}}
 
 
-@pytest.mark.parametrize("text", ["[screen", "a = " + "[" * 5_000])
-def test_what_is_not_toml_is_one_line(file: Path, text: str) -> None:
-    with pytest.raises(FileError) as caught:
-        read_settings(written(file, text))
-    assert str(file) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("content", "line"), [(b"\xff\xfe\x00", 1), ("[screen]\n# 电机".encode("gbk"), 2)]
 )
@@ -172,12 +150,6 @@ def test_bytes_that_are_not_utf_8_are_one_line(file: Path, content: bytes, line:
 def test_a_byte_order_mark_is_read(file: Path) -> None:
     written(file, "").write_bytes("\ufeff[screen]\r\ntheme = 'nord'\r\n".encode())
     assert read_settings(file).screen["theme"] == "nord"
-
-
-def test_a_folder_in_its_place_is_one_line(file: Path) -> None:
-    file.mkdir(parents=True)
-    with pytest.raises(FileError, match="is a directory"):
-        read_settings(file)
 
 
 def zero(file: Path) -> None:
@@ -225,17 +197,7 @@ def test_invalid_choices_are_ignored(
     assert Settings({"theme": "nord"}).choices == Choices(theme="nord")
 
 
-def test_the_environment_names_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FTE_SNIFF_CONFIG", "/elsewhere/c.toml")
-    assert settings_path() == Path("/elsewhere/c.toml")
-    monkeypatch.delenv("FTE_SNIFF_CONFIG")
-    monkeypatch.setenv("XDG_CONFIG_HOME", "/xdg")
-    assert settings_path() == Path("/xdg/fte-sniff/config.toml")
-
-
 CLEAN = str(SAMPLES / "clean.mcap")
-DOTS = "sim://?seed=1&rate=500"
-QUICK = ("--plain", "--no-record", "--count", "1")
 
 
 def test_what_is_chosen_on_the_screen_holds_the_next_time(
@@ -301,64 +263,6 @@ def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> No
         (line,) = (line for line in end.splitlines() if what in line)
         assert str(in_the_way) in line
     assert b"Traceback" not in screen.drawn
-
-
-def test_colours_of_the_settings_and_what_is_wrong_with_them(
-    environment, settings_file: Path, tmp_path: Path
-) -> None:
-    settings_file.write_text(
-        '[screen]\ntheme = "pink"\n'
-        '[colors]\n"motor = 1" = "black on #00ff00"\n"motr = 1" = "red"\n"rpm > 1" = "reddish"\n'
-    )
-    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
-        screen.until("'motr", "'reddish'", "'pink'")  # where lines break depends on the folder
-        screen.type("fmotor = 1\r")  # draws all rows again
-        screen.until("48;5;46m")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert b"Traceback" not in screen.drawn
-
-
-@pytest.mark.parametrize(
-    ("broken", "way_on", "named"),
-    [
-        ("[screen", "starting without settings", False),
-        ("[screen", "starting without settings", True),
-        ("[colour]\n", "it is ignored", True),
-        ('[screen]\ntheme = "pink"\n', "it is ignored", False),
-    ],
-)
-def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
-    run, settings_file: Path, tmp_path: Path, broken: str, way_on: str, named: bool
-) -> None:
-    file = tmp_path / "own.toml" if named else settings_file
-    file.write_text(broken)
-    done = run("live", DOTS, *QUICK, *(("--config", file) if named else ()))
-    assert done.returncode == 0
-    assert done.stdout.count("\n") == 2
-    (line,) = (line for line in done.stderr.splitlines() if str(file) in line)
-    assert line.startswith(f"fte-sniff: {file}")
-    assert line.endswith(way_on)
-
-
-def test_ports_hold_beside_a_name_that_is_none(run, settings_file: Path) -> None:
-    settings_file.write_text(f'[live]\nports = ["{DOTS}"]\nfoo = 1\n')
-    done = run("live", *QUICK)
-    assert done.returncode == 0
-    assert done.stdout.count("\n") == 2
-    assert "unknown name 'foo' in [live]" in done.stderr
-
-
-def test_an_absent_file_that_was_named_is_an_error(run, environment, tmp_path: Path) -> None:
-    own = ("--config", "own.toml")
-    with terminal(environment, tmp_path, "view", CLEAN, *own) as screen:
-        assert screen.ended() == 4
-    assert screen.drawn.count(b"\n") == 1
-    assert b"own.toml" in screen.drawn
-    for command in ("live", "bridge"):
-        done = run(command, DOTS, "--plain", *own)
-        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (4, "", 1)
-        assert "own.toml" in done.stderr
 
 
 def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_file: Path) -> None:

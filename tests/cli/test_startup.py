@@ -1,6 +1,5 @@
 """Commands start with what they need: `hex` and `encode` at once, screens with their first rows."""
 
-import re
 import signal
 import subprocess
 import sys
@@ -9,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff import __version__
 from fte_sniff.cli.main import COMMANDS
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
-from tests.cli.processes import BOUND_S, PROGRAM
+from tests.cli.processes import BOUND_S
 from tests.cli.terminals import terminal
 from tests.slow import first
 
@@ -108,69 +106,6 @@ def test_help_of_every_command(run) -> None:
         done = run(name, "--help")
         assert done.returncode == 0
         assert done.stdout.startswith(f"Usage: fte-sniff {name}")
-
-
-def test_version_names_the_framer_and_every_library(run) -> None:
-    lines = run("--version").stdout.splitlines()
-    assert re.fullmatch(
-        rf"fte-sniff, version {__version__}, framer (compiled|interpreted)", lines[0]
-    )
-    for name in ("Python", "click", "mcap", "polars", "pyserial", "textual"):
-        assert re.search(rf"\b{name} \d+\.", lines[1])
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    first(
-        4,
-        [
-            ["hex", "AA 02 02 03 E8 00 00 27 10 EE", "--format", "table"],
-            ["decode", CLEAN, "--format", "jsonl", "--filter", "motor = 1"],
-            ["live", "sim://?seed=1", "--count", "3", "-o", "x.mcap", "--force", "--plain"],
-            ["live", "/dev/ttyNOPE"],
-            ["encode", "speed", "--motor", "1", "--rpm", "5"],
-            ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
-            ["decode", CLEAN, "-o", "rows.parquet", "--force"],
-            ["decode", CLEAN, "-o", "rows.mcap", "--force", "--from", "+1s"],
-            ["stats", CLEAN],
-            ["repair", CLEAN],
-            ["ports"],
-        ],
-    ),
-    ids=" ".join,
-)
-def test_what_is_started_anew_does_what_a_loaded_program_does(
-    run, environment, tmp_path: Path, arguments: list[str]
-) -> None:
-    """Nearly all tests of commands use `run`, which starts none anew."""
-    done = subprocess.run(
-        [*PROGRAM, *arguments],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        env=environment,
-        cwd=tmp_path,
-        timeout=BOUND_S,
-        check=False,
-    )
-    loaded = run(*arguments)
-    assert (done.returncode, without_times(done.stdout)) == (
-        loaded.returncode,
-        without_times(loaded.stdout),
-    )
-    assert len(done.stderr.splitlines()) == len(loaded.stderr.splitlines())
-
-
-def without_times(text: str) -> str:
-    """What a capture prints but for when it was, and how wide that is."""
-    return re.sub(r"\d\d:\d\d:\d\d\.\d+", "", text)
-
-
-@pytest.mark.parametrize("arguments", [[], ["encode"]])
-def test_no_command_prints_the_help(run, arguments: list[str]) -> None:
-    done = run(*arguments)
-    assert done.returncode == 2
-    assert "Commands:\n" in done.stderr
 
 
 def test_nothing_is_loaded_before_ctrl_c_is_seen_to() -> None:

@@ -6,20 +6,16 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import pytest
 
-from fte_sniff import __main__
-from fte_sniff.cli.streams import NOT_BEGUN, PATIENCE_S, progress_text
-from fte_sniff.errors import TOO_MANY_FILES
-from fte_sniff.session.inputs import Progress
+from fte_sniff.cli.streams import NOT_BEGUN, PATIENCE_S
 from tests.cli.conftest import ROOT, SAMPLES, Run
-from tests.cli.forked import Program
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.processes import FRAME as RESET
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import crossed, first
 
@@ -91,10 +87,6 @@ def test_a_message_that_cannot_be_written_does_not_fail_the_command(bash, comman
     assert (codes, re.sub(free, "", output)) == (plain, re.sub(free, "", expected))
 
 
-def test_help_that_cannot_be_written_ends_as_ever(bash) -> None:
-    assert bash("F 2>/dev/full")[0] == bash("F")[0] == "2"
-
-
 @pytest.mark.parametrize("blocks", first(1, [5, 1, 20]))
 @pytest.mark.parametrize("form", ["parquet", "mcap", "raw"])
 def test_a_file_that_may_not_grow_is_one_line_and_leaves_nothing(
@@ -149,12 +141,6 @@ def test_rows_come_while_the_input_goes_on(
                 assert process.stdout.readline()
         process.stdin.close()
         assert process.wait(BOUND_S) == 0
-
-
-def test_the_head_of_a_table(bash) -> None:
-    codes, output, _ = bash("F decode clean.mcap | head -2")
-    assert codes == "0 0"
-    assert output.count("\n") == 2
 
 
 def test_output_to_a_file_needs_no_standard_output(bash, tmp_path: Path) -> None:
@@ -363,54 +349,12 @@ def test_too_many_open_files_are_one_line(
             assert done.stderr.count("\n") == 1, done.stderr
 
 
-def test_both_texts_about_open_files_are_the_same() -> None:
-    """The program can read no module for the one; the screen translates the other."""
-    assert TOO_MANY_FILES in Path(__main__.__file__).read_text()
-
-
-@pytest.mark.parametrize("limit", first(1, [7, 6, 8]))
-def test_a_small_limit_of_open_files_is_one_line(bash, limit: int) -> None:
-    codes, _, errors = bash(f"(ulimit -n {limit}; F decode clean.mcap --limit 1)")
-    assert (codes, errors) == ("4", "fte-sniff: too many open files; try `ulimit -n 4096`\n")
-
-
 @pytest.mark.parametrize("limit", first(1, [19, 16, 22, 30]))
 @pytest.mark.parametrize("output", ["x.csv", "x.parquet"])
 def test_more_inputs_than_open_files_are_one_line(bash, limit: int, output: str) -> None:
     many = "for n in $(seq 40); do cp clean.mcap n$n.mcap; done"
     codes, _, errors = bash(f"{many}; (ulimit -n {limit}; F decode n*.mcap -o {output} --force)")
     assert (codes, errors) == ("4", "fte-sniff: too many open files; try `ulimit -n 4096`\n")
-
-
-SLOW_EXIT = """
-import os, signal, sys, time
-from fte_sniff.cli import streams as signals
-signals.OUTPUT_PATIENCE_S = signals._REPEAT_S = 0.05
-
-class Slow:
-    def __del__(self, now=time.monotonic):
-        # Python has let go of its signal handlers by now, and takes its time.
-        deadline = now() + 0.5
-        while now() < deadline:
-            pass
-
-slow = Slow()
-with signals.ending_signals(lambda: None):
-    os.kill(os.getpid(), signal.SIGINT)
-    time.sleep(0.2)
-"""
-
-
-def test_an_end_that_takes_long_is_not_a_death_by_alarm(environment) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", SLOW_EXIT],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        env=environment,
-        timeout=BOUND_S,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, b"")
 
 
 AT_ONCE = (
@@ -464,17 +408,6 @@ def test_rows_on_the_same_terminal_hide_it(environment: Mapping[str, str], tmp_p
     assert not [line for line in shown if "rows/s" in line]
 
 
-def test_before_the_screen_opens(environment: Mapping[str, str], tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe.hex"
-    os.mkfifo(pipe)
-    with terminal(environment, tmp_path, "view", str(pipe)) as screen, pipe.open("wb", 0) as log:
-        screen.until("reading")
-        log.write(LINE * 1000)
-        screen.until("reset")
-        log.close()
-        assert screen.ended_by("q") == 0
-
-
 @pytest.mark.parametrize("command", first(2, ["decode", "repair", "stats"]))
 def test_every_command_that_reads_files_shows_how_much_is_left(
     run: Run, environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
@@ -502,35 +435,3 @@ def test_no_terminal_no_progress(
     assert done.code == 0
     assert b"\r" not in done.errors
     assert b"\x1b" not in done.errors
-
-
-@pytest.mark.parametrize(
-    ("progress", "expected"),
-    [
-        (Progress(), "reading"),
-        (Progress(step="opening \x1b[2Jx.mcap", files=0), "opening \\x1b[2Jx.mcap"),
-        (Progress(files=1, rows=1200), "reading  1,200 rows, 120 rows/s"),
-        (Progress(files=12, files_done=2, rows=9), "file 3 of 12  9 rows, 1 rows/s"),
-        (Progress(files=12, files_done=12, rows=9), "file 12 of 12  9 rows, 1 rows/s"),
-    ],
-)
-def test_text_of_files_of_unknown_size(progress: Progress, expected: str) -> None:
-    assert progress_text(progress, 10) == expected
-
-
-def test_text_of_files_of_known_size_has_share_rate_and_time_left() -> None:
-    progress = Progress("", 12, 2, 10**12, 4 * 10**11, 123_456_789)
-    expected = "file 3 of 12  40%  123,456,789 rows, 12,345,679 rows/s  0:00:15 left"
-    assert progress_text(progress, 10) == expected
-
-
-def test_a_narrow_terminal_has_a_cut_line(
-    environment: Mapping[str, str], tmp_path: Path, large: Path
-) -> None:
-    with terminal(
-        environment, tmp_path, "stats", str(large), code=AT_ONCE, size=(20, 24)
-    ) as screen:
-        screen.until("reading")
-        assert screen.ended() == 0
-    lines = [line.partition("\x1b[K")[2] for line in screen.drawn.decode().split("\r")]
-    assert {len(line) for line in lines if line.startswith("reading")} <= set(range(20))

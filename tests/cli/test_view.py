@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
@@ -94,36 +93,11 @@ def test_view_shows_files_and_writes_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("language", "words"),
-    first(1, [("zh", "文件已损坏"), ("en", "! the file is damaged: it is cut")]),
-)
-def test_view_shows_that_a_file_is_damaged(
-    environment, tmp_path: Path, language: str, words: str
-) -> None:
-    whole = (SAMPLES / "clean.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    options = ("view", "cut.mcap", "--lang", language)
-    with terminal(environment, tmp_path, *options, size=(200, 60)) as screen:
-        screen.until(words)
-        screen.type("Q")
-        assert screen.ended() == 0
-
-
 def test_view_reports_unreadable_files_before_the_screen_opens(environment, tmp_path: Path) -> None:
     with terminal(environment, tmp_path, "view", "none.mcap") as screen:
         assert screen.ended() == 4
     assert screen.drawn.count(b"\n") == 1
     assert b"none.mcap: no such file" in screen.drawn
-
-
-def test_hex_takes_a_frame_apart_in_the_width_of_the_terminal(environment, tmp_path: Path) -> None:
-    frame = "AA 02 02 03 E8 00 00 27 10 EE"
-    with terminal(environment, tmp_path, "hex", frame, size=(60, 24)) as screen:
-        assert screen.ended() == 0
-    text = screen.drawn.decode()
-    assert "\x1b[1m" in text
-    assert "10000 pulses" in text
 
 
 ROWS = 200_000
@@ -143,25 +117,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     write_recording(path, [PortFacts("p")], [columns])
     return path
-
-
-def test_every_row_is_reached_and_found(environment, tmp_path: Path, recording: Path) -> None:
-    few = ("view", "--keep-rows", "70000", str(recording))
-    with terminal(environment, tmp_path, *few, size=(120, 40)) as screen:
-        screen.until("FILE")
-        screen.type("G")
-        screen.until("12:03:19.999")
-        screen.type("g")
-        screen.until("12:00:00.000")
-        screen.type(":50%\r")
-        screen.until("12:01:40.000")
-        screen.type("frpm = 777\r")
-        screen.until("200 of 200,000 rows")
-        screen.type("G")
-        screen.until("12:03:19.777")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert b"Traceback" not in screen.drawn
 
 
 def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
@@ -429,18 +384,3 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
             screen.until(shown, "of 400 rows")
             screen.type("Q")
             assert screen.ended() == 0
-
-
-def test_a_capture_is_recognized_and_its_notes_are_kept(environment, tmp_path: Path) -> None:
-    arguments = ("live", "sim://?seed=1", "-o", "x.mcap", "--alert", "motor = 1")
-    with terminal(environment, tmp_path, *arguments) as screen:
-        screen.until("● REC 0:0", "rows match the alert")
-        screen.type("m")
-        screen.type("q")
-        screen.until("press q or ^c again to stop recording")
-        screen.type("q")
-        assert screen.ended() == 0
-    assert b"\a" in screen.drawn
-    assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
-    (line,) = (tmp_path / "x.mcap.notes.jsonl").read_text().splitlines()
-    assert set(json.loads(line)) == {"time", "port", "offset", "text", "capture"}

@@ -16,7 +16,6 @@ from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
-from fte_sniff.session import capture_process
 from fte_sniff.session.capture_process import (
     SETTLED,
     UNEXPECTED,
@@ -195,27 +194,6 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     assert batches[-1].total_rows == 1000
     assert batches[-1].not_shown == 0
     assert end == Ended("over")
-
-
-def test_a_view_that_does_not_poll_loses_the_oldest_rows_and_gets_their_number(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    most = 8192
-    monkeypatch.setattr(capture_process, "MOST_WAITING", most)
-    ours, theirs = Pipe()
-    outbox = Outbox(ours, lambda: None)
-    # The first batch takes what waits then, at most all; it stays in the pipe.
-    total = most * 3
-    for start in range(0, total, 1024):
-        outbox.put(in_columns(rows(start, 1024)))
-    closing = Work(outbox.close, Ended())
-    batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
-    closing.ended()
-    seen = [row for batch in batches for row in batch.rows]
-    assert batches[-1].total_rows == total
-    assert len(seen) + batches[-1].not_shown == total
-    assert batches[-1].not_shown > 0
-    assert seen[-1] == rows(total - 1, 1)[0]
 
 
 def test_a_view_that_is_gone_is_noticed() -> None:

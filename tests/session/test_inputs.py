@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -38,20 +37,17 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save
-from fte_sniff.session.framing import SPAN_BYTES, rows_of_chunks
+from fte_sniff.session.framing import rows_of_chunks
 from fte_sniff.session.inputs import (
     ChunkInput,
     InputBatch,
     InputKind,
-    InputReading,
     RecordingInput,
     TimedInput,
     kind_of_file,
     merged_by_time,
 )
-from fte_sniff.session.replay import RecordingPages
 from fte_sniff.session.save import write_rows
-from tests.analysis.pieces import Step
 from tests.protocol.streams import raw_bytes
 from tests.support.columns import entries, fed
 from tests.support.recorded_rows import write_recording
@@ -138,17 +134,6 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
     assert not notes
     assert not any(rows_of(ChunkInput(chunks, "f"), notes, TimeRange(0, 10)))
     assert f"none of its {count:,} rows is between" in notes[0]
-
-
-def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
-    from fte_sniff.cli.input_files import InputQuery
-
-    path = tmp_path / "large.bin"
-    path.write_bytes(FRAME * 200_000)
-    (one,) = InputQuery((path,)).read(None).inputs
-    sizes = [len(batch.rows) for batch in one.batches(None, lambda _: None)]
-    assert sum(sizes) == 200_000
-    assert max(sizes) <= SPAN_BYTES // len(FRAME) + 1
 
 
 PORTS = [
@@ -357,65 +342,9 @@ def test_a_change_stays_before_its_row(given_: list[list[InputBatch]]) -> None:
             assert (row.port, row.offset) == (change.what.port, change.what.rows)
 
 
-@given(inputs(falling=True))
-def test_merged_rows_can_be_read_again(given_: list[list[InputBatch]]) -> None:
-    for batch in merge(given_)[1]:
-        if batch.reload is not None:
-            assert list(batch.reload()) == list(batch.rows)
-        else:
-            assert not len(batch.rows)
-
-
 def columns(first: int, count: int, port: str) -> Rows:
     """Rows a microsecond apart from a number on."""
     return Rows.blank(count, (port,), t_ns=START + (first + np.arange(count)) * 1000)
-
-
-def test_a_batch_that_nothing_overlaps_is_passed_on_as_it_is() -> None:
-    batches = [InputBatch(columns(at, 10, "p")) for at in range(0, 100, 10)]
-    given_ = [TimedInput(first_ns([one]), lambda _, one=one: iter([one])) for one in batches]
-    for found, one in zip(merged_by_time(given_), batches, strict=True):
-        assert found is one
-
-
-def test_inputs_are_opened_when_their_first_rows_are_due() -> None:
-    """Two hundred recordings, of which two overlap at any time; at most two are open."""
-    opened: list[int] = []
-    most = 0
-
-    def reading(number: int, others: int) -> Iterator[InputBatch]:
-        nonlocal most
-        opened.append(number)
-        assert others < 2
-        most = max(most, len(opened))
-        for part in range(4):
-            yield InputBatch(columns(100 * number + 50 * part, 50, str(number)))
-        opened.remove(number)
-
-    def timed(number: int) -> TimedInput:
-        return TimedInput(START + 100_000 * number, lambda others: reading(number, others))
-
-    rows = sum(len(batch.rows) for batch in merged_by_time([timed(n) for n in range(200)]))
-    assert rows == 40_000
-    assert most == 2
-
-
-def test_memory_does_not_grow_with_the_inputs() -> None:
-    def peak(batches: int) -> int:
-        def reading(number: int) -> Iterator[InputBatch]:
-            for part in range(batches):
-                yield InputBatch(columns(10_000 * part + number, 10_000, str(number)))
-
-        given_ = [TimedInput(START, lambda _, n=n: reading(n)) for n in range(3)]
-        tracemalloc.start()
-        try:
-            assert sum(len(one.rows) for one in merged_by_time(given_)) == 30_000 * batches
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    peak(2)
-    assert peak(40) < 1.2 * peak(5)
 
 
 def test_an_error_comes_after_the_rows_before_it() -> None:
@@ -450,17 +379,13 @@ def in_time(*inputs_: list[Row]) -> list[Row]:
     return sorted((row for rows in inputs_ for row in rows), key=lambda row: row.t_ns or 0)
 
 
-def test_recordings_are_merged_and_paged(tmp_path: Path) -> None:
+def test_recordings_are_merged(tmp_path: Path) -> None:
     one = recorded(tmp_path / "b.mcap", range(0, 2000, 2), "one")
     other = recorded(tmp_path / "a.mcap", range(501, 1501, 2), "other")
     for files in ([tmp_path], [tmp_path / "*.mcap"], sorted(tmp_path.iterdir(), reverse=True)):
-        reading, pages = InputQuery(tuple(files)).read(None), RecordingPages()
+        reading = InputQuery(tuple(files)).read(None)
         batches = list(reading)
         assert [row for batch in batches for row in batch.rows] == in_time(one, other)
-        for batch in batches:
-            assert batch.reload is not None
-            pages.append(batch.reload, len(batch.rows))
-        assert list(pages.load(0, 1500)) == in_time(one, other)
         assert not [gap for gap in reading.source.gaps if gap.start_ns is not None]
 
 
@@ -548,52 +473,3 @@ def test_logs_and_recordings_merge_and_inputs_without_times_come_last(tmp_path: 
     assert times == sorted(times)
     assert len({row.port for row in found[:20]}) == 2
     assert len(found) == 20 + 19 + 3
-
-
-def test_of_many_recordings_few_are_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(12):
-        recorded(tmp_path / f"{number:02}.mcap", range(100 * number, 100 * number + 150), "p")
-    busy, most, batches = 0, 0, RecordingInput.batches
-
-    def counted(self: RecordingInput, *arguments: object) -> Iterator[InputBatch]:
-        nonlocal busy, most
-        busy += 1
-        most = max(most, busy)
-        yield from batches(self, *arguments)  # type: ignore[arg-type]
-        busy -= 1
-
-    monkeypatch.setattr(RecordingInput, "batches", counted)
-    reading = InputQuery((tmp_path,)).read(None)
-    rows = [row.t_ns or 0 for batch in reading for row in batch.rows]
-    assert isinstance(reading, InputReading)
-    assert rows == sorted(rows)
-    assert len(rows) == 12 * 150
-    assert most == 2
-
-
-Item = Row | PortEvent | Gap
-
-
-def pieces_of(steps: list[Step]) -> InputBatch:
-    """Rows, the gaps among them, and an event before each gap."""
-    rows, changes, events = list[Row](), list[StreamChange](), list[PortEvent]()
-    for step in steps:
-        if isinstance(step, Row):
-            rows.append(step)
-        elif isinstance(step, Gap):
-            changes.append(StreamChange(len(rows), step))
-            if rows and rows[-1].t_ns is not None:
-                events.append(PortEvent(rows[-1].t_ns, "a", PortEventKind.OPENED, ""))
-    found = Rows.of(rows, events=events)
-    return InputBatch(found, changes=changes)
-
-
-def in_order(batch: InputBatch) -> list[Row | Gap]:
-    """The rows and the gaps in the order of their places."""
-    found, start = list[Row | Gap](), 0
-    for change in batch.changes:
-        found += batch.rows[start : change.index]
-        assert isinstance(change.what, Gap)
-        found.append(change.what)
-        start = change.index
-    return [*found, *batch.rows[start:]]

@@ -1,23 +1,34 @@
-"""Replaying files: rows, gaps and pages read again."""
+"""Files as feeds: as fast as they are read, and as fast as the rows came."""
 
 from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import KINDS, Fault, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol import (
+    KINDS,
+    Fault,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording import reader as recording_reader
 from fte_sniff.session.inputs import InputBatch
-from fte_sniff.session.replay import Playback, RecordingPages, ReplaySession
+from fte_sniff.session.replay import Played, ReplaySession
 from tests.waiting import BOUND_S, while_waiting
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -149,54 +160,67 @@ def rows() -> list[Row]:
     return [*made("a", COUNT), *made("b", 1000)]
 
 
-def loaded(pages: RecordingPages, start: int, count: int) -> list[Row]:
-    return list(pages.load(start, count))
+@dataclass
+class Rest:
+    """A feed that gives its rows at once."""
+
+    rows: Rows
+    events: Sequence[PortEvent] = ()
+    changes: Sequence[StreamChange] = ()
+
+    def poll(self) -> FeedUpdate:
+        found = FeedUpdate(
+            FeedState("f", running=False, live=False), self.rows, self.events, self.changes
+        )
+        self.rows, self.events, self.changes = self.rows[:0], (), ()
+        return found
+
+    def stop(self) -> None:
+        pass
 
 
-def timed_store(times: list[int | None]) -> RowStore:
-    store = RowStore(block_rows=3)
-    store.append(Rows.of([Row("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)]))
-    return store
+@dataclass
+class Clock:
+    now_ns: int = 5
+
+    def __call__(self) -> int:
+        return self.now_ns
 
 
-def test_playback_shows_rows_at_their_pace_and_speed() -> None:
-    store = timed_store([1000, 1010, None, 1020, 1035, 1100])
-    play = Playback(store, 1, 1.0, now_ns=5)
-    assert (len(store), play.tally.rows, play.t_ns) == (1, 1, 1010)
-    assert len(play.advance(5)) == 2, "a row without a time comes with the one before it"
-    assert len(play.advance(14)) == 0
-    assert [row.t_ns for row in play.advance(15)] == [1020]
-    play.paused = True
-    assert len(play.advance(1000)) == 0
-    play.paused = False
-    play.change_speed(1)
-    assert len(play.advance(1007)) == 0
-    assert [row.t_ns for row in play.advance(1008)] == [1035]
-    for _ in range(20):
-        play.change_speed(1)
-    assert play.speed == 100
-    assert not play.is_over
-    assert len(play.advance(1009)) == 1
-    assert play.is_over
-    assert play.tally.rows == len(store) == 6
-    for _ in range(20):
-        play.change_speed(-1)
-    assert play.speed == 0.1
-    play.stop()
-    assert store.limit is None
+def timed(times: Sequence[int | None]) -> Rows:
+    return Rows.of([Row("f", 10 * number, FRAME, t_ns) for number, t_ns in enumerate(times)])
+
+
+def test_rows_are_played_at_their_pace() -> None:
+    clock = Clock()
+    gap = StreamChange(4, Gap(GapKind.LEFT_OUT))
+    event = PortEvent(1030, "f", PortEventKind.CLOCK_SET)
+    play = Played(Rest(timed([1000, 1010, None, 1020, 1035, 1100]), [event], [gap]), 2.0, clock)
+
+    def polled(now_ns: int) -> FeedUpdate:
+        clock.now_ns = now_ns
+        return play.poll()
+
+    assert [row.t_ns for row in polled(5).rows] == [1000]
+    assert not len(polled(9).rows)
+    assert [row.t_ns for row in polled(10).rows] == [1010, None]
+    assert [row.t_ns for row in polled(15).rows] == [1020]
+    later = polled(23)
+    assert ([row.t_ns for row in later.rows], later.events) == ([1035], [event])
+    assert [one.index for one in later.changes] == [0]
+    assert later.state.running
+    last = polled(55)
+    assert (len(last.rows), last.state.running, last.state.rows) == (1, False, 6)
 
 
 @given(st.lists(st.integers(0, 500), max_size=60), st.lists(st.integers(0, 50), max_size=40))
-def test_playback_is_the_same_however_often_it_is_polled(
-    times: list[int], steps: list[int]
-) -> None:
+def test_playing_is_the_same_however_often_it_is_polled(times: list[int], steps: list[int]) -> None:
     """Times may fall a little, as those of two ports do."""
-    one, other = timed_store([*times]), timed_store([*times])
-    often, once = Playback(one, 0, 1.0, 0), Playback(other, 0, 1.0, 0)
-    now = 0
-    for step in (*steps, 0):
-        now += step
-        often.advance(now)
-    once.advance(now)
-    assert one.next == other.next
-    assert often.tally.rows == once.tally.rows
+    clock, often = Clock(), 0
+    one, other = Played(Rest(timed(times)), 1.0, clock), Played(Rest(timed(times)), 1.0, clock)
+    other.poll()
+    for step in (0, *steps, 0):
+        clock.now_ns += step
+        often += len(one.poll().rows)
+    first = 0 if not times else sum(max(times[: at + 1]) <= times[0] for at in range(len(times)))
+    assert often == first + len(other.poll().rows)

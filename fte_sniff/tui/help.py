@@ -1,0 +1,192 @@
+"""The help: a page of keys and signs, and one of filters; a list from which a file is picked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+from rich.cells import cell_len
+from rich.text import Text
+from textual import on
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import OptionList, Static
+from textual.widgets.option_list import Option
+
+from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.whole.motors import Trouble
+from fte_sniff.errors import listed
+from fte_sniff.formats.cell_text import wrap
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
+from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
+from fte_sniff.protocol.spec import online_bit_text
+from fte_sniff.tui.cells import DELTAS, RAISED_MARK, TimeStyle
+from fte_sniff.tui.commands import SECTIONS
+from fte_sniff.tui.detail import UNCERTAIN_ORDER
+from fte_sniff.tui.i18n import _, later, set_language
+from fte_sniff.tui.painter import BAR_EVENT, BAR_MARKED, BAR_RAISED, EVENT_SIGN, SHADES, Sign
+
+Pairs = Sequence[tuple[str, str]]
+"""Keys, signs or names, each with its meaning, in the language of the screen."""
+
+RAISED: Final = later("ERROR is not 00, or ONLINE is not 0F")
+EVENT: Final = later("a port event, or rows that are missing: not a row")
+
+STATES: Final = {
+    Trouble.NONE: later("its commands are answered, and nothing is wrong"),
+    Trouble.LATE: later("answers take twice as long as usual, or longer"),
+    Trouble.OFF_TARGET: later("its feedback is far from its target"),
+    Trouble.DAMAGE: later("more than 2 % of its rows are damaged"),
+    Trouble.UNANSWERED: later("more than 2 % of its commands have no answer"),
+    Trouble.ERROR: later("its ERROR byte is not 00"),
+    Trouble.OFFLINE: later(
+        "its bit of ONLINE is 0; which bit is which motor is an assumption: {bits}"
+    ),
+    Trouble.SILENT: later("it gets commands and sends nothing"),
+    Trouble.UNKNOWN: later("no commands and no feedback"),
+}
+"""What each state of a motor means, in the last 10 s."""
+
+
+def _key_sections() -> Iterator[tuple[str, Pairs]]:
+    for heading, commands in SECTIONS:
+        keys: dict[str, str] = {}
+        for command in commands:
+            meaning = _(command.meaning)
+            keys[meaning] = f"{keys.get(meaning, '')} {command.key_display}".strip()
+        yield _(heading), [(names, meaning) for meaning, names in keys.items()]
+    bits = _(listed(online_bit_text(motor) for motor in MOTORS))
+    yield (
+        _("States of a motor"),
+        [(_(one.value), _(meaning, bits=bits)) for one, meaning in STATES.items()],
+    )
+    signs = [(look.mark, status.value) for status, look in LOOKS.items()]
+    signs += [(RAISED_MARK, _(RAISED)), (ORDER_MARK, _(UNCERTAIN_ORDER))]
+    signs += [(sign.value, _(sign.meaning)) for sign in Sign if sign.meaning]
+    yield _("Signs of rows"), [*signs, (EVENT_SIGN, _(EVENT))]
+    faulty = _("rows with a fault, few to many; the colour is that of the worst")
+    in_bar = [(SHADES, faulty), (BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
+    in_bar += [(Sign.UNANSWERED.value, _(Sign.UNANSWERED.meaning)), (BAR_EVENT, _(EVENT))]
+    yield _("Signs in the scroll bar"), in_bar
+    times = [(style.value, style.meaning) for style in TimeStyle]
+    yield _("Times"), [(_(word), _(meaning)) for word, meaning in (*times, *DELTAS.values())]
+
+
+def _filter_sections() -> Iterator[tuple[str, Pairs]]:
+    yield _("Filters"), [(example, _(meaning)) for example, meaning in EXAMPLES]
+    yield (
+        _("Columns, and names in a filter"),
+        [(column.name, _(column.meaning)) for column in COLUMNS],
+    )
+    faults = FAULT_MEANINGS.items()
+    yield (
+        _("Faults"),
+        [(f"{LOOKS[status_of((one,))].mark} {one}", _(meaning)) for one, meaning in faults],
+    )
+
+
+PAGES: Final = (
+    (later("Keys and signs"), _key_sections),
+    (later("Filters"), _filter_sections),
+)
+
+
+def help_text(page: int, width: int) -> Text:
+    """A page in `width` cells."""
+    lines: list[Text] = []
+    for heading, pairs in PAGES[page][1]():
+        lines.append(Text(heading, "bold"))
+        left = min(max(cell_len(name) for name, _meaning in pairs), width // 2)
+        for name, meaning in pairs:
+            first, *more = wrap(meaning, max(8, width - left - 4)) or [""]
+            if cell_len(name) > left:
+                lines.append(Text(f"  {name}", "bold"))
+                name = ""
+            space = " " * (left - cell_len(name) + 2)
+            lines.append(Text.assemble("  ", (name, "bold"), space, first))
+            lines += [Text(" " * (left + 4) + line) for line in more]
+        lines.append(Text())
+    return Text("\n", no_wrap=True).join(lines[:-1])
+
+
+class HelpPage(ModalScreen[None]):
+    """The help over the screen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark,enter", "dismiss", show=False),
+        Binding("tab,f,right,left", "turn", show=False),
+        *(
+            Binding(keys, f"scroll('{how}')", show=False)
+            for keys, how in {
+                "down,j": "down",
+                "up,k": "up",
+                "pagedown,ctrl+d,space": "page_down",
+                "pageup,ctrl+u": "page_up",
+                "home,g": "home",
+                "end,G": "end",
+            }.items()
+        ),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._page = 0
+        self._text = Static()
+        self._box = VerticalScroll(self._text, id="help", can_focus=False)
+
+    def compose(self) -> ComposeResult:
+        """The page."""
+        yield self._box
+
+    def on_resize(self) -> None:
+        """Wrap the page to the new width."""
+        self.call_after_refresh(self._draw)
+
+    def _draw(self) -> None:
+        width = self._box.scrollable_content_region.width
+        self._text.update(help_text(self._page, max(20, width - 1)))
+        title, other = PAGES[self._page][0], PAGES[1 - self._page][0]
+        self._box.border_title = Text(_(title))
+        hint = _("tab: {page}   space: on   esc: back", page=_(other))
+        self._box.border_subtitle = Text(hint)
+
+    def action_turn(self) -> None:
+        """Show the other page."""
+        self._page = 1 - self._page
+        self._box.scroll_home(animate=False)
+        self._draw()
+
+    def action_scroll(self, how: str) -> None:
+        """Scroll the page."""
+        getattr(self._box, f"scroll_{how}")(animate=False)
+
+
+class PickerApp(App[str | None]):
+    """A screen of its own for one list, before another screen opens."""
+
+    CSS_PATH = Path(__file__).with_name("screen.tcss")
+    ENABLE_COMMAND_PALETTE = False
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q", "quit", show=False)]
+
+    def __init__(self, title: str, entries: Sequence[tuple[str, str]]) -> None:
+        """A title, and the text and the value of each line."""
+        super().__init__()
+        self._list = OptionList(*(Option(text, value) for text, value in entries), markup=False)
+        self._list.border_title = Text(title)
+
+    def compose(self) -> ComposeResult:
+        """The list."""
+        yield self._list
+
+    @on(OptionList.OptionSelected)
+    def _on_selected(self, event: OptionList.OptionSelected) -> None:
+        self.exit(event.option_id)
+
+
+def pick(entries: Sequence[tuple[str, str]], language: str) -> str | None:
+    """Let the user pick one of recent recordings; None if nothing was picked."""
+    set_language(language)
+    return PickerApp(_("recordings in this folder, the latest first"), entries).run()

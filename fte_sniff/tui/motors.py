@@ -1,0 +1,297 @@
+"""The page of motors: for each its state, its target and feedback as curves, and its events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import polars as pl
+from rich.text import Text
+
+from fte_sniff.analysis.whole.motors import MotorState, Reading, Trouble
+from fte_sniff.analysis.whole.plots import envelope, motor_values
+from fte_sniff.analysis.whole.relations import AnswerState, answers, with_late
+from fte_sniff.formats.cell_text import (
+    UNKNOWN,
+    clock_text,
+    fit_right,
+    padded,
+    rate_text,
+    short_number,
+)
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Status
+from fte_sniff.protocol.columns import LOOKS
+from fte_sniff.protocol.rows import Ints, Rows
+from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
+from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text
+from fte_sniff.tui.curves import HOLD_NS, SCALE_CELLS, Curves, dots_across, held, plot, time_axis
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.pages import Context, Page
+from fte_sniff.tui.painter import BOLD, PLAIN, Palette, Sign
+from fte_sniff.tui.strip import latest, style_of
+from fte_sniff.tui.view import AROUND
+
+SECOND_NS: Final = 1_000_000_000
+
+WINDOWS_NS: Final = tuple(
+    seconds * SECOND_NS for seconds in (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600)
+)
+
+DEFAULT_WINDOW: Final = 3
+
+QUANTITIES: Final = tuple(
+    field.name for field in VALUE_FIELDS if any(one.subject == field.name for one in KINDS)
+)
+"""The fields that a motor has a target of: speed and position."""
+
+STALE_NS: Final = SECOND_NS
+"""Age from which on a value is shown with its age."""
+
+FOUR_COLUMNS: Final = 160
+TWO_COLUMNS: Final = 68
+"""Cells from which on four, or two, cards are side by side."""
+
+LEAST_CARD: Final = 8
+"""Lines of a card below which one motor has the whole pane."""
+
+GAP: Final = 2
+
+_LABEL_WIDTH: Final = 8
+
+LANES: Final[Mapping[str, str]] = {
+    "unanswered": Sign.UNANSWERED.value,
+    "damage": LOOKS[Status.MALFORMED].mark,
+    "late": ">",
+    "flags": RAISED_MARK,
+}
+"""Signs of events over time, the most serious first: those of rows, where rows have one."""
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """What all cards share."""
+
+    rows: Rows
+    """Those of the plotted time, and some before."""
+    events: Mapping[tuple[int, str], Ints]
+    """The times of events by motor and name."""
+    plotted: tuple[int, int] | None
+    """Start and end of the plots; None without times."""
+    axis: Sequence[str]
+    context: Context
+    full_range: bool
+
+    @property
+    def palette(self) -> Palette:
+        return self.context.palette
+
+    def curves(self, motor: int, name: str, columns: int) -> Curves | None:
+        """Target and feedback of a quantity; None without times."""
+        if self.plotted is None or not columns:
+            return None
+        found, firsts = [], []
+        for direction in (Direction.CONTROL, Direction.FEEDBACK):
+            t_ns, values = motor_values(self.rows, direction, name)[motor]
+            found.append(envelope(t_ns, values, self.plotted, columns))
+            before = int(np.searchsorted(t_ns, self.plotted[0]))
+            firsts.append(float(values[before - 1]) if before else np.nan)
+        per_column = (self.plotted[1] - self.plotted[0]) / columns
+        return Curves(
+            held(found[0], firsts[0]), held(found[1], columns=max(1, round(HOLD_NS / per_column)))
+        )
+
+
+class MotorsPage(Page):
+    """All motors, or one."""
+
+    NAME = "motors"
+
+    def __init__(self) -> None:
+        self._window = DEFAULT_WINDOW
+        self._full_range = False
+        self.chosen: int | None = None
+        """The motor that has the whole pane; None for all that fit."""
+
+    def change(self, what: str, by: int) -> None:
+        """Plot more time (`zoom`, `by` 1) or less (-1); outliers, or none (`range`)."""
+        if what == "zoom":
+            self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
+        else:
+            self._full_range = not self._full_range
+
+    def titles(self, context: Context) -> Sequence[str]:
+        """The plotted time, and what the curves are."""
+        span = span_text(self._plotted_ns(context))
+        title = _("motors, {span}: line feedback, dots target", span=span)
+        keys = _("1-4: one motor   z Z: time   r: outliers")
+        return [f"{title}   {keys}", title, _("motors, {span}", span=span)]
+
+    def _plotted_ns(self, context: Context) -> int:
+        finding = context.view.finding
+        if finding is not None:
+            return 2 * max(finding.last_ns - finding.first_ns, WINDOWS_NS[DEFAULT_WINDOW])
+        return WINDOWS_NS[self._window]
+
+    def text(self, context: Context) -> Text:
+        """The cards of the motors."""
+        drawing = self._drawing(context)
+        width, height = context.size
+        columns = 4 if width >= FOUR_COLUMNS else 2 if width >= TWO_COLUMNS else 1
+        states, each = context.states, height * columns // len(context.states)
+        if self.chosen is not None or each < LEAST_CARD:
+            motor = self.chosen or _most_troubled(states).motor
+            states, columns, each = [one for one in states if one.motor == motor], 1, height
+        card = (width + GAP) // columns - GAP
+        lines: list[Text] = []
+        for first in range(0, len(states), columns):
+            cards = [_card(one, drawing, card, each) for one in states[first : first + columns]]
+            for parts in zip(*cards, strict=True):
+                for part in parts:
+                    part.truncate(card, overflow="ellipsis")
+                    part.pad_right(card + GAP - part.cell_len)
+                lines.append(Text().join(parts))
+        return Text("\n").join(lines)
+
+    def _drawing(self, context: Context) -> _Drawing:
+        store, finding, now_ns = context.view.store, context.view.finding, context.span.now_ns
+        length = self._plotted_ns(context)
+        if now_ns is None:
+            rows = store.batch(context.span.start, context.span.end)
+            return _Drawing(rows, {}, None, (), context, self._full_range)
+        end_ns, last = now_ns, _("now")
+        if finding is not None:  # in the middle
+            end_ns = (finding.first_ns + finding.last_ns + length) // 2
+        if finding is not None or not (context.following and context.view.lives):
+            last = clock_text(end_ns, 3, context.zone)
+        plotted = (end_ns - length, end_ns + 1)
+        start = max(0, store.index_at(plotted[0]) - AROUND)
+        end = context.span.end if finding is None else store.index_at(plotted[1])
+        rows = store.batch(start, end)
+        axis = (f"-{span_text(length)}", f"-{span_text(length // 2)}", last)
+        return _Drawing(
+            rows, _events(rows, store.runs(start, end)), plotted, axis, context, self._full_range
+        )
+
+
+def _most_troubled(states: Sequence[MotorState]) -> MotorState:
+    return min(states, key=lambda one: [*Trouble].index(one.trouble))
+
+
+def _events(rows: Rows, runs: object) -> dict[tuple[int, str], Ints]:
+    """The times of the events of each motor, by motor and name of the lane."""
+    pairs = with_late(answers(rows, runs))  # type: ignore[arg-type]
+    found = {}
+    errors, has_errors = rows.field(NAME_OF_ROLE[Role.ERRORS])
+    for motor in range(1, 5):
+        own = pairs.filter(pl.col("motor") == motor)
+        missed = own.filter(pl.col("state") == AnswerState.UNANSWERED)["command"].to_numpy()
+        late = own.filter(pl.col("late"))["answer"].to_numpy()
+        found[motor, "unanswered"] = rows.t_ns[missed]
+        found[motor, "late"] = rows.t_ns[late]
+        found[motor, "damage"] = rows.t_ns[rows.motor_hint == motor]
+        raised = has_errors & (errors != 0) & (rows.nums == motor)
+        found[motor, "flags"] = rows.t_ns[raised]
+    return found
+
+
+def _card(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:
+    """Text and plots of one motor in exactly `height` lines."""
+    lines = list(_texts(state, drawing, width))[: max(1, height - 3)]
+    lines += _plots(state, drawing, width, height - len(lines))
+    return [*lines, *(Text() for _ in range(height - len(lines)))][:height]
+
+
+def _texts(state: MotorState, drawing: _Drawing, width: int) -> Iterator[Text]:
+    palette = drawing.palette
+    head = Text(_("motor {number}", number=state.motor), BOLD)
+    yield head.append(f"  {_(state.text)}", style_of(state.trouble, palette))
+    yield _labelled(_("target"), _reading(state.target, drawing), palette)
+    present = [_reading(one, drawing) for one in state.present.values()]
+    yield _labelled(_("now"), Text("  ").join(present) if present else Text(UNKNOWN), palette)
+    yield _answers(state, width, palette)
+
+
+def _labelled(label: str, text: Text, palette: Palette) -> Text:
+    return Text(padded(label, _LABEL_WIDTH), palette.muted).append_text(text)
+
+
+def _reading(reading: Reading | None, drawing: _Drawing) -> Text:
+    """The values of a frame, since when they are the same, and its age where it is old."""
+    if reading is None:
+        return Text(UNKNOWN, drawing.palette.muted)
+    parts: list[str] = []
+    for name, value in reading.values.items():
+        field = FIELD_BY_NAME[name]
+        if name == reading.kind.subject and reading.kind.names_motor:
+            turns = turns_text(value, drawing.context.view.setup)
+            is_position = field.role is Role.POSITION
+            parts.insert(
+                0, f"{value} {field.unit}" + (f" {turns}" if is_position and turns else "")
+            )
+        elif reading.kind.direction is Direction.CONTROL:
+            parts.append(f"{field.option}={value}")
+    text = Text(reading.kind.name).append(f" {' '.join(parts)}".rstrip(), BOLD)
+    now_ns = drawing.context.span.now_ns
+    if reading.t_ns is not None and now_ns is not None and now_ns - reading.t_ns >= STALE_NS:
+        age = _("{span} ago", span=span_text(now_ns - reading.t_ns))
+        text.append(f" {age}", drawing.palette.muted)
+    elif reading.since_ns is not None and reading.kind.direction is Direction.CONTROL:
+        time = clock_text(reading.since_ns, 1, drawing.context.zone)
+        text.append(f" {_('since {time}', time=time)}", drawing.palette.muted)
+    return text
+
+
+def _answers(state: MotorState, width: int, palette: Palette) -> Text:
+    asked = state.answered + state.unanswered
+    text = _(
+        "{rate} commands, last 10 s: {unanswered:,} of {all:,} unanswered",
+        rate=rate_text(state.commands_per_s),
+        unanswered=state.unanswered,
+        all=asked,
+    )
+    times = f", p50 {span_text(state.delay_p50_ns)}, p99 {span_text(state.delay_p99_ns)}"
+    style = palette.statuses[Status.MALFORMED] if state.unanswered else PLAIN
+    return Text(first_fitting((text + times, text), width), style)
+
+
+def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:
+    """The quantities with values, above each other, with one time axis and the events."""
+    columns = dots_across(width)
+    made = {name: drawing.curves(state.motor, name, columns) for name in QUANTITIES}
+    shown = {name: one for name, one in made.items() if one is not None and one.has_values}
+    if not shown or height < 2:
+        return []
+    present = latest(state, None)
+    mode = present.kind.subject if present else None
+    if height < 4 * len(shown):
+        name = mode if mode in shown else next(iter(shown))
+        shown = {name: shown[name]}
+    below = [time_axis(width, drawing.axis, drawing.palette.muted)] if height > 2 else []
+    if height > 3:
+        below = [*_lanes(state.motor, drawing, columns // 2), *below]
+    lines: list[Text] = []
+    for number, (name, curves) in enumerate(shown.items()):
+        each = (height - len(below) - len(lines)) // (len(shown) - number)
+        unit, size = FIELD_BY_NAME[name].unit, (width, each)
+        lines += plot(curves, drawing.palette, size, unit, full_range=drawing.full_range)
+    return lines + below
+
+
+def _lanes(motor: int, drawing: _Drawing, cells: int) -> list[Text]:
+    """A line with the signs of events at their times, the most serious of a cell."""
+    assert drawing.plotted is not None
+    (start, end), palette = drawing.plotted, drawing.palette
+    signs, counts, found = [" "] * cells, 0, ""
+    for name, sign in reversed([*LANES.items()]):
+        t_ns = drawing.events[motor, name]
+        t_ns = t_ns[(t_ns >= start) & (t_ns < end)]
+        counts, found = counts + len(t_ns), (sign if len(t_ns) else "") + found
+        for at in np.unique((t_ns - start) * cells // (end - start)).tolist():
+            signs[at] = sign
+    if not counts:
+        return []
+    label = fit_right(f"{found} {short_number(counts)}", SCALE_CELLS - 1)
+    style = palette.statuses[Status.MALFORMED]
+    return [Text(f"{label} ", palette.muted).append("".join(signs), style + BOLD)]

@@ -1,0 +1,165 @@
+"""The pane beside or below the table, and what its pages have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+from typing import ClassVar, Final
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import VerticalScroll
+from textual.events import Click
+from textual.geometry import Size
+from textual.message import Message
+from textual.widgets import Static
+
+from fte_sniff.analysis.whole.motors import MotorState
+from fte_sniff.protocol.rows import Row
+from fte_sniff.tui.cells import first_fitting
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.painter import Palette
+from fte_sniff.tui.view import Span, View
+
+LINE: Final = "line"
+"""Key in the meta data of a style, under which the number of a line that can be chosen is."""
+
+_CORNERS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What a page draws, at one moment."""
+
+    view: View
+    span: Span
+    states: Sequence[MotorState]
+    """The motors at the end of the span."""
+    row: Row | None
+    index: int | None
+    """The cursor's row, and its index."""
+    following: bool
+    clock_ns: int
+    """Of the monotonic clock."""
+    palette: Palette
+    zone: tzinfo
+    """Zone of the table's times of day."""
+    field: int | None
+    """Number in `dissect` of the field that the user looks at in the row."""
+    size: Size
+    """Cells for the text."""
+    tall: bool
+    """Whether the terminal has many lines."""
+
+    def row_text(self, index: int) -> str:
+        """The number of a row among those shown."""
+        shown = self.view.shown
+        if not shown.has(index):
+            return _("a row that the filter hides")
+        return _("row {number:,}", number=shown.position_of(index) + 1)
+
+
+class Page(ABC):
+    """One kind of pane: a text as a function of the context."""
+
+    NAME: ClassVar[str]
+    """Name in the command of its key: `panes.switch('motors')`."""
+    EXPLAINS_ROW: ClassVar[bool] = False
+    """Whether it is about the cursor's row, which then should not move away."""
+    REDRAW_S: ClassVar[float] = 0.25
+    """Shortest time between two drawings, seconds."""
+
+    @abstractmethod
+    def titles(self, context: Context) -> Sequence[str]:
+        """Titles, of which the first that fits is shown."""
+
+    @abstractmethod
+    def text(self, context: Context) -> Text:
+        """The page."""
+
+    def move(self, by: int) -> bool:
+        """Choose another line; False where none can be chosen, so that the page scrolls."""
+        return False
+
+
+class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
+    """Shows one page."""
+
+    class Chosen(Message):
+        """A line was clicked."""
+
+        def __init__(self, line: int, *, twice: bool) -> None:
+            super().__init__()
+            self.line, self.twice = line, twice
+
+    class Resized(Message):
+        """It has another size."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = Static()
+        self.page: Page | None = None
+        """What is shown; None while it is closed."""
+        self.display = False
+
+    def compose(self) -> ComposeResult:
+        """The text."""
+        yield self._text
+
+    def show(self, page: Page | None) -> None:
+        """Show a page from its first line on, or close."""
+        self.page = page
+        self.display = self.can_focus = page is not None
+        self.set_class(page is not None and page.EXPLAINS_ROW, "-row")
+        self.scroll_home(animate=False)
+
+    def draw(self, context: Context) -> None:
+        """Draw the page."""
+        page = self.page
+        if page is None or not self.scrollable_content_region:
+            return
+        width = self.size.width - _CORNERS
+        self.border_title = Text(first_fitting(page.titles(context), width))
+        text = page.text(context)
+        text.no_wrap = True
+        before = self._text.content
+        if not isinstance(before, Text) or text != before or text.spans != before.spans:
+            lines_stay = before and f"{before}".count("\n") == text.plain.count("\n")
+            self._text.update(text, layout=not lines_stay)
+            self.call_after_refresh(self._reveal, text)
+
+    def _reveal(self, text: Text) -> None:
+        """Scroll until the chosen line can be seen: its style says so."""
+        chosen = next((span.start for span in text.spans if f"{span.style}" == CHOSEN), None)
+        if chosen is not None:
+            at, height = text.plain[:chosen].count("\n"), self.size.height
+            if not self.scroll_y <= at < self.scroll_y + height - 1:
+                self.scroll_to(y=max(0, at - height // 2), animate=False)
+
+    @property
+    def room(self) -> Size:
+        """Cells for the text; one column is reserved for the scroll bar."""
+        region = self.scrollable_content_region
+        bar = 0 if self.show_vertical_scrollbar else 1
+        return Size(max(1, region.width - bar), max(1, region.height))
+
+    def move(self, by: int) -> None:
+        """Choose another line, or scroll."""
+        if self.page is not None and not self.page.move(by):
+            self.scroll_relative(y=by, animate=False)
+
+    def on_resize(self) -> None:
+        """Post the message."""
+        self.post_message(self.Resized())
+
+    def on_click(self, event: Click) -> None:
+        """Post the line under the mouse."""
+        line = event.style.meta.get(LINE)
+        if isinstance(line, int):
+            self.post_message(self.Chosen(line, twice=event.chain > 1))
+
+
+CHOSEN: Final = "reverse bold"
+"""The style of the chosen line of a page."""

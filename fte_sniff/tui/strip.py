@@ -1,0 +1,143 @@
+"""The motor strip: which motor is in trouble, at a glance.
+
+1 ok           speed    1000 →  998 RPM   answers 100 %   p99 3.1 ms
+3 unanswered   speed    1000 →  612 RPM   answers  71 %   p99 5.9 ms   since 12:00:30
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from rich.style import Style
+from rich.text import Text
+from textual.events import Click
+from textual.reactive import reactive
+from textual.widget import Widget
+
+from fte_sniff.analysis.whole.motors import MotorState, Reading, Trouble
+from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
+from fte_sniff.protocol import MOTORS, Direction, Status
+from fte_sniff.protocol.spec import FIELD_BY_NAME
+from fte_sniff.tui.cells import span_text
+from fte_sniff.tui.i18n import _
+from fte_sniff.tui.painter import BOLD, PLAIN, Palette
+
+LOW: Final = 20
+"""Lines of the terminal from which on each motor has a line."""
+
+_WARNINGS: Final = frozenset({Trouble.LATE, Trouble.OFF_TARGET})
+
+
+def style_of(trouble: Trouble, palette: Palette) -> Style:
+    """The colour of a motor's state."""
+    match trouble:
+        case Trouble.NONE:
+            return palette.good
+        case Trouble.UNKNOWN:
+            return palette.muted
+        case one if one in _WARNINGS:
+            return palette.statuses[Status.SUSPECT] + BOLD
+        case _:
+            return palette.statuses[Status.MALFORMED] + BOLD
+
+
+def target_text(state: MotorState) -> str:
+    """Mode, target → present value, and unit; a dash for what is unknown."""
+    target, present = state.target, latest(state, None)
+    has_goal = target is not None and target.kind.names_motor
+    subject = target.kind.subject if target is not None and has_goal else None
+    if subject is not None:
+        present = latest(state, subject)
+    kind = target.kind if target else present.kind if present else None
+    if kind is None:
+        return UNKNOWN
+    subject = subject or (present.kind.subject if present else None)
+    goal = f"{target.values[subject]}" if target and has_goal and subject else ""
+    now = f"{present.values[subject]}" if present and subject else UNKNOWN
+    mode = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
+    unit = FIELD_BY_NAME[subject].unit if subject else ""
+    return f"{fit(mode, 8)} {goal:>6} → {now:>6} {padded(unit, 6)}"
+
+
+def latest(state: MotorState, subject: str | None) -> Reading | None:
+    """The latest feedback about a quantity, or about any."""
+    found = [one for kind, one in state.present.items() if subject in (None, kind.subject)]
+    return max(found, key=lambda one: one.t_ns or 0, default=None)
+
+
+def motor_line(
+    state: MotorState,
+    width: int,
+    palette: Palette,
+    clock: Callable[[int], str],
+    since_ns: int | None = None,
+) -> Text:
+    """State, target and feedback, answers and since when, as far as there is room."""
+    asked = state.answered + state.unanswered
+    line = Text.assemble(
+        f" {state.motor} ",
+        (fit(_(state.text), 12), style_of(state.trouble, palette)),
+        f" {target_text(state)}",
+    )
+    answers = _("answers {share:>4.0%}", share=state.answered / asked) if asked else ""
+    wrong = palette.statuses[Status.MALFORMED] if state.unanswered else PLAIN
+    delay = f"p99 {span_text(state.delay_p99_ns)}" if state.delay_p99_ns is not None else ""
+    since = _("since {time}", time=clock(since_ns)) if since_ns is not None else ""
+    parts = [Text(padded(answers, 12), wrong), Text(since), Text(padded(delay, 11), palette.muted)]
+    if width >= line.cell_len + sum(part.cell_len + 2 for part in parts):
+        parts = [parts[0], parts[2], parts[1]]
+    for part in parts:
+        if part and line.cell_len + 2 + part.cell_len <= width:
+            line.append("  ").append_text(part)
+    return line
+
+
+def strip_text(
+    states: Sequence[MotorState],
+    size: tuple[int, int],
+    palette: Palette,
+    clock: Callable[[int], str],
+    since: dict[int, int],
+    chosen: int | None = None,
+) -> Text:
+    """All motors in `size` (width and height): a line for each, or one line of four cells."""
+    width, height = size
+    lines = [motor_line(one, width, palette, clock, since.get(one.motor)) for one in states]
+    if height < len(states):
+        cells = [
+            Text(f" {one.motor} ").append(
+                fit(_(one.text), width // len(states) - 3), style_of(one.trouble, palette)
+            )
+            for one in states
+        ]
+        lines = [Text().join(cells)]
+    for state, line in zip(states, lines, strict=False):
+        if height >= len(states) and state.motor == chosen:
+            line.pad_right(width - line.cell_len)
+            line.stylize("reverse")
+    text = Text("\n").join(lines)
+    text.no_wrap, text.overflow = True, "crop"
+    return text
+
+
+class MotorStrip(Widget, can_focus=True, inherit_bindings=False):
+    """The motors; with the focus, one of them is chosen."""
+
+    text: reactive[Text] = reactive(Text)
+    chosen: reactive[int] = reactive(MOTORS[0])
+
+    def render(self) -> Text:
+        """The lines."""
+        return self.text
+
+    def move(self, by: int) -> None:
+        """Choose the next motor (`by` 1) or the one before (-1)."""
+        self.chosen = min(max(MOTORS[0], self.chosen + by), MOTORS[-1])
+
+    async def on_click(self, event: Click) -> None:
+        """Choose the motor that was clicked; a double click filters."""
+        at = event.y if self.size.height > 1 else event.x * len(MOTORS) // max(1, self.size.width)
+        self.chosen = MOTORS[min(at, len(MOTORS) - 1)]
+        if event.chain == 2:
+            await self.run_action("app.command('open')")

@@ -1,0 +1,252 @@
+"""What is viewed: the rows of a feed, those that are shown, and the span that is looked at."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.model import BaudChange, Rate, Tally
+from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.analysis.whole.motors import MotorState, motors_at
+from fte_sniff.analysis.whole.relations import NONE, AnswerState, answers, row_before, stream_keys
+from fte_sniff.analysis.whole.store import RowStore
+from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
+from fte_sniff.protocol.rows import Ints, Row, Rows
+from fte_sniff.tui.shown import Shown
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.findings import Finding
+
+WINDOW_NS: Final = 10_000_000_000
+"""The time before the cursor, or now, of which the motor strip shows the answers."""
+
+AROUND: Final = 2_500
+"""Rows before and after a row among which its command, its answer and the frame before it are:
+those of a second of two full lines."""
+
+_STEP: Final = 500
+"""Rows that share what is around them: the cursor moves by small steps."""
+
+MOST_WINDOW: Final = 60_000
+"""Most rows of a window of `WINDOW_NS`: twice those of two full lines."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """Some rows with their relations."""
+
+    first: int
+    """Index of the first of them."""
+    rows: Rows
+    before: Ints
+    pairs: pl.DataFrame
+    """Their `answers`; its indices count from `first`."""
+
+    def frame_before(self, index: int) -> int | None:
+        """The frame before of the same port, kind and motor."""
+        found = int(self.before[index - self.first])
+        return None if found == NONE else found + self.first
+
+    def command_of(self, index: int) -> int | None:
+        """The command that a row answers."""
+        found = self.pairs.filter(pl.col("answer") == index - self.first)["command"]
+        return None if found.is_empty() else int(found[0]) + self.first
+
+    def answers_of(self, index: int) -> list[Answered]:
+        """What is known of the answers to a command, by motor."""
+        found = self.pairs.filter(pl.col("command") == index - self.first)
+        columns = found.select("motor", "answer", "state", "delay_ns")
+        return [
+            Answered(motor, None if at == NONE else at + self.first, AnswerState(state), delay_ns)
+            for motor, at, state, delay_ns in columns.iter_rows()
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """The answer to a command, of one motor."""
+
+    motor: int
+    answer: int | None
+    """Its index."""
+    state: AnswerState
+    delay_ns: int | None
+
+
+def around(store: RowStore, start: int, end: int) -> Around:
+    """The rows from one index up to another, with those `AROUND` them."""
+    first, last = max(0, start - AROUND), min(store.next, end + AROUND)
+    rows, runs = store.batch(first, last), store.runs(first, last)
+    return Around(first, rows, row_before(stream_keys(rows), runs), answers(rows, runs))
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The rows that strip and pane are about, by index, half open."""
+
+    start: int
+    end: int
+    start_ns: int | None
+    now_ns: int | None
+    """Its first and its last moment; None without times."""
+
+
+_PLACED: Final = frozenset(PortEventKind) - {PortEventKind.LINE_ERROR}
+"""Events that have a line between the rows; line errors are faults of rows."""
+
+
+class View:
+    """A feed, the store of its rows, those that are shown, and counts over all."""
+
+    def __init__(self, feed: Feed, setup: LineSetup, alert: Alert | SilenceAlert | None) -> None:
+        self.store = RowStore()
+        self.shown = Shown(self.store)
+        self.setup, self.alert = setup, alert
+        self.filter: RowFilter | None = None
+        self.state, self.tally = FeedState(""), Tally()
+        self.finding: Finding | None = None
+        """The finding whose span is looked at; None for the time before the cursor, or now."""
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+        """The earliest and the latest time of a row."""
+        self.events = Counter[tuple[str, PortEventKind]]()
+        """Port events by port and kind."""
+        self._bauds: dict[str, int] = {}
+        self._feed, self._rate = feed, Rate()
+        self._newest_at_ns = 0
+        self._around: tuple[tuple[int, int], Around] | None = None
+
+    # Rows
+
+    def poll(self, now_ns: int) -> FeedUpdate:
+        """Take what came since the last poll; raises FteSniffError if the feed failed.
+
+        `now_ns` is of a monotonic clock.
+        """
+        update = self._feed.poll()
+        ended = self.state.running and not update.state.running
+        self.state, frames = update.state, self.tally.frames
+        self._store(update)
+        if len(update.rows):
+            self.tally.observe(update.rows)
+            self._note_times(update.rows, now_ns)
+        if ended:
+            self.store.end()
+        self.shown.follow()
+        self._rate.observe(self.tally.frames - frames, now_ns)
+        return update
+
+    def _store(self, update: FeedUpdate) -> None:
+        """Store rows, and what happened between them."""
+        done = 0
+        for change in update.changes:
+            if change.index > done:
+                self.store.append(update.rows.select(slice(done, change.index)))
+                done = change.index
+            self.store.append(change.what)
+            if isinstance(change.what, BaudChange):
+                self._bauds[change.what.port] = change.what.baud
+            elif self.store.next and change.what.kind is not GapKind.PORT:
+                # Before the first row nothing is missing; events of ports have their own lines.
+                self.shown.place(change.what, self.store.next)
+        if len(update.rows) > done:
+            self.store.append(update.rows.select(slice(done, None)))
+        for event in update.events:
+            self.store.append(event)
+            self.events[event.port, event.kind] += max(1, event.count)
+            if event.kind in _PLACED:
+                self.shown.place(event, self.store.index_at(event.t_ns))
+
+    def _note_times(self, rows: Rows, now_ns: int) -> None:
+        timed = rows.t_ns[rows.timed]
+        if len(timed):
+            first_ns, last_ns = int(timed.min()), int(timed.max())
+            self.first_ns = first_ns if self.first_ns is None else min(first_ns, self.first_ns)
+            self.last_ns = last_ns if self.last_ns is None else max(last_ns, self.last_ns)
+            self._newest_at_ns = now_ns
+
+    @property
+    def lives(self) -> bool:
+        """Whether rows come as they happen."""
+        return self.state.live and self.state.running
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing changes without the user."""
+        return not self.state.running and not self.shown.pending
+
+    def frames_per_s(self, now_ns: int) -> float | None:
+        """Lately in a capture, on average over a file; None without times."""
+        if self.lives:
+            return self._rate.per_second(now_ns)
+        duration_ns = self.tally.duration_ns
+        return self.tally.frames * 1e9 / duration_ns if duration_ns else None
+
+    def set_filter(self, row_filter: RowFilter | None) -> None:
+        """Show only rows that pass the filter, or all."""
+        self.filter = row_filter
+        self.shown.set_filter(row_filter)
+        self.shown.follow()
+
+    def row(self, index: int) -> Row:
+        """The row with an index."""
+        return self.store.batch(index, index + 1)[0]
+
+    def now_ns(self, clock_ns: int) -> int | None:
+        """The time of the newest row; in a capture that runs, time passes also without rows."""
+        if self.last_ns is None or not self.lives:
+            return self.last_ns
+        return self.last_ns + clock_ns - self._newest_at_ns
+
+    def byte_ns(self, port: str) -> float:
+        """The time of a byte on a port, nanoseconds."""
+        return byte_time_ns(self._bauds.get(port, DEFAULT_BAUD))
+
+    # Relations of a row
+
+    def around(self, index: int) -> Around:
+        """The rows around a row, with their relations."""
+        first = index // _STEP * _STEP
+        key = first, min(self.store.next, first + _STEP + AROUND)
+        if self._around is None or self._around[0] != key:
+            self._around = key, around(self.store, first, first + _STEP)
+        return self._around[1]
+
+    def related(self, index: int) -> list[int]:
+        """The answers to a command, or the command that a row answers."""
+        near = self.around(index)
+        found = [one.answer for one in near.answers_of(index)]
+        return [one for one in (*found, near.command_of(index)) if one is not None]
+
+    # The span that is looked at
+
+    def span(self, cursor: int | None, clock_ns: int, window_ns: int = WINDOW_NS) -> Span:
+        """The span of the finding, else the time before the cursor's row; None: before now."""
+        if self.finding is not None:
+            first_ns, last_ns = self.finding.first_ns, self.finding.last_ns
+            start, end = self.store.index_at(first_ns), self.store.index_at(last_ns + 1)
+            return Span(start, end, first_ns, last_ns)
+        end, now_ns = self.store.next, self.now_ns(clock_ns)
+        if cursor is not None:
+            end, now_ns = cursor + 1, self.row(cursor).t_ns
+            if now_ns is not None and self.first_ns is not None:
+                now_ns = max(now_ns, self.first_ns + window_ns)  # at the start, the first window
+                end = max(end, self.store.index_at(now_ns))
+        low = max(0, end - MOST_WINDOW)
+        if now_ns is None:
+            return Span(max(0, end - AROUND), end, None, None)
+        t_ns = np.maximum.accumulate(self.store.batch(low, end).t_ns)
+        start = low + int(np.searchsorted(t_ns, now_ns - window_ns))
+        return Span(start, end, now_ns - window_ns, now_ns)
+
+    def motors(self, span: Span) -> list[MotorState]:
+        """The motors at the end of a span."""
+        start = max(0, span.start - AROUND)
+        rows = self.store.batch(start, span.end)
+        return motors_at(rows, self.store.runs(start, span.end))

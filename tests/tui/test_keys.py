@@ -1,0 +1,125 @@
+"""Every key in every mode, the focus, the footer, and the help."""
+
+from __future__ import annotations
+
+import pytest
+from textual.widgets import Footer
+
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.commands import COMMANDS, SECTIONS
+from fte_sniff.tui.help import PAGES, help_text
+from fte_sniff.tui.i18n import set_language
+from tests.slow import first
+from tests.tui.conftest import ListFeed, lines, noise, page, play, press, speed_rows, talk, until
+
+ENDING = {"q", "Q", "ctrl+z", "ctrl+c"}
+KEYS = sorted({key for one in COMMANDS.values() for key in one.keys.split(",") if key} - ENDING)
+MODES = ("M", "f", "", "T", "i", "exclamation_mark", "question_mark", "space", "tab", "v", "x", "C")
+
+
+@pytest.mark.parametrize("mode", first(2, MODES))
+def test_every_key_in_every_mode_leaves_the_keys_with_one_part(feed: ListFeed, mode: str) -> None:
+    feed.give([*speed_rows(20), noise(20, 200)])
+
+    async def scenario(app: SniffApp) -> None:
+        for key in KEYS:
+            await press(app, mode)
+            await press(app, key)
+            focused = app.screen_stack[0].focused
+            if app.line.question is not None:
+                assert focused is app.line.input, key
+            else:
+                assert focused in (app.table, app.strip, app.pane), key
+            await press(app, "escape escape escape")
+            assert (app.line.question, len(app.screen_stack)) == (None, 1), key
+
+    play(feed, scenario)
+
+
+def test_no_key_fails_without_rows(feed: ListFeed) -> None:
+    async def scenario(app: SniffApp) -> None:
+        await press(app, " ".join(f"{key} escape" for key in KEYS))
+        assert "nothing came yet" in page(app)
+
+    play(feed, scenario)
+
+
+def test_tab_goes_from_motors_to_table_to_pane(feed: ListFeed) -> None:
+    feed.give(talk(2))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "M")
+        order = []
+        for _ in range(4):
+            order.append(app.focused)
+            await press(app, "tab")
+        assert order == [app.table, app.pane, app.strip, app.table]
+        await press(app, "escape")
+        assert app.focused is not app.pane
+
+    play(feed, scenario)
+
+
+def test_enter_on_a_motor_filters(feed: ListFeed) -> None:
+    feed.give(talk(2))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "tab down down enter")
+        assert app.filters.current == "motor = 3"
+
+    play(feed, scenario)
+
+
+def test_the_footer_has_only_keys_that_work(feed: ListFeed) -> None:
+    async def scenario(app: SniffApp) -> None:
+        def footer() -> str:
+            return lines(app)[app.query_one(Footer).region.y]
+
+        await until(app, "Filter")
+        assert "Fault" not in footer()
+        feed.give(speed_rows(9))
+        await press(app, "")
+        assert "e Fault" in footer()
+        assert "Next" not in footer()
+        await press(app, "slash 'speed' enter")
+        assert "n Next" in footer()
+        await press(app, "f")
+        assert "Quit" not in footer()
+        assert "^s Save" in footer()
+
+    play(feed, scenario, (140, 24))
+
+
+def test_help_has_all_keys_and_fits() -> None:
+    set_language("en")
+    for width in (40, 76, 100):
+        text = help_text(0, width).plain
+        assert max(map(len, text.splitlines())) <= width
+    for _heading, commands in SECTIONS:
+        for command in commands:
+            assert " ".join(command.meaning.split()) in " ".join(text.split())
+    assert len(PAGES) == 2
+
+
+def test_help_turns_to_the_filters_and_back(feed: ListFeed) -> None:
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "question_mark")
+        assert "Keys and signs" in page(app)
+        await press(app, "tab")
+        assert "motor = 1 AND" in page(app)
+        await press(app, "escape f")
+        assert app.line.question is not None
+
+    play(feed, scenario)
+
+
+def test_a_second_q_stops_a_recording(feed: ListFeed) -> None:
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "q")
+        assert "press q or ^c again" in page(app)
+        await press(app, "down")
+        assert "press q" not in page(app)
+        assert app.is_running
+        await press(app, "q q")
+
+    assert play(feed, scenario).return_code == 0

@@ -1,0 +1,271 @@
+"""The table: what is in the window, the cursor, pauses, searches, marks, events, columns."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from fte_sniff.analysis.model import StreamChange
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.tui.app import SniffApp
+from tests.tui.conftest import (
+    NOON_NS,
+    PORT,
+    ListFeed,
+    frame,
+    lines,
+    noise,
+    page,
+    play,
+    press,
+    resize,
+    settle,
+    speed_rows,
+)
+
+
+def rpms(app: SniffApp) -> list[int]:
+    """The RPM of each row in the window."""
+    return [int(line.split("rpm=")[1].split()[0]) for line in lines(app) if "rpm=" in line]
+
+
+def test_the_end_is_followed_until_the_cursor_moves(feed: ListFeed) -> None:
+    feed.give(speed_rows(100))
+
+    async def scenario(app: SniffApp) -> None:
+        assert rpms(app)[-1] == 99
+        assert "LIVE" in page(app)
+        await press(app, "up")
+        feed.give(speed_rows(50, 100))
+        await settle(app)
+        assert 99 in rpms(app)
+        assert "SCROLLED +50" in page(app)
+        await press(app, "G")
+        assert rpms(app)[-1] == 149
+
+    play(feed, scenario)
+
+
+def test_a_pause_freezes_the_view_and_counts(feed: ListFeed) -> None:
+    feed.give(speed_rows(100))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "space")
+        before = rpms(app)
+        feed.give(speed_rows(1234, 100))
+        await settle(app)
+        assert rpms(app) == before
+        assert "PAUSED, 1,234 new" in page(app)
+        await press(app, "space")
+        assert rpms(app)[-1] == 1333
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("goal", "cursor"),
+    [
+        ("1200", 1199),
+        ("50%", 1000),
+        ("12:00:00.5", 500),
+        ("+100ms", 1100),
+        ("@8190", 819),
+        ("2026-01-31T12:00:01Z", 1000),
+    ],
+)
+def test_go_to_a_row(feed: ListFeed, goal: str, cursor: int) -> None:
+    feed.give(speed_rows(2001))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, f"colon '1001' enter colon '{goal}' enter")
+        assert app.table.viewport.cursor == cursor
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("goal", "says"),
+    [
+        ("9999", "row 9,999 does not exist"),
+        ("13:00", "is after the last row (12:00:00.008)"),
+        ("11:00", "is before the first row"),
+        ("@99999", "no row that is shown has byte 99,999"),
+        ("soon", "no such place; write a row (1200), 50%"),
+        ("+5", "+5 has no unit; write +5s"),
+    ],
+)
+def test_where_there_is_nothing_to_go_to_is_said(feed: ListFeed, goal: str, says: str) -> None:
+    feed.give(speed_rows(9))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, f"g colon '{goal}' enter")
+        assert says in " ".join(page(app).split())
+
+    play(feed, scenario, (140, 24))
+
+
+def test_a_search_goes_from_match_to_match_and_round(feed: ListFeed) -> None:
+    feed.give([*speed_rows(50), noise(50, 500), *speed_rows(50, 51), noise(101, 1010)])
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "g slash 'hex:C1 ?2' enter")
+        found = []
+        for _ in range(3):
+            found.append(app.table.last_index)
+            await press(app, "n")
+        assert found == [50, 101, 50]
+        assert "match 2 of 2" in page(app)
+        await press(app, "slash 'rpm=7' enter")
+        assert app.table.last_index == 7
+        await press(app, "slash 'nowhere' enter")
+        assert "no row that is shown has nowhere" in page(app)
+        await press(app, "escape escape")
+        assert "match" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_keys_go_to_faults_flags_and_unanswered_commands(feed: ListFeed) -> None:
+    rows = speed_rows(30)
+    rows[10] = noise(10, 100)
+    rows[20] = frame("speed_feedback", 20, 200, motor=1, rpm=1, error=4, online=15)
+    feed.give(rows)
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "g e")
+        assert app.table.last_index == 10
+        await press(app, "e")
+        assert "no row with a fault below" in page(app)
+        await press(app, "a")
+        assert app.table.last_index == 20
+        await press(app, "f 'rpm > 25' enter E")
+        assert "no row with a fault above" in page(app)
+
+    play(feed, scenario)
+
+
+def test_from_a_command_to_its_answer_and_back(feed: ListFeed) -> None:
+    feed.give(
+        [
+            frame("speed", 0, 0, motor=1, rpm=5),
+            frame("speed", 1, 10, motor=2, rpm=6),
+            frame("speed_feedback", 3, 20, motor=1, rpm=4, error=0, online=15),
+        ]
+    )
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "g R")
+        assert app.table.last_index == 2
+        await press(app, "i")
+        assert "answers the command in row 1, 3 ms later" in page(app)
+        await press(app, "R")
+        assert app.table.last_index == 0
+
+    play(feed, scenario)
+
+
+def test_marks_and_notes_are_gone_to(feed: ListFeed) -> None:
+    feed.give(speed_rows(40))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "colon '5' enter m colon '9' enter number_sign 'stalled' enter")
+        assert app.table.marks == {4: "", 8: "stalled"}
+        await press(app, "g u u")
+        assert app.table.last_index == 8
+        assert "note: stalled" in page(app)
+        await press(app, "U m")
+        assert app.table.marks == {8: "stalled"}
+
+    play(feed, scenario)
+
+
+def test_an_event_is_placed_by_its_time_among_all_rows(feed: ListFeed) -> None:
+    feed.give(speed_rows(10_000))
+
+    async def scenario(app: SniffApp) -> None:
+        feed.emit(PortEvent(NOON_NS + 100_500_000, PORT, PortEventKind.LOST, ""))
+        await settle(app)
+        await press(app, "g o")
+        assert app.table.last_index == 101
+        assert "12:00:00.100  /dev/ttyUSB0 lost" in page(app)
+
+    play(feed, scenario)
+
+
+def test_missing_rows_are_a_line(feed: ListFeed) -> None:
+    feed.give(speed_rows(5))
+
+    async def scenario(app: SniffApp) -> None:
+        feed.changes = [StreamChange(0, Gap(GapKind.NOT_SHOWN, 12))]
+        feed.give(speed_rows(5, 17))
+        await settle(app)
+        assert "12 rows are missing here" in page(app)
+
+    play(feed, scenario)
+
+
+def test_columns_are_typed(feed: ListFeed) -> None:
+    feed.give(speed_rows(5))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "C ctrl+u 'rpm motor time delta_frame' enter")
+        assert lines(app)[5].split()[:2] == ["rpm", "motor"]
+        assert "4.000 ms" in page(app)
+        await press(app, "C ctrl+u 'rpm speedo' enter")
+        assert "no column speedo" in page(app)
+        await press(app, "escape C ctrl+u enter")
+        assert "values" in lines(app)[5]
+
+    play(feed, scenario)
+
+
+def test_rows_that_are_like_this_one_are_shown_or_hidden(feed: ListFeed) -> None:
+    feed.give(speed_rows(40))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "g x ctrl+u 'motor = 1' enter")
+        assert app.view.shown.count == 10
+        await press(app, "X")
+        wanted = [one for one in app.line.question.choices if one.startswith("rpm")]  # type: ignore[union-attr]
+        await press(app, f"ctrl+u '{wanted[0]}' enter")
+        assert app.view.shown.count == 9
+        await press(app, "backspace backspace")
+        assert app.view.shown.count == 40
+
+    play(feed, scenario)
+
+
+def test_changed_bytes_are_off_at_the_start_and_shown_by_d(feed: ListFeed) -> None:
+    feed.give([frame("speed", at * 1500, 10 * at, motor=1, rpm=at % 2) for at in range(6)])
+
+    async def scenario(app: SniffApp) -> None:
+        changed = app.table.palette.changed
+
+        def has_changed() -> bool:
+            strips = [app.table.render_line(y) for y in range(6)]
+            return any(
+                part.style and part.style.bgcolor == changed.bgcolor for s in strips for part in s
+            )
+
+        assert not has_changed()
+        await press(app, "d")
+        assert has_changed()
+
+    play(feed, scenario)
+
+
+def test_random_sizes_leave_the_cursor_in_the_window(feed: ListFeed) -> None:
+    feed.give(speed_rows(500))
+    dice = random.Random(7)
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "colon '250' enter")
+        for number in range(20):
+            await press(app, ("M", "i", "T", "escape", "space")[number % 5])
+            size = dice.randrange(20, 210), dice.randrange(5, 70)
+            await resize(app, *size)
+            viewport = app.table.viewport
+            assert viewport.top <= viewport.cursor < viewport.top + max(1, viewport.height)
+
+    play(feed, scenario)
