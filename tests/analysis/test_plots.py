@@ -97,7 +97,7 @@ def test_every_row_with_a_time_is_in_its_series(rows: list[Row], size: int) -> N
 
 def test_kinds_have_the_fields_of_the_frame_table() -> None:
     frames = [
-        Row(PORTS[0], 0, bytes([kind.header, kind.cmds[0], 1, *bytes(6), 0xEE]), 7, (), 0)
+        Row(PORTS[0], 0, bytes([kind.header, kind.cmds[0], 1, *bytes(6), 0xEE]), 7, (), delay_ns=0)
         for kind in KINDS
     ]
     timeline = Timeline()
@@ -119,7 +119,7 @@ def test_memory_is_bounded_and_the_spike_stays() -> None:
     spike = bytes([0x55, 0x01, 0x01, 0x0B, 0xB8, 0, 0, 0x00, 0x0F, 0xEE])
     for start in range(0, 100_000, 10_000):
         rows = [
-            Row("a", 10 * at, spike if at == 54_321 else frame, at * 1000, (), 0)
+            Row("a", 10 * at, spike if at == 54_321 else frame, at * 1000, (), delay_ns=0)
             for at in range(start, start + 10_000)
         ]
         timeline.observe(Rows.of(rows))
@@ -136,7 +136,7 @@ def test_all_points_are_kept_up_to_the_limit() -> None:
     for at in range(61):
         assert not timeline.thinned
         raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at})
-        timeline.observe(Rows.of([Row("a", 10 * at, raw, at * 1000, (), 0)]))
+        timeline.observe(Rows.of([Row("a", 10 * at, raw, at * 1000, (), delay_ns=0)]))
     assert timeline.thinned
 
 

@@ -244,7 +244,10 @@ FACTS = {"start": iso_time(START), "host": "bench"}
 def rows_of(first: int, stop: int, port: str = "p") -> list[Row]:
     """Commands a hundredth of a second apart, whose RPM is their number."""
     raws = [encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at}) for at in range(first, stop)]
-    return [Row(port, 10 * at, raw, START + at * STEP, (), 0) for at, raw in enumerate(raws, first)]
+    return [
+        Row(port, 10 * at, raw, START + at * STEP, (), delay_ns=0)
+        for at, raw in enumerate(raws, first)
+    ]
 
 
 def recorded(

@@ -97,7 +97,7 @@ def test_the_end_is_the_first_such_time_behind_the_beginning(
 
 def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
     assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).contains(
-        Row("p", 0, bytes(10), FIRST, (), 0)
+        Row("p", 0, bytes(10), FIRST, (), delay_ns=0)
     )
 
 

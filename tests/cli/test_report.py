@@ -80,7 +80,7 @@ def feedback(
     number: int, rpm: int, motor: int = 1, *, t_ms: int, port: str = "a", **flags: int
 ) -> Row:
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": motor, "rpm": rpm, **flags})
-    return Row(port, 10 * number, raw, START_NS + t_ms * MS, (), 0)
+    return Row(port, 10 * number, raw, START_NS + t_ms * MS, (), delay_ns=0)
 
 
 def recorded(path: Path, frames: list[Row], facts: dict[str, str] | None = None) -> Path:
@@ -330,7 +330,7 @@ def test_a_value_is_drawn_for_as_long_as_it_is_known(tmp_path, made, browser) ->
 
 def command(number: int, rpm: int, motor: int = 1, *, t_ms: int) -> Row:
     raw = encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": rpm})
-    return Row("a", 10 * number, raw, START_NS + t_ms * MS, (), 0)
+    return Row("a", 10 * number, raw, START_NS + t_ms * MS, (), delay_ns=0)
 
 
 BREAKS = {500: None, 3000: PortEventKind.LOST, 4000: PortEventKind.OVERRUN}
@@ -482,7 +482,7 @@ def test_text_from_files_executes_nothing_and_is_not_cut_off_on_paper(
 ) -> None:
     name, port = HOSTILE.replace("/", "_"), f"{HOSTILE}?{'long=1&' * 60}"
     frames = [feedback(number, 5, t_ms=number, port=port) for number in range(9)]
-    broken = Row(port, 90, bytes.fromhex("55 01 09 00 00 00 00 00 0F EE"), START_NS, (), 0)
+    broken = Row(port, 90, bytes.fromhex("55 01 09 00 00 00 00 00 0F EE"), START_NS, (), delay_ns=0)
     path = recorded(tmp_path / f"{name}.mcap", [*frames, broken], {HOSTILE: HOSTILE})
     shown(browser, made(path, "--filter", "port != '<script>window.hit=1</script>'"))
     assert browser.execute_script("return window.hit") is None

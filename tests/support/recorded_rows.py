@@ -43,7 +43,9 @@ def recorded_row(port: str, number: int) -> Row:
     given = {"motor": number % 4 + 1, "error": 0, "online": 15}
     values = {field.name: given.get(field.name, number % 3000 - 1500) for field in kind.fields}
     offset, t_ns = number * FRAME_LENGTH, START_NS + number * _FRAME_NS
-    return Row(port, offset, encode(kind, values), t_ns, (), 1_000_000 + number % 997 * 1000)
+    return Row(
+        port, offset, encode(kind, values), t_ns, (), delay_ns=1_000_000 + number % 997 * 1000
+    )
 
 
 def write_recording(
