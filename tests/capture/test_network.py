@@ -102,6 +102,12 @@ def test_a_server_that_does_not_speak_rfc2217_is_refused():
         speaker.ended()
 
 
+def test_an_end_without_a_beginning_is_one_line(server):
+    server.greeting = b"\xff\xf0"
+    with pytest.raises(PortError, match="does not speak RFC 2217"):
+        open_port(server.url)
+
+
 def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
     server.greeting = b"".join(
         answer_to(command, value) for command in range(156) for value in (b"", b"\xff\x00\x00\x01")

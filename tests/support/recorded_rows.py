@@ -55,13 +55,11 @@ def write_recording(
     facts: Mapping[str, str] | None = None,
 ) -> None:
     """Write a recording of batches with a `BulkWriter`; raises as it does."""
-    writer = BulkWriter(path, ports, facts)
-    try:
+    with path.open("xb", buffering=0) as file:
+        writer = BulkWriter(file.fileno(), ports, facts)
         for batch in batches:
             writer.write(batch)
         writer.close()
-    finally:
-        writer.abandon()
 
 
 GAP_NS = 10_000_000

@@ -123,7 +123,7 @@ def opened(path: Path) -> tuple[str, int]:
             summary = reader.get_summary()
             count = sum(1 for _ in reader.iter_messages())
         if summary is None or summary.statistics is None:
-            return "no summary", count
+            return "", count  # the fixed end of a capture has none
         # Without a chunk in the index, the package reads the file from its start, with the write
         # that the kill interrupted.
         if summary.chunk_indexes and summary.statistics.message_count != count:

@@ -103,9 +103,10 @@ def follow(case: Case) -> None:
     """Follow a recording that grows, and rotates: each row once, with its time."""
     random = case.random
     path, table = case.path("x.mcap"), case.path("rows.csv")
-    rotates = RecordingOptions(max_index_bytes=random.choice((None, 2_000)))
+    rotates = RecordingOptions(rotate_bytes=random.choice((None, 20_000)))
     recorder = Recorder(path, _PORTS, options=rotates)
-    program = case.start("decode", "--follow", path.name, "-o", table)
+    (first,) = case.folder.glob("x*.mcap")
+    program = case.start("decode", "--follow", first.name, "-o", table)
     made = 0
     for _ in range(random.randrange(1, 8)):
         count = random.randrange(1, 300)

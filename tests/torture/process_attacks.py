@@ -24,7 +24,7 @@ from time import monotonic, sleep
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.recording.reader import Recording
+from tests.support.columns import read_rows
 from tests.support.recorded_rows import recorded_row
 from tests.support.recording_kill import kill_one
 from tests.torture.case import (
@@ -143,7 +143,7 @@ def rows_now(folder: Path, pattern: str = "x*.mcap") -> list[ReadRow]:
     rows = []
     for path in sorted(folder.glob(pattern)):
         with suppress(FileError):
-            found = [row for batch in Recording(path).batches() for row in batch]
+            found = read_rows(path, is_growing=True)
             rows += [ReadRow(r.port, r.offset, r.raw.hex().upper(), r.t_ns) for r in found]
     return rows
 

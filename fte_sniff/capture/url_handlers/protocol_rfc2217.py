@@ -72,6 +72,11 @@ class Rfc2217Serial(rfc2217.Serial):
                 data += self._read_buffer.get_nowait() or b""
         return data
 
+    def _telnet_read_loop(self) -> None:
+        """Read until the connection fails; the end of what never began is a failure too."""
+        with suppress(TypeError):
+            _read_loop(self)
+
     def _telnet_process_subnegotiation(self, content: bytes) -> None:
         options = self._rfc2217_options.values()
         answered = [option for option in options if option.ack_option == content[1:2]]
@@ -79,6 +84,7 @@ class Rfc2217Serial(rfc2217.Serial):
             _process_subnegotiation(self, content)
 
 
+_read_loop: Callable[[rfc2217.Serial], None] = vars(rfc2217.Serial)["_telnet_read_loop"]
 _process_subnegotiation: Callable[[rfc2217.Serial, bytes], None]
 _process_subnegotiation = vars(rfc2217.Serial)["_telnet_process_subnegotiation"]
 
