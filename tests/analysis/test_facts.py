@@ -187,7 +187,7 @@ def answer_by_hand(
         delay = row.t_ns - asked.t_ns if timed else None  # type: ignore[operator]
         if delay is not None and delay > DEADLINE_NS:
             return False, None
-        if not row.framed or row.kind is None:
+        if not isinstance(row, Row) or not row.framed or row.kind is None:
             continue
         if row.direction is Direction.CONTROL:
             if not row.kind.names_motor or row.values["motor"] == motor:

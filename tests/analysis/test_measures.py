@@ -149,7 +149,7 @@ def covered(steps: Sequence[Step]) -> set[int]:
     for step in steps:
         if isinstance(step, Gap):
             has_feedback = has_feedback and step.kind is not GapKind.OTHER_RECORDING
-        elif step.framed:
+        elif isinstance(step, Row) and step.framed:
             has_feedback |= step.direction is Direction.FEEDBACK
         if has_feedback:
             found.add(id(step))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.model import (
@@ -23,7 +23,6 @@ from fte_sniff.analysis.model import (
     shifted,
 )
 from fte_sniff.protocol import Fault, Gap, GapKind, PortEvent, PortEventKind, Row, Status
-from fte_sniff.protocol import rows as rows_module
 from fte_sniff.protocol.rows import Rows
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))
@@ -124,14 +123,8 @@ def count_by_hand(rows: list[Row]) -> RowCount:
     return RowCount(len(rows), size, min(times, default=None), max(times, default=None))
 
 
-@pytest.mark.parametrize("few", [0, 10**9], ids=["numpy", "without numpy"])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rows=ROWS, cut=st.integers(0, 12))
-def test_a_tally_equals_a_count_by_hand(
-    few: int, monkeypatch: pytest.MonkeyPatch, rows: list[Row], cut: int
-) -> None:
-    monkeypatch.setattr(rows_module, "FEW", few)
-    monkeypatch.setattr(rows_module, "_FEWEST", few)
+def test_a_tally_equals_a_count_by_hand(rows: list[Row], cut: int) -> None:
     tally, later = Tally(), Tally()
     tally.observe(Rows.of(rows[:cut]))
     later.observe(Rows.of(rows[cut:]).select(slice(None)))

@@ -48,7 +48,7 @@ def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
 @given(ROWS)
 def test_counts_equal_a_count_by_hand(rows: list[Row]) -> None:
     found = statistics_of(rows)
-    ports = {numbers.port: numbers for numbers in found.used_ports}
+    ports = {numbers.port: numbers for numbers in found.ports()}
     assert {name: numbers.rows for name, numbers in ports.items()} == Counter(
         row.port for row in rows
     )
@@ -113,7 +113,7 @@ def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
     assert stream.lately_per_s == pytest.approx(100)
     assert stream.periods.percentile_ns(50) == pytest.approx(SECOND / 100, rel=0.0005)
     assert stream.jitter_ns == 0
-    (port,) = found.used_ports
+    (port,) = found.ports()
     taken = FRAME_LENGTH * byte_time_ns(SETUP.baud)
     assert port.share == pytest.approx(101 * taken / (SECOND + taken))
     assert port.silences.longest_ns == SECOND // 100 - taken
@@ -139,14 +139,14 @@ def test_without_times_there_is_no_rate_and_no_share() -> None:
     )
     (stream,) = found.streams(None)
     assert (stream.motor, stream.count, stream.per_s, stream.jitter_ns) == (None, 1, None, None)
-    assert found.used_ports[0].share is None
+    assert found.ports()[0].share is None
 
 
 def test_port_events_are_counted_also_before_the_first_row() -> None:
     found = Statistics(SETUP)
     found.observe_events([PortEvent(1, "p", PortEventKind.OPENED, "")])
     found.observe_events([PortEvent(2, "p", PortEventKind.LINE_ERROR, "parity")] * 2)
-    (port,) = found.used_ports
+    (port,) = found.ports()
     assert [(event.kind, event.count, event.last_ns) for event in port.events] == [
         (PortEventKind.OPENED, 1, 1),
         (PortEventKind.LINE_ERROR, 2, 2),

@@ -16,7 +16,7 @@ from tests.support.faults import damaged_stream, frame_faults
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
 """Faults that no byte of the row shows."""
-TEXT, NO_TIME, BYTES = st.text(max_size=3), st.none(), st.binary(min_size=1, max_size=20)
+TEXT, NO_TIME, BYTES = st.text(max_size=3), st.none(), st.binary(min_size=1, max_size=16)
 FAULTS = st.lists(st.sampled_from(Fault), unique=True).map(tuple)
 FRAMED = st.builds(
     lambda header, payload: bytes([header, *payload, TAIL]),
@@ -233,7 +233,7 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
 
 
 @given(
-    st.builds(Row, TEXT, st.just(0), BYTES, NO_TIME, FAULTS)
+    st.builds(Row, TEXT, st.just(0), BYTES, NO_TIME, FAULTS, st.just(False))
     | st.builds(Row, TEXT, st.just(0), FRAMED, NO_TIME, FAULTS)
 )
 def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> None:

@@ -154,7 +154,7 @@ def row(draw: st.DrawFn) -> Row:
     port, t_ns, faults = draw(st.sampled_from(PORTS)), draw(TIMES), draw(FAULTS)
     offset = draw(st.integers(0, 2**63 - 1))
     if draw(st.booleans()):
-        raw = draw(st.binary(min_size=1, max_size=40))
+        raw = draw(st.binary(min_size=1, max_size=16))
         return Row(port, offset, raw, t_ns, faults, framed=False)
     kind = draw(st.sampled_from(KINDS))
     raw = encode(kind, {f.name: draw(st.integers(f.low, f.high)) for f in kind.fields})

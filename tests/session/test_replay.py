@@ -143,7 +143,7 @@ def made(port: str, count: int) -> list[Row]:
             rows.append(Row(port, offset, FRAME_PAGES, t_ns))
         else:
             rows.append(
-                Row(port, offset, bytes([number % 256]) * 40, t_ns, (Fault.NOISE,), framed=False)
+                Row(port, offset, bytes([number % 256]) * 16, t_ns, (Fault.NOISE,), framed=False)
             )
     return rows
 

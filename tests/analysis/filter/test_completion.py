@@ -10,7 +10,7 @@ from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, both, cell_filters
 from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, Direction, Fault, Row, Status, encode
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Rows, fault_bits, faults_in
 from tests.support.faults import frame_faults
 
 CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
@@ -90,7 +90,9 @@ RAWS = st.sampled_from(
 )
 FRAMES = st.builds(lambda port, raw: Row(port, 0, raw, NOON_NS, frame_faults(raw)), PORTS, RAWS)
 DAMAGE = st.builds(
-    lambda port, faults, t_ns: Row(port, 0, b"\x01\x02", t_ns, tuple(faults), framed=False),
+    lambda port, faults, t_ns: Row(
+        port, 0, b"\x01\x02", t_ns, faults_in(fault_bits(faults)), framed=False
+    ),
     PORTS,
     st.lists(st.sampled_from(list(Fault)), unique=True, max_size=2),
     st.sampled_from([None, NOON_NS - 1, NOON_NS + 1]),

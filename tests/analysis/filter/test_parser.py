@@ -190,7 +190,7 @@ def test_filters_within_the_limits_work(text: str) -> None:
 ROWS: list[Row] = [
     Row("port", 0, bytes.fromhex("AA010103E800000000EE"), 5),
     Row("port", 10, bytes.fromhex("550204FFFFFFFF1F2FEE"), None, (Fault.UNDEFINED_FLAGS,)),
-    Row("port", 20, b"\xff" * 30, None, (Fault.NOISE,), framed=False),
+    Row("port", 20, b"\xff" * 16, None, (Fault.NOISE,), framed=False),
 ]
 
 PIECES = st.sampled_from(

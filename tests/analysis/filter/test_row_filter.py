@@ -211,7 +211,9 @@ TOKENS = st.one_of(st.just("%"), st.text("019AF_", min_size=2, max_size=2))
 """Tokens of a byte pattern: any bytes, or one byte."""
 
 RAWS = st.lists(
-    st.sampled_from(bytes.fromhex("00 09 0A 10 19 90 99 9A A0 AA AF F0 FF")), min_size=1
+    st.sampled_from(bytes.fromhex("00 09 0A 10 19 90 99 9A A0 AA AF F0 FF")),
+    min_size=1,
+    max_size=16,
 ).map(bytes)
 
 
