@@ -11,7 +11,7 @@ photograph() { # LANGUAGE NAME
     tmux -L fte-sniff-picture new-session -d -x 112 -y 32 "cd '$scratch' && env XDG_CONFIG_HOME='$scratch' \
         LC_ALL=C.UTF-8 TEXTUAL_PRESS=wait:12000,E,enter TEXTUAL_SCREENSHOT=16 \
         TEXTUAL_SCREENSHOT_LOCATION='$scratch' TEXTUAL_SCREENSHOT_FILENAME='$2.svg' \
-        '$python' -m fte_sniff live 'sim://?drop=0.01&flip=0.01' --lang $1"
+        '$python' -m fte_sniff live 'sim://?weak_motor=3&drop=0.01' --lang $1"
     while tmux -L fte-sniff-picture has-session 2>/dev/null; do sleep 1; done
     "$python" - "$scratch/$2.svg" <<'PYTHON'
 import re, sys
