@@ -47,7 +47,7 @@ def run(seconds: float, *, attach: bool) -> tuple[float, int, int]:
         target.stdout.readline()
         os.close(near)
         seen = 0
-        source = Attachment(words[3]).open(Clock.tied()) if attach else None
+        source = Attachment(words[3]).open(Clock.tied()).__enter__() if attach else None
         target.stdin.write("\n")
         target.stdin.flush()
         trips = int(target.stdout.readline())

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol import FRAME_LENGTH, PortEvent, Rows
 from fte_sniff.recording.reader import Recording
 
 BAUDS = (115_200, 921_600, 3_000_000)
@@ -117,9 +117,11 @@ def _watch(program: LiveProgram, seconds: float) -> tuple[float, float]:
 def _recorded(path: Path) -> tuple[int, Counter[str]]:
     """Number of bytes in the recording, and of events by kind."""
     count, events = 0, Counter[str]()
-    for rows in Recording(path).batches():
-        events.update(event.kind.value for event in rows.events)
-        count += int(rows.length.sum())
+    for item in Recording(path).items():
+        if isinstance(item, PortEvent):
+            events[item.kind.value] += 1
+        elif isinstance(item, Rows):
+            count += int(item.length.sum())
     return count, events
 
 

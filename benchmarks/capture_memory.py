@@ -37,6 +37,7 @@ class FlatOut:
     """A source of both wires that always has the next frames ready."""
 
     end: SourceEnd | None = None
+    device = None
     uncertainty_ns: Mapping[str, int] = dict.fromkeys(WIRES, 1_000_000)
     capabilities: Mapping[str, str] = dict.fromkeys(WIRES, "")
 

@@ -166,12 +166,13 @@ class Attachment:
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
         reconnect = self.reconnect and self.pid is None
-        return Source([partial(connect_strace, self, clock)], clock, reconnect=reconnect)
+        notes = [LIMITS]  # reported once, however often it is attached again
+        return Source([partial(connect_strace, self, clock, notes)], clock, reconnect=reconnect)
 
 
-def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
+def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
     """Watch the programs that have the port open; raises as `Attachment.open`."""
-    calls = CallReader(wanted.names, Strace.on(wanted), clock)
+    calls = CallReader(wanted.names, Strace.on(wanted), clock, notes)
     attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
     return Connection(
         names=wanted.names,
@@ -189,9 +190,11 @@ def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
 class CallReader:
     """The system calls of a strace as chunks of both wires, ordered by time."""
 
-    def __init__(self, names: tuple[str, ...], strace: Strace, clock: Clock) -> None:
-        """Read a strace that watches the programs."""
-        self._names, self.strace, self._clock = names, strace, clock
+    def __init__(
+        self, names: tuple[str, ...], strace: Strace, clock: Clock, notes: list[TranslatableText]
+    ) -> None:
+        """Read a strace that watches the programs, and take the notes to report first."""
+        self._names, self.strace, self._clock, self._notes = names, strace, clock, notes
         self._lines, self._rest = StraceLines(strace.device), b""
         self._last_ns = dict.fromkeys(names, 0)
         """By wire: no later item may have an earlier time."""
@@ -208,7 +211,8 @@ class CallReader:
             self._is_new = False
             holders = holders_text(self.strace.holders)
             yield self._event(HOST, PortEventKind.OPENED, holders)
-            yield self._event(self._names[0], PortEventKind.WIRING, LIMITS)
+        while self._notes:
+            yield self._event(self._names[0], PortEventKind.WIRING, self._notes.pop())
         data = self.strace.read()
         if data is None and not self._is_finishing:
             raise self._loss()

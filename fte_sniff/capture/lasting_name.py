@@ -23,7 +23,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.discovery import is_pseudo_terminal
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
-from fte_sniff.capture.url_handlers import url_scheme
+from fte_sniff.capture.url_handlers import is_network
 from fte_sniff.errors import PortError
 
 LINKS: Final = Path("/dev/serial")
@@ -48,7 +48,7 @@ class LastingPort:
     def comes_back(self) -> bool:
         """Whether its name can lead to it again; known once it was opened."""
         if "://" in self._name:
-            return url_scheme(self._name).comes_back
+            return is_network(self._name)
         return os.path.islink(self._name) or not is_pseudo_terminal(self._name)  # noqa: PTH114
 
     def open(self) -> serial.Serial:

@@ -42,14 +42,15 @@ class LineErrors:
         """Start now; errors that were counted before are ignored. `name` is that of the events."""
         self._name, self._counters = name, counters
         self._counted = self._reported = counters()
+        self.are_counted = self._counted is not None
         self._reported_ns = -REPORT_NS
 
     @property
     def description(self) -> TranslatableText:
         """Whether errors are available, as text for users."""
-        if self._counted is None:
-            return TranslatableText("line errors unavailable")
-        return TranslatableText("line errors counted")
+        if self.are_counted:
+            return TranslatableText("line errors counted")
+        return TranslatableText("line errors unavailable")
 
     def spans(self, data: bytes) -> Spans:
         """Where errors may be in what was just read: everywhere, or nowhere."""

@@ -8,15 +8,14 @@ import re
 import stat
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.util import find_spec
-from inspect import getmodulename
 from pathlib import Path
+from pkgutil import iter_modules
 from urllib.parse import urlsplit
 
 import serial
 
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text
-from fte_sniff.capture.url_handlers import scheme_of, url_scheme
+from fte_sniff.capture.url_handlers import is_network, scheme_of
 from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
 
@@ -25,7 +24,6 @@ if POSIX:
     import pwd
 
 _OWN_TERMINAL = "/dev/tty"
-_LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
 _NO_RFC2217 = "does not seem to support RFC2217"
 _REFUSED = re.compile(r"(?:option '|[ [])(\w+)(?:'|:(?!ACTIVE)\w+)")
 """An option that an RFC 2217 server refuses, or does not answer to, in pyserial's text."""
@@ -33,7 +31,6 @@ _WINDOWS_ERROR = re.compile(r"could not open port .*: \w+Error\((\d+), ")
 """The system's error number in pyserial's text on Windows."""
 _FORBIDDEN, _BUSY = {errno.EACCES, errno.EPERM}, {errno.EBUSY, errno.EAGAIN}
 _REFUSALS = _FORBIDDEN | _BUSY
-_MODULE_NEEDED = {"cp2110": "hid"}
 _HANDLER_PREFIX = "protocol_"
 
 
@@ -76,41 +73,23 @@ def _check_url(url: str, scheme: str) -> None:
         raise PortError(
             "{port}: no such kind of port; known are {listed}", port=port, listed=schemes
         )
-    if url_scheme(url).names_address and not _has_host_and_port(url):
+    if is_network(url) and not _has_host_and_port(url):
         example = f"{scheme}://192.168.0.7:4001"
         raise PortError(
             "{port} names no host and TCP port: write it like {example}", port=port, example=example
         )
-    if scheme == "spy" and "file=" not in url:
-        raise PortError(
-            "{port} would write over what is shown here: give it a file to "
-            "write to, as spy:///dev/ttyUSB0?file=spy.txt",
-            port=port,
-        )
-    if _LOGGING.search(url):
-        raise PortError("{port} would write over what is shown here: leave logging out", port=port)
 
 
 def known_schemes() -> list[str]:
-    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`...
-
-    Raises OSError if the folders cannot be listed; `pkgutil` would find nothing in them.
-    """
-    modules = {
-        getmodulename(name)
+    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`..."""
+    folders = [
+        folder
         for package in serial.protocol_handler_packages
         for folder in import_module(package).__path__
-        for name in os.listdir(folder)  # noqa: PTH208 - only names
-    }
-    found = {
-        module.removeprefix(_HANDLER_PREFIX)
-        for module in modules
-        if module is not None and module.startswith(_HANDLER_PREFIX)
-    }
+    ]
+    names = (module.name for module in iter_modules(folders))
     return sorted(
-        scheme
-        for scheme in found
-        if scheme not in _MODULE_NEEDED or find_spec(_MODULE_NEEDED[scheme])
+        {name.removeprefix(_HANDLER_PREFIX) for name in names if name.startswith(_HANDLER_PREFIX)}
     )
 
 
@@ -156,7 +135,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         if isinstance(error, LookupError):
             reason = TranslatableText("its options cannot be read")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
-        if url_scheme(name).has_server:
+        if is_network(name):
             what = TranslatableText(
                 " cannot be opened: {why}; does a server listen there?", why=reason
             )

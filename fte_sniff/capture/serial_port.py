@@ -29,7 +29,7 @@ from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.discovery import holders_of, is_terminal
 from fte_sniff.capture.port_errors import busy_error, check_name, port_error
-from fte_sniff.capture.url_handlers import url_scheme
+from fte_sniff.capture.url_handlers import NETWORK_LATENCY_NS, is_network
 from fte_sniff.errors import TranslatableText, UsageError, ValueRangeError, printable
 from fte_sniff.platform import POSIX, TerminalError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
@@ -279,7 +279,7 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     """Largest delay from the wire to the read, nanoseconds, on a machine that is not overloaded."""
     device = device_of(port)
     if device is None:
-        return HOST_NS + url_scheme(port.port or "").latency_ns
+        return HOST_NS + NETWORK_LATENCY_NS * is_network(port.port or "")
     folder = sys_tty / Path(device).resolve().name / "device"
     if POSIX and not folder.exists():
         return HOST_NS  # a pseudo-terminal

@@ -9,7 +9,6 @@ frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final
 
 from fte_sniff.errors import TranslatableText
@@ -34,17 +33,16 @@ class SilenceWatch:
         self._is_silent = self._is_named = False
         self._begin()
 
-    def observe(self, chunk: Chunk) -> Iterator[PortEvent]:
-        """Add a chunk; yields what it ends or shows."""
-        t_ns = chunk.t_ns or 0
+    def observe(self, chunk: Chunk) -> PortEvent | None:
+        """Add a chunk; returns what it ends or shows."""
+        t_ns, was_silent = chunk.t_ns or 0, self._is_silent
+        silence_ns = 0 if self._last_ns is None else t_ns - self._last_ns
         if chunk.data:
-            if self._is_silent and self._last_ns is not None:
-                yield self._again(t_ns, t_ns - self._last_ns)
             self._last_ns, self._is_silent = t_ns, False
             self._add(chunk.data, t_ns)
-        elif not self._is_silent and self._silence_at(t_ns) >= self._silence_s * 1e9:
-            self._is_silent = True
-            yield self._silent(t_ns)
+            return self._again(t_ns, silence_ns) if was_silent else None
+        self._is_silent = was_silent or silence_ns >= self._silence_s * 1e9
+        return self._silent(t_ns) if self._is_silent and not was_silent else None
 
     def frame_came(self) -> None:
         """Note a readable frame: the line is right."""
@@ -56,13 +54,14 @@ class SilenceWatch:
         self._last_ns, self._is_silent = None, False
         self._begin()
 
-    def check(self, now_ns: int) -> Iterator[PortEvent]:
+    def check(self, now_ns: int) -> PortEvent | None:
         """Report bytes without a frame, once they have come for NO_FRAME_NS."""
         since_ns = self._since_ns
         is_due = since_ns is not None and now_ns - since_ns >= NO_FRAME_NS
-        if is_due and not self._is_named and self._count >= FEW_BYTES:
-            self._is_named = True
-            yield PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
+        if not is_due or self._is_named or self._count < FEW_BYTES:
+            return None
+        self._is_named = True
+        return PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
 
     def _begin(self) -> None:
         self._since_ns: int | None = None
@@ -97,9 +96,6 @@ class SilenceWatch:
             seconds=seconds,
             port=self._port,
         )
-
-    def _silence_at(self, t_ns: int) -> int:
-        return 0 if self._last_ns is None else t_ns - self._last_ns
 
     def _silent(self, t_ns: int) -> PortEvent:
         detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)

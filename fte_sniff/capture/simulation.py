@@ -16,7 +16,7 @@ import dataclasses
 import difflib
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Any, TypeAlias
@@ -197,15 +197,15 @@ class Controller:
         if not motor.online:
             return None
         kind = _FEEDBACK_KIND_BY_CMD[cmd]
-        readings: dict[Role | None, Callable[[Field], int]] = {
-            Role.MOTOR: lambda _: number,
-            Role.ERRORS: lambda _: self._error,
-            Role.ONLINE: lambda _: self._online,
-            Role.SPEED: lambda _: self._measured(motor.rpm),
-            Role.POSITION: lambda field: _wrapped(round(motor.pulses), field),
+        readings = {
+            Role.MOTOR: number,
+            Role.ERRORS: 1 << (self._offline - 1) if self._offline else 0,
+            Role.ONLINE: self._online,
+            Role.SPEED: self._measured(motor.rpm),
+            Role.POSITION: round(motor.pulses),
         }
         values = {
-            field.name: readings[field.role](field)
+            field.name: _wrapped(readings[field.role], field)
             for field in kind.fields
             if field.role in readings
         }
@@ -214,10 +214,6 @@ class Controller:
     @property
     def _online(self) -> int:
         return sum(1 << motor_bit(number) for number, one in self.motors.items() if one.online)
-
-    @property
-    def _error(self) -> int:
-        return 1 << (self._offline - 1) if self._offline else 0
 
     def _measured(self, rpm: float) -> int:
         jitter = int(self._rng.random() * 3) - 1
@@ -244,13 +240,8 @@ def _wrapped(value: int, field: Field) -> int:
 Command: TypeAlias = tuple[FrameKind, dict[str, int]]
 """A kind of control frame and its values by row name."""
 
-
-@dataclass(frozen=True, slots=True)
-class HostStep:
-    """Commands sent in turn, each at least once, for a time; a pause without commands."""
-
-    duration_s: float
-    commands: tuple[Command, ...] = ()
+Step: TypeAlias = tuple[float, Sequence[Command]]
+"""Seconds, and the commands that are sent in turn meanwhile, each at least once; none: a pause."""
 
 
 class SimulatedHost:
@@ -258,34 +249,23 @@ class SimulatedHost:
 
     def __init__(self, rng: Random) -> None:
         self._script = _script(rng)
-        self._step = next(self._script)
-        self._until_s = self._step.duration_s
+        self._until_s, self._commands = next(self._script)
         self._sent = 0
 
     def command_at(self, t_s: float) -> Command | None:
         """The command sent at `t_s`, seconds since the start, monotonic; None for silence."""
-        while t_s >= self._until_s and self._sent >= len(self._step.commands):
-            self._step, self._sent = next(self._script), 0
-            self._until_s = t_s + self._step.duration_s
-        if not self._step.commands:
+        while t_s >= self._until_s and self._sent >= len(self._commands):
+            duration_s, self._commands = next(self._script)
+            self._until_s, self._sent = t_s + duration_s, 0
+        if not self._commands:
             return None
-        command = self._step.commands[self._sent % len(self._step.commands)]
         self._sent += 1
-        return command
+        return self._commands[(self._sent - 1) % len(self._commands)]
 
 
-def _command(kind: FrameKind, values: Mapping[Role | None, int]) -> Command:
-    return kind, {field.name: values[field.role] for field in kind.fields}
-
-
-def _script(rng: Random) -> Iterator[HostStep]:
-    phases = (_speed_ramps, _position_moves, _drives)
-    while True:
-        yield HostStep(0.0, (_command(_RESET, {}),))
-        yield HostStep(0.3)
-        for phase in phases:
-            yield from phase(rng)
-            yield HostStep(_pick(rng, 2, 8) / 10)
+def _command(kind: FrameKind, *values: int) -> Command:
+    """A command; the values are in the order of the frame's fields."""
+    return kind, dict(zip((field.name for field in kind.fields), values, strict=True))
 
 
 def _pick(rng: Random, low: int, high: int) -> int:
@@ -296,48 +276,39 @@ def _sign(rng: Random) -> int:
     return 1 if rng.random() < 0.5 else -1
 
 
-def _speed_ramps(rng: Random) -> Iterator[HostStep]:
+def _script(rng: Random) -> Iterator[Step]:
+    while True:
+        yield 0.0, (_command(_RESET),)
+        yield 0.3, ()
+        for phase in (_speed_ramps, _position_moves, _drives):
+            yield from phase(rng)
+            yield _pick(rng, 2, 8) / 10, ()
+
+
+def _speed_ramps(rng: Random) -> Iterator[Step]:
     tops = {motor: _sign(rng) * _pick(rng, 4, 30) * 50 for motor in MOTORS}
-    levels = [*range(1, 11), 10, 10, 10, *range(9, -1, -1)]
-    for level in levels:
-        yield HostStep(
-            0.15,
-            tuple(
-                _command(_SPEED, {Role.MOTOR: motor, Role.SPEED: top * level // 10})
-                for motor, top in tops.items()
-            ),
-        )
+    for level in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
+        yield 0.15, [_command(_SPEED, motor, top * level // 10) for motor, top in tops.items()]
 
 
-def _position_moves(rng: Random) -> Iterator[HostStep]:
-    goals = [(m, _sign(rng) * _pick(rng, 4, 40) * 500) for m in MOTORS]
-    for targets in (goals, [(m, 0) for m in MOTORS]):
+def _position_moves(rng: Random) -> Iterator[Step]:
+    goals = {motor: _sign(rng) * _pick(rng, 4, 40) * 500 for motor in MOTORS}
+    for targets in (goals, dict.fromkeys(MOTORS, 0)):
         limit = _pick(rng, 6, 12) * 100
-        yield HostStep(
-            0.1,
-            tuple(
-                _command(_POSITION, {Role.MOTOR: motor, Role.SPEED: limit, Role.POSITION: at})
-                for motor, at in targets
-            ),
-        )
-        yield HostStep(_pick(rng, 25, 35) / 10)
+        yield 0.1, [_command(_POSITION, motor, limit, at) for motor, at in targets.items()]
+        yield _pick(rng, 25, 35) / 10, ()
 
 
-def _drives(rng: Random) -> Iterator[HostStep]:
-    directions = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
+def _drives(rng: Random) -> Iterator[Step]:
+    ways = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
     for _ in range(_pick(rng, 4, 6)):
-        vx, vy, wz = directions[_pick(rng, 0, len(directions) - 1)]
+        way = ways[_pick(rng, 0, len(ways) - 1)]
         cm_s, mrad_s = _pick(rng, 2, 10) * 5, _pick(rng, 3, 15) * 100
+        tops = way[0] * cm_s, way[1] * cm_s, way[2] * mrad_s
         for tenths in range(2, 11, 2):
-            yield _drive(0.1, vx * cm_s * tenths // 10, vy * cm_s * tenths // 10,
-                         wz * mrad_s * tenths // 10)  # fmt: skip
-        yield _drive(_pick(rng, 5, 15) / 10, vx * cm_s, vy * cm_s, wz * mrad_s)
-    yield _drive(0.4, 0, 0, 0)
-
-
-def _drive(duration_s: float, vx: int, vy: int, wz: int) -> HostStep:
-    values: dict[Role | None, int] = {Role.FORWARD: vx, Role.LEFT: vy, Role.ROTATION: wz}
-    return HostStep(duration_s, (_command(_DRIVE, values),))
+            yield 0.1, (_command(_DRIVE, *(top * tenths // 10 for top in tops)),)
+        yield _pick(rng, 5, 15) / 10, (_command(_DRIVE, *tops),)
+    yield 0.4, (_command(_DRIVE, 0, 0, 0),)
 
 
 # The line: faults, parameters, bytes with times

@@ -331,10 +331,10 @@ class Source:
         return errors[0] if errors else None
 
     def _read(self, connection: Connection, reader: Reader, errors: list[BaseException]) -> None:
-        read_ns, unseen, last = inf, False, False
+        read_ns, unseen, last = self._clock.now_ns(), False, False
         while not last:
             # Checked before the read, so that bytes that arrived before the end are still read.
-            last = self._is_due() or bool(errors)
+            last = read_ns >= self._stop_at_ns or bool(errors)
             if last:
                 connection.finish()
             try:

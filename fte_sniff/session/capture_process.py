@@ -313,6 +313,9 @@ DRAIN_EVERY_NS = 40_000_000
 """Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
 flushed only after a batch."""
 
+MOST_UNDRAINED = 2**18
+"""Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""
+
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
 bytes late."""
@@ -390,7 +393,7 @@ class CaptureLoop:
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
-        self._now_ns = self._drain_ns = 0
+        self._now_ns = self._drain_ns = self._undrained = 0
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         """When the write under way began."""
@@ -438,15 +441,18 @@ class CaptureLoop:
 
     def _process_chunk(self, chunk: Chunk) -> None:
         wire, now_ns = self._wires[chunk.port], chunk.t_ns or 0
-        wire.put(*wire.silence.observe(chunk))
+        if (event := wire.silence.observe(chunk)) is not None:
+            wire.put(event)
         wire.push(chunk)
         self._now_ns = max(self._now_ns, now_ns)
         self._start_duration(now_ns)
         self._report_leftover()
-        if now_ns >= self._drain_ns:
-            self._drain_ns = now_ns + DRAIN_EVERY_NS
+        self._undrained += len(chunk.data)
+        if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
+            self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS, 0
             self._drain()
-            wire.put(*wire.silence.check(now_ns))
+            if (event := wire.silence.check(now_ns)) is not None:
+                wire.put(event)
             self._watch_clock(chunk.port, now_ns)
             self._record(lambda recorder: recorder.flush_if_due(now_ns))
 

@@ -144,18 +144,6 @@ def test_a_server_that_hangs_up_at_once_is_distinguished_from_an_absent_one():
         server.ended()
 
 
-def test_a_socket_is_bridged_both_ways():
-    with server_socket() as listening:
-        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
-        bridge = Bridge(url).open(CLOCK)
-        client, _ = listening.accept()
-        with client, bridge, serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
-            host.write(b"there")
-            assert client.recv(5, socket.MSG_WAITALL) == b"there"
-            client.sendall(b"back")
-            assert host.read(4) == b"back"
-
-
 def test_an_rfc2217_port_is_bridged_both_ways(server, pty, until):
     with (
         Bridge(server.url).open(CLOCK) as bridge,

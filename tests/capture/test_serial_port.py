@@ -1,7 +1,6 @@
 """The latency of a port, from what the system knows about its driver."""
 
 import os
-import resource
 import socket
 import subprocess
 import sys
@@ -10,8 +9,7 @@ import termios
 import pytest
 import serial
 
-from fte_sniff.capture.discovery import Holder, holders_text
-from fte_sniff.capture.port_errors import check_name, known_schemes, port_error
+from fte_sniff.capture.port_errors import port_error
 from fte_sniff.capture.serial_port import (
     FIFO_BYTES,
     HOST_NS,
@@ -104,12 +102,8 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
         ("loop://[", ["loop://[ cannot be opened"]),
         ("hwgrep://[", ["hwgrep://[ cannot be opened"]),
         ("socket://[", ["no host and TCP port"]),
-        ("loop://?logging=debug", ["leave logging out"]),
-        ("socket://localhost:7?logging=info", ["leave logging out"]),
         ("/dev/tty", ["is the terminal that this runs in"]),
         ("/dev/../dev/tty", ["is the terminal that this runs in"]),
-        ("spy://", ["give it a file", "?file="]),
-        ("spy:///dev/ttyUSB0?color", ["give it a file"]),
     ],
 )
 def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, reported):
@@ -165,18 +159,6 @@ def test_a_busy_port_names_who_has_it(pty):
     open_port(pty.device).close()
 
 
-@pytest.mark.parametrize(
-    ("holders", "reported"),
-    [
-        ([], "this or another program has it open"),
-        ([Holder(7, "cat")], "cat (pid 7) has it open"),
-        ([Holder(7, "cat"), Holder(8, "od")], "cat (pid 7) and od (pid 8) have it open"),
-    ],
-)
-def test_the_holders_of_a_port_are_named(holders, reported):
-    assert holders_text(holders) == reported
-
-
 @pytest.fixture
 def somebody():
     """For the length of the test, no file belongs to us; only root can do that for real."""
@@ -206,25 +188,6 @@ def test_a_device_without_hardware_sends_one_to_the_plug(number):
     assert "check the plug" in str(port_error("/dev/ttyS9", "/dev/ttyS9", error))
 
 
-def test_the_kinds_of_ports_are_found_not_written_down():
-    assert {"sim", "loop", "socket", "rfc2217", "hwgrep"} <= set(known_schemes())
-    assert "cp2110" not in known_schemes()
-
-
-def test_too_many_open_files_are_not_an_unknown_kind_of_port():
-    # The lowest free descriptor is the first that may not be opened.
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    free = os.dup(0)
-    os.close(free)
-    check_name("sim://")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (free, limits[1]))
-    try:
-        with pytest.raises(OSError, match="Too many open files"):
-            check_name("sim://")
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-
-
 def test_bytes_that_a_server_sends_at_once_are_there():
     with server_socket() as server:
         greeting = Work(greet, server)
@@ -238,13 +201,6 @@ def test_bytes_that_a_server_sends_at_once_are_there():
         with SlowToOpen(f"socket://127.0.0.1:{server.getsockname()[1]}", timeout=5) as port:
             assert port.read(3) == b"\xaa\x55\xee"
             port.reset_input_buffer()
-
-
-def test_socket_ports_are_those_that_keep_their_first_bytes():
-    with server_socket() as server:
-        port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}")
-        assert isinstance(port, protocol_socket.Serial)
-        port.close()
 
 
 def greet(server):
@@ -279,15 +235,3 @@ def test_a_device_is_as_late_as_its_driver_holds_bytes(pty, tmp_path, subsystem,
             (facts / "latency_timer").write_text(timer)
     with open_port(pty.device, PortSettings(9600)) as port:
         assert max_latency_ns(port, tmp_path / "tty") == expected
-
-
-def test_a_simulated_line_is_as_late_as_this_machine():
-    with open_port("sim://") as port:
-        assert max_latency_ns(port) == HOST_NS
-
-
-def test_a_server_is_as_late_as_a_network():
-    with server_socket() as server:
-        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        with open_port(name) as port:
-            assert max_latency_ns(port) == HOST_NS + 20 * MS

@@ -17,7 +17,7 @@ from fte_sniff.capture import url_handlers
 from fte_sniff.capture.port_errors import known_schemes
 from fte_sniff.capture.serial_port import open_port, reader_of, writer_of
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.capture.url_handlers import URL_SCHEMES, protocol_sim, protocol_socket
+from fte_sniff.capture.url_handlers import NETWORK, protocol_sim
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Framer, encode
 from tests.beside import server_socket
@@ -81,7 +81,7 @@ def line(request, pty):
 def test_each_scheme_is_tested():
     modules = Path(url_handlers.__file__).parent.glob("protocol_*.py")
     assert sorted(LINES) == sorted(path.stem.removeprefix("protocol_") for path in modules)
-    assert set(URL_SCHEMES) <= set(known_schemes())
+    assert set(NETWORK) <= set(known_schemes())
 
 
 @pytest.mark.parametrize("own", [True, False], ids=["read", "reader_of"])
@@ -133,25 +133,6 @@ def test_a_url_that_cannot_be_opened_is_one_line_that_names_it(scheme):
     assert str(refused.value).isprintable()
 
 
-def test_own_read_and_write_of_a_socket_are_used():
-    class Inverted(protocol_socket.Serial):
-        def read(self, size=1):
-            return bytes(255 - byte for byte in super().read(size))
-
-        def write(self, data):
-            return super().write(bytes(255 - byte for byte in data))
-
-    with (
-        server_socket() as listening,
-        Inverted(f"socket://127.0.0.1:{listening.getsockname()[1]}", timeout=BOUND_S) as port,
-        listening.accept()[0] as client,
-    ):
-        client.sendall(b"\x01")
-        assert reader_of(port)() == b"\xfe"
-        assert writer_of(port)(b"\x02") == 1
-        assert client.recv(1) == b"\xfd"
-
-
 # The simulated port
 
 
@@ -168,13 +149,6 @@ def opened():
     yield opens
     for port in ports:
         port.close()
-
-
-def test_a_simulation_that_falls_behind_its_line_can_be_read_and_so_be_stopped(opened):
-    port = opened("rate=1000")
-    port._started_ns -= 60 * 10**9
-    assert 10_000 < port.in_waiting < 100_000
-    assert len(port.read(10_000)) == 10_000
 
 
 def test_importing_the_capture_room_is_all_it_takes():
@@ -239,22 +213,6 @@ def test_a_read_ends_with_what_there_is_when_the_time_is_over(opened):
     assert time.monotonic() - started >= 0.02
     port.timeout = 0
     assert port.read(100) == b""
-
-
-def test_in_waiting_is_what_a_read_gives_at_once(opened, until):
-    port = opened("rate=1000", timeout=0)
-    until(lambda: port.in_waiting >= 50)
-    waiting = port.in_waiting
-    assert len(port.read(waiting)) == waiting
-
-
-def test_a_closed_port_can_be_opened_again_once(opened):
-    port = opened("")
-    port.close()
-    port.open()
-    assert len(port.read(10)) == 10
-    with pytest.raises(serial.SerialException, match="already open"):
-        port.open()
 
 
 def test_after_its_last_frame_the_port_is_lost_but_not_what_came_before(opened, until):

@@ -18,7 +18,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.cli.streams import NOT_BEGUN
-from fte_sniff.protocol import FRAME_LENGTH, PortEvent, PortEventKind
+from fte_sniff.protocol import FRAME_LENGTH, PortEventKind, Rows
 from fte_sniff.recording.reader import Recording
 from tests.beside import Work, running, server_socket
 from tests.cli.conftest import decoded
@@ -658,7 +658,7 @@ def test_attached_capture_records_both_directions_of_another_program(
         code, _, _ = ended(capture)
         assert (code, host.poll()) == (0, None)
     reader = Recording(tmp_path / "x.mcap")
-    rows = [row for row in reader if not isinstance(row, PortEvent)]
+    rows = [row for item in reader.items() if isinstance(item, Rows) for row in item]
     assert {port: b"".join(r.raw for r in rows if r.port == port) for port in (device, "host")} == {
         device: 5 * FRAME,
         "host": 5 * FRAME,
@@ -700,7 +700,7 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
             if killed == "strace":
                 status = Path(f"/proc/{host.pid}/status").read_text()
                 os.kill(int(re.findall(r"TracerPid:\t(\d+)", status)[0]), signal.SIGKILL)
-                lost = stderr_until(capture, f"{device} found again: attached")
+                lost = stderr_until(capture, f"{device} found again: after")
                 assert f"{device} lost: strace was ended by SIGKILL; waiting for a" in lost
                 assert lost.count("\n") == 2
                 echoed(far, 4)

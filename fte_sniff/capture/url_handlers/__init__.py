@@ -18,8 +18,7 @@ A module has a class `Serial` with pyserial's interface. Of this the program use
 A class that inherits `read` or `write` of pyserial's ports of devices or sockets is read or written
 through their descriptor, which is faster; its own `read` and `write` are always used.
 
-`URL_SCHEMES` has what differs besides. `tests/capture/test_url_handlers.py` has a line of each
-scheme for the tests of these rules.
+`tests/capture/test_url_handlers.py` has a line of each scheme for the tests of these rules.
 
 Modules:
 
@@ -30,34 +29,13 @@ Modules:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Final
 
+NETWORK: Final = frozenset({"rfc2217", "socket"})
+"""Schemes of servers: the URL names a host and a TCP port, and a lost one is connected again."""
 
-@dataclass(frozen=True, slots=True)
-class UrlScheme:
-    """What differs between URL schemes; the defaults are those of every scheme without an entry."""
-
-    names_address: bool = False
-    """Whether the URL must name a host and a TCP port."""
-    has_server: bool = False
-    """Whether a server has to listen there, which an error asks."""
-    comes_back: bool = False
-    """Whether a lost port is opened again by its URL."""
-    latency_ns: int = 0
-    """How much later bytes arrive than at a port of this machine, at most, nanoseconds."""
-    sets_lines: bool = False
-    """Whether opening always sets DTR and RTS, so that they cannot be left as they are."""
-
-
-_LOCAL_NETWORK: Final = UrlScheme(
-    names_address=True, has_server=True, comes_back=True, latency_ns=20_000_000
-)
-URL_SCHEMES: Final[Mapping[str, UrlScheme]] = {
-    "rfc2217": replace(_LOCAL_NETWORK, sets_lines=True),
-    "socket": _LOCAL_NETWORK,
-}
+NETWORK_LATENCY_NS: Final = 20_000_000
+"""How much later than at a port of this machine bytes arrive, at most, in a local network."""
 
 
 def scheme_of(name: str) -> str:
@@ -66,6 +44,6 @@ def scheme_of(name: str) -> str:
     return scheme.lower() if mark else ""
 
 
-def url_scheme(name: str) -> UrlScheme:
-    """What differs for the port of this name, a URL or a device."""
-    return URL_SCHEMES.get(scheme_of(name), UrlScheme())
+def is_network(name: str) -> bool:
+    """Whether the port of this name, a URL or a device, is at a server."""
+    return scheme_of(name) in NETWORK
