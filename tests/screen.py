@@ -14,7 +14,7 @@
 their number; `size 120x40` sets another size than 80x24. `>`
 presses keys at once, as typed ahead: their names in Textual, `3*down`, and 'text' that is typed.
 `see` waits until texts are on the screen, `not` until they are not; `send` writes hex bytes to the
-socket that the command opens as PORT.
+socket that the command opens as PORT, and `hang up` closes it.
 """
 
 from __future__ import annotations
@@ -158,6 +158,8 @@ async def _step(pilot: Pilot[Any], peer: _Peer, word: str, words: str) -> None:
             await _until(
                 pilot, words, lambda page: not any(one in page for one in words.split(" | "))
             )
+        case "hang":
+            await asyncio.to_thread(peer.hang_up)
         case "send":
             await asyncio.to_thread(peer.send, bytes.fromhex(words))
         case _:
@@ -200,6 +202,12 @@ class _Peer:
         if self._peer is None:
             self._peer, _ = self._server.accept()
         self._peer.sendall(data)
+
+    def hang_up(self) -> None:
+        """Close the connection; the next bytes go to the next one."""
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
 
 
 @dataclass

@@ -578,13 +578,6 @@ def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     assert f"{len(rows):,} rows" in done.stderr
 
 
-def test_too_little_room_is_reported_before_the_first_row(run, tmp_path: Path) -> None:
-    done = run("live", FEWER, "--count", "1", "--min-free", "100000TB")
-    assert done.returncode == 4
-    assert "--min-free" in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_path: Path) -> None:
     options = ("--max-size", "200kB")
     with started(environment, tmp_path, "live", *FAST, *options, "-o", "x.mcap") as process:

@@ -79,12 +79,6 @@ def test_a_file_cut_anywhere_is_decoded_to_its_end(run, tmp_path: Path, samples:
     assert "cut.mcap: " in cut.stderr
 
 
-def test_standard_output_has_two_names(run, samples: Path) -> None:
-    plain = run("decode", samples / "idle.raw").stdout
-    assert run("decode", samples / "idle.raw", "-o", "-").stdout == plain
-    assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
-
-
 def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
     (tmp_path / "long.hex").write_text("AA 00 00 00 00 00 00 00 00 EE " * 50_000)
     done = run("decode", "long.hex", "--format", "jsonl", "--filter", "NOT reset")
@@ -118,13 +112,6 @@ def test_a_pipe_that_is_closed_ends_it_quietly(
         os.close(writing)
         code, _, errors = ended(process)
     assert (code, errors) == (0, "")
-
-
-def test_a_recording_from_a_pipe_is_not_called_by_the_name_of_its_copy(run) -> None:
-    done = run("decode", "-", "--input", "mcap", stdin="no recording at all")
-    assert done.returncode == 4
-    assert "stdin is not an MCAP recording" in done.stderr
-    assert "/tmp" not in done.stderr
 
 
 def test_a_parquet_file_holds_what_is_asked_for(run, samples: Path, tmp_path: Path) -> None:
@@ -405,16 +392,3 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
     words = "left out   an unknown number of rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None
-
-
-def test_raw_bytes_are_appended_to_redirected_output(tmp_path, environment):
-    with (tmp_path / "out").open("wb") as out:
-        out.write(b"before")
-    words = ("decode", str(SAMPLES / "clean.mcap"), "--format", "raw", "-o", "-")
-    with (
-        (tmp_path / "out").open("ab") as out,
-        started(environment, tmp_path, *words, stdout=out.fileno()) as process,
-    ):
-        assert ended(process)[0] == 0
-    expected = b"before" + (SAMPLES / "clean.raw").read_bytes()
-    assert (tmp_path / "out").read_bytes() == expected

@@ -277,32 +277,6 @@ def test_a_file_that_is_no_longer_the_same_is_reported(
     assert "1 row, nothing malformed" in errors
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        ([SAMPLES / "clean.hex"], 4, "is not a recording; --follow reads only recordings"),
-        ([SAMPLES / "clean.raw"], 4, "is not a recording; --follow reads only recordings"),
-        (["/dev/null"], 4, "is not a recording; --follow reads only recordings"),
-        (["pipe"], 4, "is not a recording; --follow reads only recordings"),
-        (["."], 4, "is a directory without a recording"),
-        (["missing.mcap"], 4, "no such file"),
-        ([SAMPLES / "clean.mcap", SAMPLES / "damaged.mcap"], 2, "--follow needs one recording"),
-        (["-"], 2, "--follow needs one recording"),
-        ([SAMPLES / "clean.hex", "--input", "hex"], 2, "--follow reads recordings only"),
-        ([SAMPLES / "clean.mcap", "-o", "x.parquet"], 2, "parquet is written as a whole"),
-    ],
-)
-def test_what_cannot_be_followed_is_one_line(
-    run, tmp_path: Path, arguments, code: int, words: str
-) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    done = run("decode", "--follow", *arguments)
-    assert done.returncode == code
-    assert done.stdout == ""
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
 def test_a_limit_and_the_end_of_a_range_end_it(run) -> None:
     file = SAMPLES / "clean.mcap"
     for option in (["--limit", "3"], ["--to", "+1s"]):
@@ -326,17 +300,6 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 screen.until("ENDED")
                 screen.type("Q")
                 assert screen.ended() == 0
-
-
-def test_the_screen_shows_that_the_file_was_replaced(environment, tmp_path: Path) -> None:
-    with writing(environment, tmp_path, "x.mcap") as writer:
-        flush(writer)
-        with terminal(environment, tmp_path, "view", "--follow", "x.mcap") as screen:
-            screen.until("FOLLOWING")
-            _replace(tmp_path / "x.mcap")
-            screen.until("ended: x.mcap was replaced by another file")
-            screen.type("Q")
-            assert screen.ended() == 4
 
 
 def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:

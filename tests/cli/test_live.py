@@ -25,7 +25,6 @@ from tests.cli.conftest import decoded
 from tests.cli.processes import (
     BOUND_S,
     FRAME,
-    PROGRAM,
     Process,
     ended,
     first_output,
@@ -52,36 +51,11 @@ KEPT = ("--keep-recording", "--duration", "15 min")
 """Its end is for a test that is killed: nothing else would end the capture."""
 
 
-def test_lines_are_in_the_zone_and_the_recording_in_utc(run, tmp_path: Path) -> None:
-    wanted = ("--zone", "Asia/Tokyo")
-    done = run(
-        "live", "sim://?seed=1&rate=1000", *wanted, "--plain", "--count", "9", "-o", "x.mcap"
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("+09:00") == 9
-    assert run("decode", "x.mcap", *wanted).stdout == done.stdout
-    assert run("decode", "x.mcap").stdout.count("Z  ") == 9
-    refused = run("live", "sim://", "--no-record", "--plain", "--zone", "Asia/Tokio")
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr.endswith("is not a time zone; did you mean Asia/Tokyo?\n")
-
-
-def test_duration_ends_it(run) -> None:
-    done = run("live", "sim://?rate=500", "--duration", "0.005 min", "--no-record")
-    assert done.returncode == 0
-    # A busy machine ends it late, but not after 0.4 min.
-    assert 20 <= done.stdout.count("\n") <= 5000
-
-
 @pytest.mark.parametrize("command", ["live", "bridge"])
 def test_duration_ends_a_line_where_nobody_is_ever_heard(run, command: str) -> None:
     done = run(command, SILENT, "--plain", "--duration", "0.4", "--no-record")
     assert done.returncode == 0
     assert "nothing came" in done.stderr
-
-
-def test_doctor_finds_a_line_silent_where_nobody_is_ever_heard(run) -> None:
-    assert "nothing came" in run("doctor", SILENT, "--duration", "0.4").stdout
 
 
 @pytest.mark.smoke
@@ -154,19 +128,6 @@ def test_rows_that_nobody_reads_any_more_end_a_recording_with_the_reason(
     assert run("decode", "x.mcap").returncode == 0
 
 
-def test_rows_that_nobody_reads_end_a_capture_without_a_recording_quietly(
-    environment, tmp_path: Path
-) -> None:
-    with started(environment, tmp_path, "live", "sim://?rate=1000", "--no-record") as process:
-        until(process, b"speed_feedback")
-        process.stdout.close()
-        process.stdout = None
-        code, _, errors = ended(process)
-    assert code == 0
-    assert "no reader" not in errors
-    assert "Traceback" not in errors
-
-
 def test_recording_that_is_kept_goes_on_without_a_reader(environment, tmp_path: Path) -> None:
     file = tmp_path / "x.mcap"
     words = ("live", "sim://?rate=1000", "-o", str(file), *KEPT, "--format", "jsonl")
@@ -204,22 +165,6 @@ def test_a_killed_capture_is_reported_and_its_file_opens(run, environment, tmp_p
     assert code == 3
     assert "ended unexpectedly" in errors
     assert run("decode", "x.mcap").returncode == 0
-
-
-def test_a_working_folder_that_is_gone_is_one_line(environment, tmp_path: Path) -> None:
-    (tmp_path / "gone").mkdir()
-    done = subprocess.run(
-        ["sh", "-c", 'rmdir "$PWD" && exec "$@"', "sh", *PROGRAM, "live", "sim://", "--count", "3"],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        cwd=tmp_path / "gone",
-        env=environment,
-        timeout=BOUND_S,
-        check=False,
-    )
-    assert done.returncode == 4
-    assert done.stderr.count(b"\n") == 1
-    assert b"the working folder is gone" in done.stderr
 
 
 FEEDBACK = bytes.fromhex("550101000000000000EE")
@@ -304,16 +249,6 @@ def test_the_end_while_it_waits_comes_at_once(
     assert code == 0
     assert "recorded to x.mcap" in errors
     assert decoded(run, "x.mcap")
-
-
-def test_a_duration_ends_it_while_it_waits(environment, tmp_path: Path, adapter: Adapter) -> None:
-    adapter.plug()
-    with started(
-        environment, tmp_path, "live", adapter.name, "--no-record", "--duration", "3"
-    ) as process:
-        first_output(process, adapter.far)
-        adapter.pull()
-        assert ended(process)[0] == 0
 
 
 def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Adapter) -> None:
@@ -716,20 +651,3 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
     rows = decoded(run, "x.mcap")
     assert {row["raw"] for row in rows} == {FRAME.hex().upper()}
     assert len(rows) == (4 if killed == "strace" else 2)
-
-
-@pytest.mark.parametrize(
-    ("words", "reported"),
-    [
-        (("--attach", "/dev/ttyUSB0", "/dev/ttyUSB1"), "--attach takes one PORT"),
-        (("--attach", "sim://"), "only a device can be attached to"),
-        (("--pid", "7", "/dev/ttyUSB0"), "--pid works with --attach"),
-    ],
-)
-def test_attach_that_cannot_work_is_a_usage_error(
-    run, words: tuple[str, ...], reported: str
-) -> None:
-    done = run("live", *words)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert reported in done.stderr
-    assert done.stderr.count("\n") == 1

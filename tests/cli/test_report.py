@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -24,30 +23,20 @@ import fte_sniff
 from fte_sniff.analysis.plots import Timeline
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.cli.options import install_command
-from fte_sniff.protocol import KIND_BY_NAME, Gap, GapKind, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Row, encode
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.protocol.spec import online_bit_text
-from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
-from fte_sniff.recording.writer import BulkWriter
-from tests.beside import running
+from fte_sniff.recording.metadata import PortFacts
 from tests.browser import CHROMIUM, DRIVER, WAIT_S, drawn, open_browser
 from tests.cli.conftest import plain_environment
 from tests.cli.program import Program
 from tests.slow import first
 from tests.support.recorded_rows import START_NS, write_recording
-from tests.waiting import BOUND_S
 
 pytestmark = pytest.mark.browser
 
 MS = 1_000_000
-NOON_MS = 1_769_860_800_000
-"""12:00 on 2026-01-31, UTC."""
 HOSTILE = "<script>window.hit=1</script>\"'><img src=x onerror=window.hit=1>"
 
-HIDDEN = """
-    return Bokeh.documents[0].roots().flatMap((one) => one.renderers)
-        .filter((one) => !one.visible).map((one) => one.data_source.name);
-"""
 
 needs_browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="Chromium and ChromeDriver are not installed"
@@ -268,130 +257,9 @@ def test_tables_and_plots_are_in_the_zone(run, made, browser, samples) -> None:
         assert f"<td>2026-01-31 {hour}:00:00.029</td>" in text
 
 
-SHORT_LOG = """
-[12:00:00.000] TX: AA 01 01 03 E8 00 00 00 00 EE
-[12:00:00.050] TX: AA 01 01 01 F4 00 00 00 00 EE
-[12:00:00.060] RX: 55 01 01 03 E8 00 00 00 0F EE
-[12:00:00.070] TX: AA 02 02 03 E8 00 00 27 10 EE
-[12:00:00.080] RX: 55 02 02 00 00 27 10 00 0F EE
-[12:00:00.150] TX: AA 03 00 00 0A 00 00 00 00 EE
-[12:00:00.200] TX: AA 01 04 03 E8 00 00 00 00 EE
-[12:00:00.210] TX: AA 02 04 03 E8 00 00 27 10 EE
-"""
-
-
-@needs_browser
-def test_a_value_is_drawn_for_as_long_as_it_is_known(tmp_path, made, browser) -> None:
-    """A target holds until the next command; what is known at one moment is a dot.
-
-    Equal delays of two motors are bars upon each other.
-    """
-    (tmp_path / "short.log").write_text(SHORT_LOG)
-    shown(browser, made(tmp_path / "short.log", "--date", "2026-01-31"))
-
-    def lines(name: str) -> list[tuple[int, float | None]]:
-        found = source(browser, name)
-        return [
-            (round(x - NOON_MS), y) for x, y in zip(found["x"], found["y"], strict=True)
-        ]  # the browser's NaN is None here
-
-    target = [(0, 1000), (50, 500), (150, 500), (150, None)]
-    assert lines("rpm-1-target") == target
-    assert lines("pulses-2-target") == [(70, 10_000), (150, 10_000), (150, None)]
-    assert lines("rpm-4-target") == [(200, 1000), (210, 1000), (210, None)]
-    assert lines("chassis-vx_cm_s") == [(150, 10), (200, 10), (200, None)]
-    assert lines("rpm-1-target-dots") == lines("chassis-vx_cm_s-dots") == []
-    assert lines("rpm-1-actual-dots") == lines("rpm-1-actual") == [(60, 1000)]
-    assert lines("pulses-2-actual-dots") == [(80, 10_000)]
-    assert set(lines("pulses-4-target-dots")) == {(210, 10_000)}
-    script = """
-        const glyphs = Bokeh.documents[0].roots().flatMap((one) => one.renderers);
-        return glyphs.filter((one) => one.glyph.type === "Step").map((one) => one.data_source.name);
-    """
-    steps = set(browser.execute_script(script))
-    assert {"rpm-1-target", "pulses-4-target", "chassis-vx_cm_s"} <= steps
-    assert not any(name.endswith("-actual") for name in steps)
-    scrolled_to(browser, "rpm-1-actual")
-    browser.find_element(By.XPATH, "//label[. = 'actual']").click()
-    hidden = ["rpm-1-actual", "rpm-1-actual-dots"]
-    WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(HIDDEN) == hidden)
-
-    script = """
-        const {renderers} = Bokeh.documents[0].get_model_by_name("delays");
-        return renderers.map(({name, glyph, data_source: {data}}) => [
-            name, Array.from(data.bottom ?? [glyph.bottom.value]), Array.from(data.top)]);
-    """
-    assert browser.execute_script(script) == [["motor 1", [0], [1]], ["motor 2", [1], [2]]]
-    legends = browser.find_elements(By.CSS_SELECTOR, ".legend label")
-    names = [one.text for one in legends]
-    assert names[-2:] == ["motor 1", "motor 2"]
-    assert names[-5:-2] == ["vx [cm/s]", "vy [cm/s]", "wz [mrad/s]"]
-
-
 def command(number: int, rpm: int, motor: int = 1, *, t_ms: int) -> Row:
     raw = encode(KIND_BY_NAME["speed"], {"motor": motor, "rpm": rpm})
     return Row("a", 10 * number, raw, START_NS + t_ms * MS, (), delay_ns=0)
-
-
-BREAKS = {500: None, 3000: PortEventKind.LOST, 4000: PortEventKind.OVERRUN}
-"""When a silence begins, in ms, and its event; without one it is longer than a second."""
-
-
-@needs_browser
-def test_lines_end_at_silences_lost_ports_gaps_and_flipped_bits(tmp_path, made, browser) -> None:
-    """The target holds on in a silence. A gap and flags are bands that differ."""
-    spans = [range(0, 500, 10), range(1990, 3000, 10), range(3300, 4000, 10), range(4300, 5000, 10)]
-    flipped_ms, gap_ms, error_ms, offline_ms = 4500, (4700, 4750), 4800, 4900
-    frames = []
-    for t_ms in [t_ms for span in spans for t_ms in span]:
-        if t_ms not in range(*gap_ms):
-            number = len(frames)
-            flags = {"error": int(t_ms == error_ms), "online": 15 * (t_ms != offline_ms)}
-            target = 29_000 if t_ms == flipped_ms else 500
-            frames += [
-                command(number, t_ms, t_ms=t_ms),
-                command(number + 1, target, 2, t_ms=t_ms + 2),
-                feedback(number + 2, t_ms, t_ms=t_ms + 5, **flags),
-            ]
-    path = tmp_path / "x.mcap"
-    writer = BulkWriter(path, [PortFacts("a")])
-    events = [
-        PortEvent(START_NS + (t_ms + 10) * MS, "a", kind, "gone")
-        for t_ms, kind in BREAKS.items()
-        if kind is not None
-    ]
-    writer.write(Rows.of(frames), *events)
-    start_ns, end_ns = (START_NS + t_ms * MS for t_ms in gap_ms)
-    gap = Gap(GapKind.WRITE_ERROR, 30, start_ns, end_ns, "no space is left")
-    writer.close([(GAP_NAME, gap_to_metadata(gap))])
-    shown(browser, made(path))
-    first_ms = START_NS / MS
-
-    line, target = source(browser, "rpm-1-actual"), source(browser, "rpm-1-target")
-    before = [line["y"][at - 1] for at, y in enumerate(line["y"]) if y is None]
-    assert before[:3] == [490, 2990, 3990]
-    held = [target["y"][at - 1] for at, y in enumerate(target["y"]) if y is None]
-    assert held[:2] == [2990, 3990]
-
-    assert source(browser, "rpm-2-outliers")["value"] == [29_000]
-    line = source(browser, "rpm-2-target")
-    assert set(known(line["y"])) == {500}
-    ends = [round(line["x"][at - 1] - first_ms) for at, y in enumerate(line["y"]) if y is None]
-    assert flipped_ms + 2 in ends
-
-    bands = {"gap": gap_ms, "error": (4805, 4815), "offline": (4905, 4915)}
-    for band, ends_ms in bands.items():
-        found = source(browser, f"rpm-1-{band}")
-        assert found["left"] == pytest.approx([first_ms + ends_ms[0]], rel=0, abs=0.01)
-        assert found["right"] == pytest.approx([first_ms + ends_ms[1]], rel=0, abs=0.01)
-    assert "no space is left" in browser.find_element(By.TAG_NAME, "body").text
-    script = """
-        return [...document.querySelectorAll(".legend label")]
-            .filter((one) => one.textContent.trim() === arguments[0])
-            .map((one) => one.querySelector("i").classList.contains("hatched"));
-    """
-    assert set(browser.execute_script(script, "rows are missing")) == {False}
-    assert set(browser.execute_script(script, f"{online_bit_text(1)} is 0")) == {True}
 
 
 def at(browser: webdriver.Chrome, place: str) -> tuple[int, int]:
@@ -418,62 +286,6 @@ def pointer(browser: webdriver.Chrome, *steps: str | tuple[int, int]) -> None:
         else:
             actions.pointer_action.move_to_location(*step)
     actions.perform()
-
-
-@needs_browser
-def test_dragging_zooms_all_plots_and_a_double_click_shows_everything(
-    made, browser, samples
-) -> None:
-    """The legend toggles a series, and a printed plot has the width of the paper."""
-    shown(browser, made(samples / "clean.mcap"))
-    ends = 'const r = Bokeh.documents[0].get_model_by_name("time"); return [r.start, r.end]'
-    whole = browser.execute_script(ends)
-    x, y = at(browser, 'return ["rpm-1", 500, 120]')
-    pointer(browser, (x, y), "pointer_down", (x + 100, y), (x + 200, y), "pointer_up")
-    drawn(browser, 2)
-    start, end = browser.execute_script(ends)
-    assert whole[0] < start < end < whole[1]
-    actual = source(browser, "rpm-3-actual")["x"]
-    assert actual[1] >= start
-    assert actual[-2] <= end
-    pointer(browser, (x, y), "double_click")
-    drawn(browser, 3)
-    assert browser.execute_script(ends) == whole
-    entry = browser.find_element(By.XPATH, "//label[. = 'commands']")
-    entry.click()
-    assert browser.execute_script(HIDDEN) == ["rpm-1-commands"]
-    entry.click()
-    assert browser.execute_script(HIDDEN) == []
-    script = """
-        dispatchEvent(new Event("beforeprint"));
-        const zoom = getComputedStyle(document.documentElement).getPropertyValue("--print");
-        return Number(zoom) * document.getElementById("plots").clientWidth;
-    """
-    assert browser.execute_script(script) == pytest.approx(1040)
-
-
-@needs_browser
-def test_plots_out_of_sight_are_hidden_until_they_are_drawn(made, browser, samples) -> None:
-    page = made(samples / "damaged.mcap")
-    with emulated(browser, 1200, 700):
-        shown(browser, page)
-        whole = source(browser, "rpm-4-actual")["x"]
-        scrolled_to(browser, "faults-rows")
-        held = 'return Bokeh.documents[0].get_model_by_name("rpm-4").hold_render'
-        WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(held))
-        middle = whole[len(whole) // 2]
-        zoomed(browser, middle, middle + 1000)
-        visible = """
-            return Bokeh.documents[0].roots()
-                .filter((one) => Bokeh.index.find_one(one).el.style.visibility !== "hidden")
-                .map((one) => one.name);
-        """
-        shown_now = browser.execute_script(visible)
-        assert "faults" in shown_now
-        assert "rpm-4" not in shown_now
-        browser.execute_script('dispatchEvent(new Event("beforeprint"))')
-        assert "rpm-4" in browser.execute_script(visible)
-        assert 2 < len(source(browser, "rpm-4-actual")["x"]) < len(whole)
 
 
 @needs_browser
@@ -565,44 +377,6 @@ def test_rows_without_times_have_no_plots(made, samples) -> None:
     assert "truncated" in text
 
 
-def test_a_report_without_rows_is_marked(run, tmp_path, samples) -> None:
-    done = run("report", samples / "clean.mcap", "--filter", "motor = 9", "-o", "r.html")
-    assert done.returncode == 0
-    assert "none of them matches the filter: motor = 9" in done.stderr
-    assert "There are no rows" in (tmp_path / "r.html").read_text("utf-8")
-
-
-def test_a_copy_without_rows_names_its_filter(run, tmp_path, samples) -> None:
-    run("decode", samples / "clean.mcap", "--filter", "offset < 0", "-o", "none.mcap")
-    for command in (["report", "none.mcap", "-o", "x.html"], ["stats", "none.mcap"]):
-        done = run(*command)
-        line = "fte-sniff: nothing was selected when the recording was written: offset < 0\n"
-        assert (done.returncode, line in done.stderr) == (0, True)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["a.raw", "-o", "old.html"], 4, "old.html exists already"),
-        (["a.raw", "-o", "none/r.html"], 4, "its folder does not exist"),
-        (["a.raw", "-o", "a.raw", "--force"], 2, "is an input, and would be lost"),
-        (["none.mcap", "-o", "r.html"], 4, "no such file"),
-        (["a.raw"], 2, "Missing option '-o'"),
-        (["a.raw", "-o", "r.pdf"], 2, "is not one of .html .htm; name it r.html"),
-        (["a.raw", "-o", "r-1.5"], 2, "is not one of .html .htm; name it r-1.5.html"),
-    ],
-)
-def test_one_line_names_the_mistake(run, tmp_path, samples, arguments, code, message) -> None:
-    (tmp_path / "a.raw").write_bytes((samples / "damaged.raw").read_bytes())
-    (tmp_path / "old.html").write_text("old")
-    done = run("report", *arguments)
-    assert (done.returncode, done.stdout) == (code, "")
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
-    assert (tmp_path / "old.html").read_text() == "old"
-    assert not [*tmp_path.glob("*.part"), *tmp_path.glob("r.*")]
-
-
 def test_a_file_that_cannot_be_read_is_reported_and_the_others_are_in_the_page(
     run, tmp_path, samples
 ) -> None:
@@ -625,16 +399,3 @@ def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, sampl
     assert (done.returncode, done.stdout) == (2, "")
     assert f"`{install_command('report')}`" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def test_the_page_goes_through_a_pipe_and_replaces_none(run, tmp_path: Path, samples: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.pdf")
-    with (
-        (tmp_path / "copy").open("wb") as copy,
-        running(["cat", tmp_path / "pipe.pdf"], stdout=copy) as reader,
-    ):
-        done = run("report", samples / "damaged.raw", "-o", "pipe.pdf", "--force")
-        assert reader.wait(BOUND_S) == 0
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "pipe.pdf").is_fifo()
-    assert (tmp_path / "copy").read_bytes().rstrip().endswith(b"</html>")

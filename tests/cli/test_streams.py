@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.streams import NOT_BEGUN, PATIENCE_S
+from fte_sniff.cli.streams import NOT_BEGUN
 from tests.cli.conftest import ROOT, SAMPLES, Run
 from tests.cli.processes import BOUND_S, PROGRAM, started
 from tests.cli.processes import FRAME as RESET
@@ -141,12 +141,6 @@ def test_rows_come_while_the_input_goes_on(
                 assert process.stdout.readline()
         process.stdin.close()
         assert process.wait(BOUND_S) == 0
-
-
-def test_output_to_a_file_needs_no_standard_output(bash, tmp_path: Path) -> None:
-    codes, _, errors = bash("F decode clean.mcap --format csv -o rows.csv >&-")
-    assert codes == "0", errors
-    assert (tmp_path / "rows.csv").read_text().count("\n") == 1201
 
 
 @pytest.mark.parametrize("command", ["F hex -", "F decode -", "F decode - --input raw"])
@@ -371,10 +365,6 @@ def large(tmp_path: Path) -> Path:
     path = tmp_path / "large.raw"
     path.write_bytes(RESET * 1_000_000)
     return path
-
-
-def test_patience() -> None:
-    assert PATIENCE_S == 2
 
 
 def test_a_pipe_shows_rows_after_two_seconds(

@@ -69,16 +69,6 @@ def test_standard_error_in_a_file_is_not_part_of_the_screen(environment, tmp_pat
     assert b"recorded to" not in screen.drawn
 
 
-def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
-    environment, tmp_path: Path
-) -> None:
-    port = "sim://?rate=500&frames=40"
-    with terminal(environment, tmp_path, "live", port, "--no-record", size=(200, 60)) as screen:
-        screen.until("was lost")
-        screen.type("Q")
-        assert screen.ended() == 3
-
-
 @pytest.mark.smoke
 @pytest.mark.parametrize("name", ["damaged.raw", "clean.mcap"])
 def test_view_shows_files_and_writes_nothing(
@@ -134,18 +124,6 @@ def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
     assert b"Traceback" not in screen.drawn
 
 
-@pytest.mark.parametrize("key", first(1, ["\x03", "Q"]))
-def test_it_can_be_left_while_it_loads(
-    environment, tmp_path: Path, recording: Path, key: str
-) -> None:
-    several = [str(recording)] * 20
-    with terminal(environment, tmp_path, "view", *several) as screen:
-        screen.until("LOADING")
-        screen.type(key)
-        assert screen.ended() == 0
-    assert b" FILE " not in screen.drawn
-
-
 LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800")
 ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
@@ -190,20 +168,6 @@ def test_a_terminal_that_is_closed_ends_it(
     with terminal(environment, tmp_path, *LIVE, size=(200, 60), session=session) as screen:
         draws_much(screen)
         screen.close()
-        assert_all_is_well(run, screen, tmp_path / "x.mcap")
-
-
-@TIMES
-def test_signals_that_come_with_the_end_of_a_terminal_change_nothing(
-    run, environment, tmp_path: Path, time: int
-) -> None:
-    with terminal(
-        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
-    ) as screen:
-        draws_much(screen)
-        screen.close()
-        for number in (signal.SIGCONT, signal.SIGWINCH, signal.SIGHUP, signal.SIGCONT) * 5:
-            screen.process.send_signal(number)
         assert_all_is_well(run, screen, tmp_path / "x.mcap")
 
 
