@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import prod
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from fte_sniff.protocol.spec import (
     FrameKind,
 )
 from tests.examples import examples
-from tests.protocol.streams import raw_bytes
+from tests.protocol.streams import raw_bytes, rows_of
 from tests.support.faults import damaged_stream
 
 EACH = (1 - INTACT) / 5
@@ -156,3 +157,44 @@ def test_strict_frames_are_legal_at_every_byte(data: bytes) -> None:
 @pytest.mark.parametrize("raw", ["EE", "AA 04", "AA 01 05", "55 00", "55 01 01 00 00 01"])
 def test_these_bytes_start_no_strict_frame(raw: str) -> None:
     assert not is_start(bytes.fromhex(raw))
+
+
+# The worked example of docs/framer.md
+
+FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+EXAMPLE = bytes.fromhex(
+    "AA 01 01 03 E8 AA 02 01 03 E8 00 00 00 0F EE 55 01 01 03 E8 00 00 00 0F EE"
+)
+"""A frame that lost its last five bytes, and two whole frames."""
+
+PAGE = Path(__file__).parents[2] / "docs" / "framer.md"
+
+
+def example_blocks() -> Iterator[str]:
+    """The blocks of numbers that the page shows, in its order."""
+    code = [kind.name for kind in KINDS].index("position")
+    score, lines = INTACT * share(KINDS[code]), []
+    for offset, byte in enumerate(EXAMPLE[5:15]):
+        factor = float(module._SCORES[code][offset][byte])
+        score *= factor
+        lines.append(f"{byte:02X}  {factor:8.4f}   {score:.3g}")
+    yield "\n".join(lines)
+    data = FRAME + EXAMPLE
+    yield "\n".join(
+        f"{start:2}-{stop:2}  {data[start:stop].hex(' ').upper():29}"
+        f"  {score_of(data[start:stop], contains_frame=False):7.1e}  {probability:.4f}"
+        for (start, stop), probability in posteriors(data, False, False).items()
+        if probability > 0.005
+    )
+    rows = rows_of(FRAME * 8 + EXAMPLE + FRAME * 3)
+    yield "\n".join(
+        f"{row.offset - 70:2}-{row.offset - 70 + len(row.raw)}  {','.join(row.faults) or 'ok'}"
+        for row in rows[7:10]
+    )
+
+
+def test_the_page_about_the_framer_shows_the_numbers_of_the_code() -> None:
+    page = PAGE.read_text("utf-8")
+    assert (FRAME + EXAMPLE).hex(" ").upper() in page
+    for block in example_blocks():
+        assert f"\n{block}\n" in page
