@@ -436,7 +436,12 @@ class RecordingWriter(_Writer):
         self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
 
     def close(self) -> None:
-        """Flush, write the summary, and close; raises FileError, and the file is closed then."""
+        """Flush, write the summary, and close; raises FileError, and the file is closed then.
+
+        Closing again does nothing.
+        """
+        if self._is_closed:
+            return
         try:
             self._end()
         finally:

@@ -171,7 +171,8 @@ class _ScannedFile:
         if reader.times is None or not reader.has_summary:
             return cls(reader.path, start, _EVER, (), version)
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
-        return cls(reader.path, start, reader.times, tuple(ports), version)
+        # A row that came late has an earlier time than its message.
+        return cls(reader.path, start, (_EVER[0], reader.times[1]), tuple(ports), version)
 
     def current(self) -> _ScannedFile:
         """This file with the summary that it has now; raises FileError if it is not there."""

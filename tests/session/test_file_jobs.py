@@ -197,7 +197,9 @@ def test_a_killed_worker_costs_its_own_file_alone(tmp_path: Path) -> None:
 def test_what_is_wrong_with_a_recording_is_a_warning(tmp_path: Path) -> None:
     (good,) = write_parts(tmp_path / "good", [[reset_at(number) for number in range(9)]])
     good.write_bytes(good.read_bytes()[:-20])
-    with pytest.warns(fte_sniff.RecordingWarning, match="mcap: it is cut off in") as caught:
+    with pytest.warns(
+        fte_sniff.RecordingWarning, match="could not be read: the file is damaged or cut off"
+    ) as caught:
         assert fte_sniff.stats(good)["rows"] == 9
     assert [one.filename for one in caught] == [__file__]
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.capture.silence import SilenceWatch
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
 from fte_sniff.protocol.rows import Rows
@@ -200,7 +201,7 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
     merge = Merge(marks=True)
     merge.lanes += [MergeLane(MS) for _ in read]
     lanes = zip(read, merge.lanes, strict=True)
-    ports = {port: Wire(Framer(port), lane) for port, lane in lanes}
+    ports = {port: Wire(Framer(port), lane, SilenceWatch(port)) for port, lane in lanes}
     made: dict[str, list[Row]] = {port: [] for port in read}
     found: list[Row] = []
     drain_ns = 0

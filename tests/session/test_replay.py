@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import pytest
@@ -91,33 +88,6 @@ def test_what_cannot_be_read_ends_it_after_what_could() -> None:
     assert session.poll().state.ended == "file: broken here"
 
 
-def test_reading_rests_until_the_next_poll() -> None:
-    read: queue.Queue[int] = queue.Queue()
-    gate = threading.Semaphore(1)
-
-    def reading() -> Iterator[InputBatch]:
-        for number, batch in enumerate(batches(5)):
-            assert gate.acquire(timeout=BOUND_S)
-            read.put(number)
-            yield batch
-
-    session = ReplaySession(reading(), "file")
-    first_of(session)
-    session.poll()
-    gate.release()
-    assert [read.get(timeout=BOUND_S), read.get(timeout=BOUND_S)] == [0, 1]
-    session.rest()
-    gate.release(3)
-    came = []
-    with suppress(queue.Empty):
-        while True:
-            came.append(read.get(timeout=0.1))
-    # A read that is under way when it is paused may still arrive.
-    assert came in ([], [2])
-    all_of(session)
-    assert [read.get(timeout=BOUND_S) for _ in range(3 - len(came))][-1] == 4
-
-
 def test_stop_ends_the_reading() -> None:
     def endless() -> Iterator[InputBatch]:
         while True:
@@ -151,8 +121,7 @@ def made(port: str, count: int) -> list[Row]:
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reading makes several batches of a file."""
-    monkeypatch.setattr(recording_reader, "JOB", 200_000)
-    monkeypatch.setattr(recording_reader, "_FIRST_JOB", 100_000)
+    monkeypatch.setattr(recording_reader, "BATCH", 200_000)
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +163,7 @@ def timed(times: Sequence[int | None]) -> Rows:
 def test_rows_are_played_at_their_pace() -> None:
     clock = Clock()
     gap = StreamChange(4, Gap(GapKind.LEFT_OUT))
-    event = PortEvent(1030, "f", PortEventKind.CLOCK_SET)
+    event = PortEvent(1030, "f", PortEventKind.CLOCK_SET, "")
     play = Played(Rest(timed([1000, 1010, None, 1020, 1035, 1100]), [event], [gap]), 2.0, clock)
 
     def polled(now_ns: int) -> FeedUpdate:
