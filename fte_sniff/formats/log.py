@@ -3,10 +3,10 @@ r"""A text log of another program as chunks of bytes.
     [12:00:01.345] RX: 55 01 01 03 E8 00 00 00 0F EE
      ----time----  way ------------data-------------
 
-The longest run of bytes in a line is its data, the first time in it is when they were read, and a
-word such as TX or RX names the wire. A line without data is a heading: its time and its way hold
-for the lines below. The first lines decide the form of the bytes, and the *lanes* that hold them: a
-lane is the word before the bytes, with the sign between two bytes. It has frames, or is no data:
+Runs of bytes in a line are its data, the first time in it is when they were read, and a word such
+as TX or RX names the wire. A line without data is a heading: its time and its way hold for the
+lines below. The first lines decide the form of the bytes, and the *lanes* that hold data: a lane is
+the word before the bytes, with the sign between two of them. Where no frame is, there are no data:
 
     RX: 55 01 01 03 E8 00 00 00 0F EE   address: 3f fb 42 80
     --- lane, with frames                        lane without
@@ -105,6 +105,8 @@ _SHORT: Final = rf"(?:0[xX])?[0-9A-Fa-f]{{1,2}}{_END}"
 _SIX: Final = "[A-Za-z0-9+/]"
 _PADDED: Final = rf"{_SIX}{{2}}==|{_SIX}{{3}}="
 _GROUP: Final = rf"(?:[0-9A-Fa-f]{{2}}){{1,4}}{_END}"
+_OCTAL: Final = rf"[0-3][0-7]{{2}}{_END}"
+_OCTAL_WORD: Final = rf"[01][0-7]{{5}}{_END}"
 _DECIMAL: Final = rf"-?\d{{1,3}}{_END}"
 _PAIRS: Final = (
     rf"{_BYTE}(?:({_SIGN}){_BYTE}(?!(?!\1){_SIGN}{_BYTE})"
@@ -114,15 +116,15 @@ _PAIRS: Final = (
 _DECIMALS: Final = rf"{_DECIMAL}(?:(?: +{_DECIMAL})++|(?:, *{_DECIMAL})++|(?:[;\t] ?{_DECIMAL})++)?"
 _STRINGS: Final = r"b?(?:(?:\"(?:[^\"\\\n]|\\.)*\")++|(?:'(?:[^'\\\n]|\\.)*')++)"
 FORMS: Final = tuple(
-    Form(name, re.compile(rf"(?<![0-9A-Za-z]){run}{_END}"), bytes_of)
+    Form(name, re.compile(rf"(?<![0-9A-Za-z\\$%#])(?>{run}){_END}(?![\\$%#]\w)"), bytes_of)
     for name, run, bytes_of in (
         ("hex pairs", _PAIRS, _hex),
         ("hex digits", r"(?:0[xX]|\\x)?(?:[0-9A-Fa-f]{2})++", _hex),
         ("hex groups", rf"{_GROUP}(?: {_GROUP})*+", _hex),
         ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", _unpadded),
         ("decimal", _DECIMALS, _decimal),
-        ("octal", r"(?:[0-3][0-7]{2}(?: [0-3][0-7]{2})*+|[01][0-7]{5}(?: [01][0-7]{5})*+)", _octal),
-        ("binary", r"[01]{8}(?: [01]{8})*+", _bits),
+        ("octal", rf"(?:{_OCTAL}(?: {_OCTAL})*+|{_OCTAL_WORD}(?: {_OCTAL_WORD})*+)", _octal),
+        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", _bits),
         ("quoted escapes", _STRINGS, _escaped),
         ("base64", rf"(?:(?:{_SIX}{{4}})++(?:{_PADDED})?|{_PADDED})", a2b_base64),
     )
@@ -154,7 +156,7 @@ _NUMBER: Final = re.compile(r"\b[0-9A-Fa-f]*\d[0-9A-Fa-f]*\b|\d+")
 _LETTERS: Final = re.compile(r"[^\W\d_]{2}")
 _LONGEST_BEFORE: Final = 200
 """Characters before a run that may name its way."""
-_LONGEST_WORD: Final = 16
+_LONGEST_WORD: Final = 12
 
 
 @lru_cache(1024)
@@ -166,7 +168,7 @@ def way_in(text: str) -> str:
 
 @lru_cache(4096)
 def _word(before: str) -> str:
-    """The last word before a run and the signs behind it; numbers are 0, and ways are W."""
+    """The end of the last word before a run; numbers are 0, and ways are W."""
     words = _WAY.sub("W", before).rsplit(None, 2)
     last = words[-1:] if re.search(r"\w", "".join(words[-1:])) else words[-2:]
     return _NUMBER.sub("0", " ".join(last))
@@ -226,42 +228,37 @@ class LineReader:
         """Lanes whose data are in another lane too."""
         self._ends = set[tuple[str, bool]]()
         """By word, whether something may be behind a short run."""
-        self.left_out = 0
-        """Frames beside the data of their line."""
         self.has_ways = True
         """Whether words name the ways of lines."""
         if pattern is None:
             self._learn(lines)
 
-    def read(self, line: str) -> Line:
-        """What a line holds."""
+    def read(self, text: str) -> list[Line]:
+        """What a line holds: its runs with data, or itself as a heading."""
         if self._pattern is not None:
-            return self._read_groups(line, self._pattern)
-        text, time = self._masked(line)
-        best: Run | None = None
+            return [self._read_groups(text, self._pattern)]
+        text, time = self._masked(text)
+        found, stop, way = list[Line](), 0, ""
         for run in self._runs(text):
-            if not self._is_data(run, text):
-                continue
-            shorter = run
-            if best is None or len(run.data) > len(best.data):
-                shorter, best = best or run, run
-            if shorter.data != best.data and _FRAME.search(shorter.data):
-                self.left_out += 1
-        if best is None:
-            return Line(b"", time, "", text)
-        before, way = text[max(0, best.start - _LONGEST_BEFORE) : best.start], ""
-        if self.has_ways:
-            way = way_in(before) or way_in(text[best.end : best.end + _LONGEST_BEFORE])
-        return Line(best.data[self._cuts[best.lane]], time, way, before)
+            if self._is_data(run, text):
+                before = text[max(stop, run.start - _LONGEST_BEFORE) : run.start]
+                way = way_in(before) or way if self.has_ways else ""
+                found.append(Line(run.data[self._cuts[run.lane]], time, way, before))
+                stop = run.end
+        if not found:
+            return [Line(b"", time, "", text)]
+        if self.has_ways and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
+            return [line._replace(way=way) for line in found]
+        return found
 
     def _masked(self, line: str) -> tuple[str, re.Match[str] | None]:
         """The line without its time and number."""
         text = line.rstrip()
+        if self._counter is not None:
+            text = self._counter.sub("\n", text, count=1)
         time = self._style.search(text) if self._style else None
         if time is not None:
             text = f"{text[: time.start()]}\n{text[time.end() :]}"
-        if self._counter is not None:
-            text = self._counter.sub("\n", text, count=1)
         return text, time
 
     def _runs(self, text: str) -> Iterator[Run]:
@@ -273,7 +270,7 @@ class LineReader:
             except ValueError:
                 continue
             if data:
-                word = _word(f"{text[:start].rstrip(' ')[-_LONGEST_WORD:]} ")
+                word = _word(text[max(0, start - _LONGEST_WORD) : start])
                 yield Run((word, found[1] or "" if has_sign else ""), data, start, end)
 
     def _is_data(self, run: Run, text: str) -> bool:
@@ -313,7 +310,7 @@ class LineReader:
             self._add(lane, cut)
             ends = Counter(is_last for _, is_last, run in runs if len(run.data) >= _FEW)
             ends = ends or Counter(is_last for _, is_last, _ in runs)
-            self._ends |= {(lane[0], end) for end, n in ends.items() if 10 * n >= ends.total()}
+            self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
 
     def accept_all(self) -> None:
         """Take all runs for data, of a log without frames."""
@@ -336,8 +333,6 @@ class LineReader:
                 "the same bytes before or behind the frames of each line, such as a length or a"
                 " checksum, are left out"
             )
-        if self.left_out:
-            yield f"{self.left_out:,} frames beside longer data in the same line are left out"
 
     def _read_groups(self, line: str, pattern: re.Pattern[str]) -> Line:
         found = pattern.search(line)
@@ -540,8 +535,8 @@ class Evidence(NamedTuple):
     def of(cls, form: Form, lines: Sequence[str], pattern: re.Pattern[str] | None) -> Evidence:
         """That of a form."""
         reader = LineReader(form, lines, pattern)
-        layout = Layout(map(reader.read, lines))
-        reader.left_out, reader.has_ways = 0, layout.has_words
+        layout = Layout(chain.from_iterable(map(reader.read, lines)))
+        reader.has_ways = layout.has_words
         frames = sum(len(_FRAME.findall(data)) for data in layout.wires.values())
         return cls(frames, sum(map(len, layout.wires.values())), reader, layout)
 
@@ -686,19 +681,18 @@ class Log:
     def _chunks_of(self, block: str, evidence: Evidence) -> Iterator[Chunk]:
         reader, layout, clock = evidence.reader, evidence.layout, self._clock
         for text in block.split("\n"):
-            line = reader.read(text)
-            if not line.data:
-                if not layout.is_heading(line) and text and not text.isspace():
-                    self._skipped += 1
-                    self._example = self._example or text
-                continue
-            way, time = layout.place(line)
-            port = self._port(way)
-            if not layout.has_times:
-                yield self._untimed(port, line.data)
-                continue
-            t_ns = clock.last_ns if time is None else clock.time_ns(time)
-            yield Chunk(port, t_ns, line.data, is_late=True, at_once=True)
+            for line in reader.read(text):
+                if not line.data:
+                    if not layout.is_heading(line) and text and not text.isspace():
+                        self._skipped += 1
+                        self._example = self._example or text
+                    continue
+                way, time = layout.place(line)
+                if layout.has_times:
+                    t_ns = clock.time_ns(time)
+                    yield Chunk(self._port(way), t_ns, line.data, is_late=True, at_once=True)
+                else:
+                    yield self._untimed(self._port(way), line.data)
 
     def _untimed(self, port: str, data: bytes) -> Chunk:
         """A chunk of a log without times; with a start, its bytes follow each other at the baud."""

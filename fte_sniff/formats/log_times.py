@@ -32,24 +32,30 @@ _DATE: Final = (
     rf"|{_MONTH} +\d\d?(?:,? \d{{4}})?|\d\d?[- ]{_MONTH}(?:[- ]\d{{4}})?|\d\d-\d\d(?= )"
 )
 CLOCK: Final = re.compile(
-    rf"(?<![\w.])(?<![0-9A-Fa-f]:)(?:(?P<date>{_DATE})(?:[T ,_;]| at ){{1,2}})?"
+    rf"(?<![\w.])(?<!\b[0-9A-Fa-f]{{2}}:)(?:(?P<date>{_DATE})(?:[T ,_;]| at ){{1,2}})?"
     r"(?:(?P<early>[AP]|上午|下午)M? ?)?"
     r"(?P<clock>(?:[01]?\d|2[0-3]):[0-5]\d:[0-6]\d)"
     r"(?:(?:[.,]|:(?=\d{3}(?!\d)))(?P<fraction>\d{1,9})\d*)?"
     r"(?: ?(?P<late>[AaPp])\.?[Mm]\b\.?)?(?: ?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)(?!\w))?"
-    r"(?: (?P<year>20\d\d)(?!\w))?(?!:[0-9A-Fa-f]{{2}}|\.\d|\w\w|[a-z0-9_])"
+    r"(?: (?P<year>20\d\d)(?!\w))?(?!\d|:[0-9A-Fa-f]{{2}}|\.\d)"
 )
 DIGITS: Final = re.compile(
-    r"(?<![\w.+-])(?:(?P<stamp>(?:19|20)\d{6}[T_ ]?\d{6})(?:[.,](?P<part>\d{1,9})\d*)?"
-    r"|(?P<epoch>1\d{9})\.(?P<fraction>\d{1,9})\d*|(?P<whole>1\d{12}(?:\d{3}){0,2}))(?![\w.])"
+    r"(?<![\w.+-])(?:(?P<stamp>(?:19|20)\d{6}[T_ -]?\d{6})(?:[.,](?P<part>\d{1,9})\d*)?"
+    r"|(?P<epoch>1\d{9})\.(?P<fraction>\d{1,9})\d*|(?P<whole>1\d{12}(?:\d{3}){0,2}))"
+    r"(?![\w.])"
 )
-SECONDS: Final = re.compile(r"(?<![\w.-])(?P<number>\d{1,15})\.(?P<fraction>\d{3,20})(?![\w.])")
-BARE_SECONDS: Final = re.compile(r"^\W*(?P<number>\d{1,15})(?:\.(?P<fraction>\d{1,20}))?\D*$")
-"""A number that is nothing but a time."""
-_UNIT: Final = re.compile(r"(?i)\btime\w* ?[\[(](s|ms|us|µs|ns)[\])]")
 _UNITS: Final = {"s": _SECOND, "ms": 10**6, "us": 1000, "µs": 1000, "ns": 1}
-
-
+_UNIT: Final = "|".join(_UNITS)
+_NUMBER: Final = r"(?P<number>\d{1,18})(?:\.(?P<fraction>\d{1,20}))?"
+SECONDS: Final = re.compile(
+    rf"(?<![\w.-])(?=\d+\.\d{{3,20}}(?![\w.])|[\d.]+ ?(?:{_UNIT})(?!\w))"
+    rf"{_NUMBER}(?: ?(?P<unit>{_UNIT})(?!\w))?"
+)
+"""With three decimals or a unit."""
+BARE_SECONDS: Final = re.compile(rf"^\W*{_NUMBER}\D*$")
+"""A number that is nothing but a time."""
+_HEADING: Final = re.compile(rf"(?i)^(.*)\btime\w* ?[\[(]({_UNIT})[\])]")
+"""Of the column of times, with its unit."""
 _LEAST_SHARE: Final = 0.1
 """Of the lines of a log with times."""
 
@@ -59,6 +65,10 @@ def style_of(lines: Sequence[str], *, alone: bool = False) -> re.Pattern[str] | 
 
     `alone` if each line is nothing but a time.
     """
+    heading = next(filter(None, map(_HEADING.match, lines)), None)
+    if heading is not None:
+        before = len(re.findall("[,;\t]", heading[1]))
+        return re.compile(rf'^(?:[^,;\t]*[,;\t]){{{before}}}\s*"?{_NUMBER}')
     seconds = BARE_SECONDS if alone else SECONDS
     styles = CLOCK, DIGITS, seconds
     found = {style: [one for line in lines if (one := style.search(line))] for style in styles}
@@ -91,31 +101,34 @@ class LogClock:
             start_ns: when the seconds began.
         """
         lines = list(lines)
-        heads = [one[1].lower() for line in lines if (one := _UNIT.search(line))]
+        heads = [one[2].lower() for line in lines if (one := _HEADING.match(line))]
         self._unit = _UNITS[heads[0]] if heads else _SECOND
         self._zone, self._start_ns = zone, start_ns
         own_day, source = file_day
         self._day, self._source = (own_day, source) if day is None else (day, "")
         self._day_first, self._ambiguous = _order(lines, self._day)
         self._kinds = set[str]()
-        self._falls = 0
-        self.last_ns: int | None = None
-        """The last time that was read."""
+        self._lacking = self._falls = 0
+        self._last_ns: int | None = None
         self._fall = ""
 
-    def time_ns(self, found: re.Match[str]) -> int | None:
-        """The time of a match of a style; the one before if there is no such date."""
+    def time_ns(self, found: re.Match[str] | None) -> int | None:
+        """The time of a match of a style; without one, or if there is no such date, that before."""
+        if found is None:
+            self._lacking += 1
+            return self._last_ns
         groups = found.groupdict()
         try:
             t_ns = self._clock_ns(groups) if found.re is CLOCK else self._digits_ns(groups)
         except (ValueError, OverflowError):
-            return self.last_ns
+            self._lacking += 1
+            return self._last_ns
         t_ns = max(t_ns, 0)
-        if self.last_ns is not None and t_ns < self.last_ns:
+        if self._last_ns is not None and t_ns < self._last_ns:
             self._falls += 1
-            fall_s = (self.last_ns - t_ns) / _SECOND
+            fall_s = (self._last_ns - t_ns) / _SECOND
             self._fall = self._fall or f"by {fall_s:,.9g} s to {found[0]}"
-        self.last_ns = t_ns
+        self._last_ns = t_ns
         return t_ns
 
     def _digits_ns(self, groups: dict[str, str | None]) -> int:
@@ -130,7 +143,8 @@ class LogClock:
             return int(epoch) * _SECOND + _fraction(groups["fraction"])
         number, part = groups["number"] or "", groups["fraction"] or ""
         self._kinds.add("seconds")
-        ns = int(number) * self._unit + int(part[:9].ljust(9, "0")) * self._unit // _SECOND
+        unit = _UNITS.get(groups.get("unit") or "", self._unit)
+        ns = int(number) * unit + int(part[:9].ljust(9, "0")) * unit // _SECOND
         return ns + (self._start_ns or 0)
 
     def _clock_ns(self, groups: dict[str, str | None]) -> int:
@@ -145,7 +159,7 @@ class LogClock:
                 self._kinds.add("year")
             return t_ns
         self._kinds.add("date")
-        if self.last_ns is not None and t_ns < self.last_ns - _DAY // 2:
+        if self._last_ns is not None and t_ns < self._last_ns - _DAY // 2:
             self._day += timedelta(days=1)
             t_ns += _DAY
         return t_ns
@@ -176,6 +190,8 @@ class LogClock:
                 f"its times count seconds from a start, and are shown as from {iso_time(0)[:10]};"
                 " --start 2026-01-31T12:00:00Z says when it was"
             )
+        if self._lacking:
+            yield f"{self._lacking:,} of its lines lack a time; the one before is taken"
         if self._falls:
             times = "once" if self._falls == 1 else f"{self._falls:,} times"
             yield f"its times step back {times}, first {self._fall}; rows keep the later time"

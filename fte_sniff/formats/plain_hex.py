@@ -23,8 +23,10 @@ _TOKEN: Final = re.compile(
     r"(?:[hH](?![0-9A-Za-z]))?)"
 )
 """What is between bytes, or the digits of bytes."""
-_ADDRESS: Final = re.compile(rf"\s*[0-9A-Fa-f]{{4,16}}(?::|\s{{2,}})\s*{_PAIR}\b")
-"""The address of a line of a dump, before its first byte."""
+_PREFIX: Final = re.compile(
+    rf"\s*[0-9A-Fa-f]{{4,16}}(?::|\s{{2,}})\s*{_PAIR}\b|[^0-9A-Za-z]*?(?:>|<[^0-9A-Za-z])"
+)
+"""The address of a line of a dump, or an arrow, before its first byte."""
 _WORD: Final = re.compile(r"(?i)\b(?:tx|rx|in|out)\b|[^\x00-\x7f]|[<>]\W*[<>]|->|<-|\d:\d\d:")
 """A direction or a time."""
 _FIX: Final = (
@@ -61,7 +63,7 @@ def is_plain_hex(lines: Sequence[str]) -> bool:
 
 
 def _is_hex(line: str) -> bool:
-    if _ADDRESS.match(line):
+    if _PREFIX.match(line):
         return False
     try:
         _bytes_of_line(line, 1)

@@ -31,6 +31,7 @@ from fte_sniff.protocol import (
 from fte_sniff.session.framing import rows_of_chunks
 from tests.examples import examples
 from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, line, spaced
+from tests.slow import first
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -97,7 +98,7 @@ def size_of(parts: Sequence[Sent] | Sequence[Row]) -> int:
 # Layouts
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", first(20, LAYOUTS))
 def test_layout_comes_back_exactly(name: str) -> None:
     log = a_log(1)
     rows, _ = rows_of(LAYOUTS[name](log))
@@ -249,6 +250,7 @@ def test_arrows_separate_directions_of_plain_hex(tx: str, rx: str) -> None:
     lines = [f"{tx if sent.way == 'tx' else rx} {sent.data.hex(' ')}" for sent in log]
     rows, _ = rows_of("\n".join(lines))
     assert found_in(rows) == frames_of(log)
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
 
 
 def test_lane_that_comes_later_is_read_from_its_first_frame_on() -> None:
@@ -260,11 +262,25 @@ def test_lane_that_comes_later_is_read_from_its_first_frame_on() -> None:
     assert size_of(rows) == size_of(log)
 
 
-def test_frames_beside_the_data_of_a_line_are_counted() -> None:
-    a, f = (spaced(frame_of(kind, random.Random(1))) for kind in (KINDS[1], KINDS[4]))
-    rows, notes = rows_of(f"TX: {a} {a} | RX= {f}\n" * 20)
-    assert len(rows) == 40
-    assert "20 frames beside longer data in the same line are left out" in notes
+@pytest.mark.parametrize(
+    "form",
+    ["12:00:00 TX: {a}; RX: {f}", '{{"tx": "{a}", "rx": "{f}"}}', "<tx>{a}</tx><rx>{f}</rx>"],
+)
+def test_all_runs_of_a_line_are_read(form: str) -> None:
+    a, f = (frame_of(kind, random.Random(1)) for kind in (KINDS[1], KINDS[4]))
+    rows, _ = rows_of(f"{form.format(a=spaced(a), f=spaced(f))}\n" * 20)
+    assert found_in(rows) == {"tx": [a] * 20, "rx": [f] * 20}
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
+    rows, _ = rows_of(f'["{spaced(a)}", "{spaced(f)}", "{spaced(a)}"]\n' * 20)
+    assert [row.raw for row in rows] == [a, f, a] * 20
+
+
+def test_characters_beside_escapes_are_not_lost_without_a_note() -> None:
+    frames = [one.data for one in a_log(0)]
+    lines = ("".join(chr(b) if 64 < b < 91 else f"\\{b:02X}" for b in raw) for raw in frames)
+    rows, notes = rows_of("\n".join(lines))
+    assert {row.raw for row in rows if row.framed} <= set(frames)
+    assert any(note.startswith("19 lines hold no bytes, for example ") for note in notes)
 
 
 def test_bytes_that_each_line_has_beside_its_frame_are_left_out_with_a_note() -> None:
@@ -331,6 +347,11 @@ def one_time(text: str, **options: object) -> str | None:
         ("14:03:22:123", "2026-02-01T14:03:22.123"),
         ("20260131140322.123", "2026-01-31T14:03:22.123"),
         ("20260131_140322", "2026-01-31T14:03:22.0"),
+        ("20260131-140322.5", "2026-01-31T14:03:22.5"),
+        ("time:14:03:22.5 data:", "2026-02-01T14:03:22.5"),
+        ("31/01/2026, 14:03:22node:", "2026-01-31T14:03:22.0"),
+        ("t=43250ms", "1970-01-01T00:00:43.25"),
+        ("+43.25 s", "1970-01-01T00:00:43.25"),
         ("1769868202.25", "2026-01-31T14:03:22.25"),
         ("1769868202123", "2026-01-31T14:03:22.123"),
         ("1769868202123456789", "2026-01-31T14:03:22.123456789"),
@@ -419,14 +440,18 @@ def test_time_above_holds_for_the_lines_below() -> None:
 def test_time_of_a_line_that_has_none_is_that_of_the_line_before() -> None:
     lines = LAYOUTS["Arduino"](a_log(0)).splitlines()
     lines[5] = lines[5].partition(" -> ")[2]
-    rows, _ = rows_of("\n".join(lines))
+    rows, notes = rows_of("\n".join(lines))
     assert rows[5].t_ns == rows[4].t_ns
+    assert "1 of its lines lack a time; the one before is taken" in notes
 
 
-def test_unit_of_times_is_that_of_their_heading() -> None:
-    rows, _ = rows_of(LAYOUTS["DSView"](a_log(0)), LogOptions(start_ns=0))
-    first = a_log(0)[0].ms
-    assert rows[0].t_ns == first * 10**6
+@pytest.mark.parametrize(("unit", "scale"), [("s", 10**9), ("ms", 10**6), ("us", 1000), ("ns", 1)])
+def test_unit_of_times_is_that_of_their_heading(unit: str, scale: int) -> None:
+    frame = frame_of(KINDS[4], random.Random(1))
+    text = "".join(f"{at},{7000 + 20 * at},{byte:02X}\n" for at, byte in enumerate(frame * 3))
+    rows, _ = rows_of(f"Id,Time [{unit}],Value\n{text}", LogOptions(start_ns=10**18))
+    assert [row.raw for row in rows] == [frame] * 3
+    assert [row.t_ns for row in rows] == [10**18 + at * scale for at in (7000, 7200, 7400)]
 
 
 # Plain hex
