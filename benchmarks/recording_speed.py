@@ -3,7 +3,7 @@
     python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 50000000]
 
 All read the same file in the same run, in turn; each number is the best of the rounds. While other
-programs use the cores, the time of all cores is the better measure. The Rust reader needs cargo.
+programs use the cores, the time of all cores is the better measure.
 `--memory` writes a recording of that number of rows, and one of a tenth, and prints how much memory
 `decode --format csv` needs.
 """
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -23,20 +22,19 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 import numpy as np
-from fte_sniff.recording.mcap.reader import RecordStream, unpack
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Rows, fault_bits
+from fte_sniff.protocol.spec import Fault
+from fte_sniff.recording.chunks import HEAD, unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from tests.support.recorded_rows import write_recording
 
-RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18
 POOL = 1 << 16
 """Different frames; a recording holds each many times, at other times and offsets."""
@@ -57,6 +55,23 @@ def frame_pool() -> np.ndarray:
         limits = {field.name: given.get(field.name, (-2000, 2000)) for field in kind.fields}
         frames.append(encode(kind, {name: random.randint(*ends) for name, ends in limits.items()}))
     return np.frombuffer(b"".join(frames), np.uint8).reshape(-1, FRAME_LENGTH)
+
+
+DAMAGE = {Fault.NOISE: 3, Fault.TRUNCATED: 7, Fault.OVERLONG: 12, Fault.BAD_TAIL: 10}
+"""Faults and the bytes of their rows."""
+
+
+def damaged(rows: Rows, share: float) -> Rows:
+    """The rows, a share of them damaged; offsets no longer tile the stream."""
+    random = np.random.default_rng(3)
+    codes = random.integers(0, len(DAMAGE), len(rows))
+    codes[random.random(len(rows)) >= share] = -1
+    for code, (fault, length) in enumerate(DAMAGE.items()):
+        own = codes == code
+        rows.faults[own], rows.length[own], rows.framed[own] = fault_bits([fault]), length, False
+        rows.raw[own, :length] = random.integers(0, 256, (int(own.sum()), length))
+        rows.raw[own, length:] = 0
+    return rows
 
 
 def batches(frames: int) -> Iterator[Rows]:
@@ -94,16 +109,16 @@ def read_columns(path: Path) -> None:
 
 def read_frames(path: Path) -> None:
     """All columns of the row contract as polars frames, the bytes as hex text."""
-    for columns in Recording(path).batches():
-        table_frame(columns)
+    for batch in Recording(path).batches():
+        table_frame(batch.rows)
 
 
 def survey(path: Path) -> None:
     """All numbers of `stats`."""
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path))
-    for columns in Recording(path).batches():
-        numbers.observe(columns)
+    for batch in Recording(path).batches():
+        numbers.observe(batch.rows)
 
 
 def read_messages(path: Path) -> None:
@@ -114,8 +129,8 @@ def read_messages(path: Path) -> None:
 
 
 def chunk_bodies(path: Path) -> list[bytes]:
-    with path.open("rb") as stream:
-        return [record.body for record in RecordStream(stream) if record.opcode == Opcode.CHUNK]
+    content = path.read_bytes()
+    return [content[one.start + HEAD.size : one.stop] for one in Recording(path).contents.chunks]
 
 
 def unpack_all(bodies: list[bytes], threads: int) -> None:
@@ -125,24 +140,8 @@ def unpack_all(bodies: list[bytes], threads: int) -> None:
             del body
 
 
-def rust_reader() -> Path | None:
-    if shutil.which("cargo") is None:
-        return None
-    subprocess.run(["cargo", "build", "--release", "--quiet"], cwd=RUST, check=True)
-    return RUST / "target" / "release" / "rust-reader"
-
-
-def rust_cost(program: Path, path: Path, rows: int) -> Cost:
-    process = subprocess.Popen([program, path], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    output = process.stdout.read().split()
-    _, _, usage = os.wait4(process.pid, 0)
-    process.returncode = 0
-    process.stdout.close()
-    return float(output[2]) / rows, (usage.ru_utime + usage.ru_stime) / rows
-
-
 def write_columns(rows: list[Rows], path: Path) -> None:
+    path.unlink(missing_ok=True)
     write_recording(path, PORTS, rows)
 
 
@@ -171,14 +170,15 @@ def first_messages(path: Path, count: int) -> list[tuple[int, int, int, bytes]]:
 
 
 def compare(frames: int, rounds: int, folder: Path) -> None:
-    path, out = folder / "bench.mcap", folder / "out.mcap"
+    path, hurt, out = (folder / name for name in ("bench.mcap", "hurt.mcap", "out.mcap"))
     rows = list(batches(frames))
-    rust = rust_reader()
     write_columns(rows, path)
+    write_columns([damaged(one, 0.2) for one in batches(frames)], hurt)
     bodies, messages = chunk_bodies(path), first_messages(path, min(frames, SLOW_PART))
     cores = len(os.sched_getaffinity(0))
     work: dict[str, Callable[[], Cost]] = {
         "read columns": lambda: cost(lambda: read_columns(path), frames),
+        "read damaged": lambda: cost(lambda: read_columns(hurt), frames),
         "read frames": lambda: cost(lambda: read_frames(path), frames),
         "numbers of stats": lambda: cost(lambda: survey(path), frames),
         "unpack, all cores": lambda: cost(lambda: unpack_all(bodies, cores), frames),
@@ -186,18 +186,17 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
         "write columns": lambda: cost(lambda: write_columns(rows, out), frames),
         "mcap.writer.Writer": lambda: cost(lambda: write_messages(messages, out), len(messages)),
     }
-    if rust is not None:
-        work["Rust message loop"] = lambda: rust_cost(rust, path, frames)
     found = _in_turn(work, rounds)
     found["iter_messages"] = cost(lambda: read_messages(path), frames)
+    found["iter damaged"] = cost(lambda: read_messages(hurt), frames)
     print(f"{frames:,} frames, {path.stat().st_size / frames:.1f} bytes each; {cores} cores")
     print("  ns a row               wall  all cores")
     for name, (wall, used) in found.items():
         print(f"  {name:<18} {wall * 1e9:8.0f} {used * 1e9:10.0f}")
     print("times faster" + " " * 33 + "wall  all cores")
     claims = [
-        ("read columns", "iter_messages", "80"),
-        ("read columns", "Rust message loop", "1.5"),
+        ("read columns", "iter_messages", "50"),
+        ("read damaged", "iter damaged", "35"),
         ("read columns", "unpack, all cores", "0.5"),
         ("read frames", "iter_messages", ""),
         ("numbers of stats", "iter_messages", ""),
@@ -226,6 +225,7 @@ def memory(rows: int, folder: Path) -> None:
     """The most memory that decoding to CSV took, for a tenth of the rows and for all."""
     for count in (rows // 10, rows):
         path = folder / "memory.mcap"
+        path.unlink(missing_ok=True)
         write_recording(path, PORTS, batches(count))
         decode = [sys.executable, "-m", "fte_sniff", "decode", str(path), "--format=csv"]
         decode += ["-o", "/dev/null"]

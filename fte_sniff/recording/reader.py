@@ -153,8 +153,8 @@ class _Run(NamedTuple):
     """Consecutive chunks, as a thread read them: intact ones, or one that is damaged."""
 
     chunks: list[ChunkRef]
-    records: list[bytes]
-    starts: list[Ints]
+    messages: list[Messages]
+    """By chunk."""
     lost: LostBytes | None = None
 
 
@@ -195,7 +195,7 @@ class Recording:
             first = [] if self.contents.is_indexed else self.contents.chunks[:_MOST_FIRST]
             runs = _runs_of(file.fileno(), first)
         self._define(self.contents)
-        for run in [run for run in runs if run.records][:1]:
+        for run in [run for run in runs if run.messages][:1]:
             self._define_from(run)
         if not is_growing or self.contents.channels:
             self._check_topics()
@@ -410,7 +410,7 @@ class Recording:
             )
         if not self.contents.is_indexed:
             self._define_from(run)
-        messages = _messages_of(run)
+        messages = Messages.joined(run.messages)
         self._define_lost(messages.channels)
         found = self._decoder.decode(messages, self._types, self._ports)
         self.unreadable += found.unreadable
@@ -420,10 +420,10 @@ class Recording:
 
     def _define_from(self, run: _Run) -> None:
         """Apply the definitions at the beginning of chunks, which have a checksum."""
-        for records, starts in zip(run.records, run.starts, strict=True):
-            found = Contents()
-            for opcode, at, stop in records_in(records[: int(starts[0]) if len(starts) else None]):
-                found.define(opcode, records[at + HEAD.size : stop])
+        for one in run.messages:
+            found, end = Contents(), int(one.starts[0]) if len(one.starts) else None
+            for opcode, at, stop in records_in(one.records[:end]):
+                found.define(opcode, one.records[at + HEAD.size : stop])
             self._define(found)
 
     def _define(self, added: Contents) -> None:
@@ -465,9 +465,9 @@ class Recording:
         lost = [id_ for id_ in np.unique(used).tolist() if id_ and id_ not in known]
         for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:
             first = number * len(TOPICS)
+            name = self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
             channels = [
-                replace(one, id=one.id + first)
-                for one in Channels().of_port(PortFacts(f"port {number + 1}"))
+                replace(one, id=one.id + first) for one in Channels().of_port(PortFacts(name))
             ]
             like = [known[one.id] for one in channels if one.id in known]
             metadata = [one.metadata for one in like if one.topic in TOPIC_BY_NAME][:1]
@@ -573,7 +573,7 @@ def _groups(chunks: Sequence[ChunkRef]) -> Iterator[list[ChunkRef]]:
 
 def _runs_of(descriptor: int, chunks: list[ChunkRef]) -> list[_Run]:
     """Read and unpack chunks, in a thread."""
-    runs = [_Run([], [], [])]
+    runs = [_Run([], [])]
     for chunk in chunks:
         data = read_at(descriptor, chunk.end - chunk.start, chunk.start)
         try:
@@ -582,11 +582,10 @@ def _runs_of(descriptor: int, chunks: list[ChunkRef]) -> list[_Run]:
             starts = _walked_starts(records) if starts is None else starts
         except DamagedError as error:
             lost = LostBytes(chunk.start, chunk.stop, error.why)
-            runs += [_Run([chunk], [], [], lost), _Run([], [], [])]
+            runs += [_Run([chunk], [], lost), _Run([], [])]
             continue
         runs[-1].chunks.append(chunk)
-        runs[-1].records.append(records)
-        runs[-1].starts.append(starts)
+        runs[-1].messages.append(Messages.at(starts, records))
     return [run for run in runs if run.chunks]
 
 
@@ -621,11 +620,3 @@ def _walked_starts(records: bytes) -> Ints:
         if opcode == Opcode.MESSAGE and stop - at >= MESSAGE_HEAD
     ]
     return np.array(own, np.int64)
-
-
-def _messages_of(run: _Run) -> Messages:
-    """The messages of several chunks, as of one."""
-    records = run.records[0] if len(run.records) == 1 else b"".join(run.records)
-    shifts = np.cumsum([0, *map(len, run.records[:-1])])
-    own = [starts + shift for starts, shift in zip(run.starts, shifts, strict=True)]
-    return Messages(records, np.concatenate(own))

@@ -13,7 +13,7 @@ schema is read in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -61,21 +61,38 @@ _DELIMITED: Final = 2
 _IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 
 
-class Messages:
+class Messages(NamedTuple):
     """The message records of unpacked chunks, in file order."""
 
-    def __init__(self, records: bytes, starts: Ints) -> None:
-        """Take the offsets of the records, each with a whole head."""
-        self.records, self.starts = records, starts
-        heads = heads_at(records, starts)
-        self.channels: Array = heads["channel"]
-        self.log_times: Ints = heads["log"].astype(np.int64)
-        """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
-        self.lengths: Ints = heads["length"] - (MESSAGE_HEAD - HEAD.size)
-        """Bytes of the messages, without their heads."""
+    records: bytes
+    starts: Ints
+    """Offsets of the records."""
+    lengths: Ints
+    """Bytes of the messages, without their heads."""
+    channels: Ints
+    log_times: Ints
+    """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
 
-    def __getitem__(self, at: int) -> bytes:
-        """One message."""
+    @classmethod
+    def at(cls, starts: Ints, records: bytes) -> Messages:
+        """The messages at some offsets, each with a whole head."""
+        heads = heads_at(records, starts)
+        lengths = heads["length"] - (MESSAGE_HEAD - HEAD.size)
+        return cls(records, starts, lengths, heads["channel"].astype(int), heads["log"].copy())
+
+    @classmethod
+    def joined(cls, parts: Sequence[Messages]) -> Messages:
+        """The messages of several chunks, at least one, as of one."""
+        if len(parts) == 1:
+            return parts[0]
+        shifts = np.cumsum([0, *(len(one.records) for one in parts[:-1])])
+        starts = [one.starts + shift for one, shift in zip(parts, shifts, strict=True)]
+        columns = zip(*(one[2:] for one in parts), strict=True)
+        records = b"".join(one.records for one in parts)
+        return cls(records, np.concatenate(starts), *map(np.concatenate, columns))
+
+    def message(self, at: int) -> bytes:
+        """One message, without its head."""
         start = int(self.starts[at]) + MESSAGE_HEAD
         return self.records[start : start + int(self.lengths[at])]
 
@@ -115,8 +132,9 @@ class _Skeleton:
         self._mask = np.frombuffer(bytes(self.padding) + mask, "<u8")
         self._expected = np.frombuffer(bytes(self.padding) + data, "<u8") & self._mask
 
-    def fitting(self, words: Array) -> Bools:
-        """Which messages, a line of words each, have this skeleton."""
+    def fitting(self, windows: Array) -> Bools:
+        """Which messages, behind their padding, have this skeleton."""
+        words = windows.view("<u8").reshape(len(windows), -1)
         differing = np.zeros(len(words), "<u8")
         for at, (mask, expected) in enumerate(zip(self._mask, self._expected, strict=True)):
             if mask:
@@ -244,27 +262,26 @@ class MessageDecoder:
         padding = -length % _WORD
         every = at_every_byte(messages.records, length + padding)
         windows = every[messages.starts[rows] + (MESSAGE_HEAD - padding)]
-        words = windows.view("<u8").reshape(len(rows), -1)
-        left, good = np.arange(len(rows)), [np.empty(0, np.int64)]
-        number = 0
-        while len(left) and number < _MOST_SKELETONS:
+        good, number = [np.empty(0, np.int64)], 0
+        while len(rows) and number < _MOST_SKELETONS:
             if number == len(known):
-                data = windows[left[0]].tobytes()[padding:]
                 try:
-                    known.append(_Skeleton(kind, data))
+                    known.append(_Skeleton(kind, windows[0].tobytes()[padding:]))
                 except (DecodeError, AttributeError, KeyError, ValueError, IndexError):
-                    left = left[1:]
+                    windows, rows = windows[1:], rows[1:]
                     continue
             skeleton, number = known[number], number + 1
-            fits = skeleton.fitting(words[left])
+            fits = skeleton.fitting(windows)
             if not fits.any():
                 continue
-            own, left = left[fits], left[~fits]
-            valid = skeleton.store(windows[own], rows[own], columns)
-            good.append(rows[own[valid]])
+            alike = fits.all()
+            own, own_rows = (windows, rows) if alike else (windows[fits], rows[fits])
+            valid = skeleton.store(own, own_rows, columns)
+            good.append(own_rows[valid])
             if skeleton.size > MOST_BYTES:
-                raw = windows[own[valid]].view(np.uint8).reshape(int(valid.sum()), -1)
+                raw = own[valid].view(np.uint8).reshape(int(valid.sum()), -1)
                 long.append((good[-1], raw[:, skeleton.raw]))
+            windows, rows = (windows[:0], rows[:0]) if alike else (windows[~fits], rows[~fits])
         return np.concatenate(good)
 
 
@@ -314,7 +331,7 @@ def _events(
     for row in rows.tolist():
         port, t_ns = ports[int(messages.channels[row])], int(messages.log_times[row])
         try:
-            message = kind.parse(messages[row])
+            message = kind.parse(messages.message(row))
             (name,) = kind.members(message, "kind")
             # The first recordings have neither a time nor a count.
             t_ns = getattr(message, "time_ns", 0) or t_ns

@@ -18,9 +18,12 @@ from __future__ import annotations
 
 import os
 import struct
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, Self, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
+from weakref import finalize
 
 import numpy as np
 import zstandard
@@ -36,13 +39,14 @@ from mcap.records import (
     McapRecord,
     Metadata,
     MetadataIndex,
+    Schema,
     Statistics,
     SummaryOffset,
 )
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import unwritable
-from fte_sniff.platform import sync_data, write_at
+from fte_sniff.platform import cores, sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
 from fte_sniff.recording.chunks import HEAD, MAGIC
@@ -86,36 +90,59 @@ END: Final = bytes_of(DataEnd(0), Footer(0, 0, 0)) + MAGIC
 """What a file ends with while it grows."""
 
 
+class ChunkMessages(NamedTuple):
+    """The messages of a chunk, in their order."""
+
+    data: bytes
+    """The records of the chunk: definitions, then messages."""
+    channels: Ints
+    times: Ints
+    """Log times, nanoseconds since 1970 UTC."""
+    starts: Ints
+    """Offsets of the message records in `data`."""
+
+
+def packed(messages: ChunkMessages) -> bytes:
+    """The record of a chunk; zstd and the checksum release the interpreter lock."""
+    data = messages.data
+    times = int(messages.times[-1]), int(messages.times[0])
+    compressed = zstandard.ZstdCompressor(level=1).compress(data)
+    return bytes_of(Chunk("zstd", compressed, *times, crc32(data), len(data)))
+
+
 class AppendFile:
     """A file that is a valid MCAP file after, and during, each of its writes."""
 
-    def __init__(self, descriptor: int, head: bytes) -> None:
+    def __init__(self, descriptor: int, head: bytes, tail: bytes) -> None:
         """Begin an empty file, which the caller closes; raises OSError."""
         self._descriptor = descriptor
         self.end = len(head)
         """Where the next data begins."""
-        self._write(head + END, 0)
+        self._tail = tail
+        """The bytes behind it, which the next data overwrites: the end of the file."""
+        self._write(head + tail, 0)
         sync_data(descriptor)
 
-    def append(self, data: bytes, end: bytes = END) -> None:
-        """Write data before the end; raises OSError, and the file has its old end then."""
-        start, new = self.end, data + end
-        after = start + len(new)
-        if os.fstat(self._descriptor).st_size < start + len(END):
+    def append(self, data: bytes, tail: bytes) -> None:
+        """Write data and a new tail; raises OSError, and the file has its old tail then."""
+        start, size, new = self.end, self.end + len(self._tail), data + tail
+        if os.fstat(self._descriptor).st_size < size:
             raise CutOffError
+        after = max(start + len(new), size)
+        private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         try:
             self._write(END, after)
             sync_data(self._descriptor)
-            self._write(HEAD.pack(_PRIVATE, len(new) - HEAD.size) + new[HEAD.size :], start)
+            self._write(private + new[HEAD.size :], start)
             sync_data(self._descriptor)
             self._write(new[: HEAD.size], start)
-            os.ftruncate(self._descriptor, after)
+            os.ftruncate(self._descriptor, start + len(new))
             sync_data(self._descriptor)
         except OSError:
-            self._write(END, start)
-            os.ftruncate(self._descriptor, start + len(END))
+            self._write(self._tail, start)
+            os.ftruncate(self._descriptor, size)
             raise
-        self.end = start + len(data)
+        self.end, self._tail = start + len(data), tail
 
     def _write(self, data: bytes, offset: int) -> None:
         view = memoryview(data)
@@ -132,11 +159,11 @@ class Encoder:
         self._channels = Channels()
         self._schemas = self._channels.schemas()
         self._defined = [one for port in ports for one in self._channels.of_port(port)]
-        self._pending: list[Channel] = list(self._defined)
-        """The channels that no chunk defines yet."""
+        self._pending: list[Schema | Channel] = [*self._schemas, *self._defined]
+        """The schemas and channels that no chunk defines yet."""
         self._templates: dict[int, Template] = {}
         self._counts: dict[int, int] = {}
-        """Messages by channel."""
+        """ChunkMessages by channel."""
         self._chunks = bytearray()
         """The index records of the chunks."""
         self._chunk_count = 0
@@ -145,9 +172,13 @@ class Encoder:
         """The first and the last log time."""
         own = Metadata(PROGRAM, encodable_items(recording_facts(ports, facts)))
         head = MAGIC + bytes_of(Header("", library_name()))
-        head += self.metadata(own, len(head))
-        self.head = head + bytes_of(*self._schemas, *self._defined)
+        self.head = head + self.metadata(own, len(head))
         """The first bytes of the file."""
+
+    @property
+    def tail(self) -> bytes:
+        """The end of the file while it grows; until the first chunk it has the definitions."""
+        return END if self._chunk_count else bytes_of(*self._schemas, *self._defined) + END
 
     def metadata(self, record: Metadata, at: int) -> bytes:
         """The bytes of a metadata record at an offset of the file."""
@@ -155,8 +186,8 @@ class Encoder:
         self._metadata.append(MetadataIndex(at, len(data), record.name))
         return data
 
-    def chunk(self, entries: Iterable[Entry], at: int) -> bytes:
-        """The chunk of rows and events, one at least, and its message indexes, at an offset."""
+    def messages(self, entries: Iterable[Entry]) -> ChunkMessages:
+        """The messages of rows and events, one at least, for the next chunk of the file."""
         entries = list(entries)
         rows = Rows.concat([one for one in entries if isinstance(one, Rows)])
         events = [one for one in entries if isinstance(one, PortEvent)]
@@ -165,13 +196,27 @@ class Encoder:
         definitions = self._definitions(rows, events)
         order, times = self._in_order(rows, events)
         channels = self._channels_of(rows, events)[order]
-        messages = self._messages(rows, events, order, times)
-        data, starts = self._records(messages, order, times, channels)
-        data = definitions + data
-        record = self._chunk_record(data, times)
-        return record + self._indexes(
-            record, at, len(data), channels, times, starts + len(definitions)
-        )
+        groups = self._groups(rows, events, order, times)
+        data, starts = self._records(groups, order, times, channels)
+        self.times = (int(times[0]) if self.times is None else self.times[0]), int(times[-1])
+        return ChunkMessages(definitions + data, channels, times, starts + len(definitions))
+
+    def chunk(self, messages: ChunkMessages, record: bytes, at: int) -> bytes:
+        """A chunk at an offset of the file: its record, from `packed`, and its message indexes."""
+        by_channel = np.argsort(messages.channels, kind="stable")
+        entries = np.stack([messages.times, messages.starts], 1).astype("<u8")[by_channel]
+        channels, firsts = np.unique(messages.channels[by_channel], return_index=True)
+        indexes, offsets = bytearray(), dict[int, int]()
+        for channel, own in zip(channels.tolist(), np.split(entries, firsts[1:]), strict=True):
+            offsets[channel] = at + len(record) + len(indexes)
+            body = struct.pack("<HI", channel, own.nbytes) + own.tobytes()
+            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+        size = len(record) - HEAD.size - 32 - len("zstd") - 8
+        last, first = int(messages.times[-1]), int(messages.times[0])
+        sizes = len(indexes), offsets, first, len(messages.data)
+        self._chunks += bytes_of(ChunkIndex(len(record), at, "zstd", size, last, *sizes))
+        self._chunk_count += 1
+        return record + indexes
 
     def summary(self, at: int) -> bytes:
         """The end of the file, with its summary, at an offset."""
@@ -193,13 +238,12 @@ class Encoder:
         return bytes_of(DataEnd(0)) + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
 
     def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
-        """The schemas and channels that no chunk has yet: a copy of those in the head, too."""
+        """The schemas and channels that no chunk has yet."""
         for port in dict.fromkeys([*rows.used_ports, *(event.port for event in events)]):
             new = self._channels.of_port(PortFacts(port))
             self._defined += new
             self._pending += new
-        schemas = [] if self._chunk_count else self._schemas
-        found = bytes_of(*schemas, *self._pending) if schemas or self._pending else b""
+        found = bytes_of(*self._pending) if self._pending else b""
         self._pending = []
         return found
 
@@ -221,7 +265,7 @@ class Encoder:
         code = TOPICS.index(EVENTS)
         return np.append(own, [self._channels.id_of(one.port, code) for one in events]).astype(int)
 
-    def _messages(
+    def _groups(
         self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints
     ) -> list[tuple[Ints, Array]]:
         """The messages of equal length: the numbers of their entries, and opaque values."""
@@ -273,31 +317,6 @@ class Encoder:
             self._counts[channel] = first + len(own)
         return found
 
-    def _chunk_record(self, data: bytes, times: Ints) -> bytes:
-        first, last = int(times[0]), int(times[-1])
-        self.times = (first if self.times is None else self.times[0]), last
-        packed = zstandard.ZstdCompressor(level=1).compress(data)
-        return bytes_of(Chunk("zstd", packed, last, first, crc32(data), len(data)))
-
-    def _indexes(
-        self, record: bytes, at: int, size: int, channels: Ints, times: Ints, starts: Ints
-    ) -> bytes:
-        """The message indexes of a chunk; its own index is kept for the summary."""
-        indexes, offsets = bytearray(), dict[int, int]()
-        for channel in np.unique(channels).tolist():
-            own = channels == channel
-            entries = np.stack([times[own], starts[own]], 1).astype("<u8")
-            offsets[channel] = at + len(record) + len(indexes)
-            body = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
-            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
-        packed = len(record) - HEAD.size - 32 - len("zstd") - 8
-        first, last = int(times[0]), int(times[-1])
-        self._chunks += bytes_of(
-            ChunkIndex(len(record), at, "zstd", packed, last, len(indexes), offsets, first, size)
-        )
-        self._chunk_count += 1
-        return bytes(indexes)
-
     def _statistics(self) -> Statistics:
         first, last = self.times or (0, 0)
         counts = self._counts
@@ -340,10 +359,10 @@ class SequentialFile:
         self.end = 0
         self.append(head, b"")
 
-    def append(self, data: bytes, end: bytes = END) -> None:
+    def append(self, data: bytes, tail: bytes) -> None:
         """Write data, and the end of the file if there is no data; raises OSError."""
         self.end += len(data)
-        view = memoryview(data or end)
+        view = memoryview(data or tail)
         while view:
             view = view[os.write(self._descriptor, view) :]
 
@@ -377,18 +396,21 @@ class _Writer:
     def flush(self) -> None:
         """Write a chunk of all that is pending; raises FileError, in a bulk OSError."""
         if self.unflushed:
-            self._append(self._encoder.chunk(self.unflushed, self._file.end))
+            messages = self._encoder.messages(self.unflushed)
+            self._store(messages, packed(messages))
             self.flushed_rows += self.unflushed_rows
             self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
             self.unflushed = []
             self.span_ns = self._encoder.times
 
+    def _store(self, messages: ChunkMessages, record: bytes) -> None:
+        self._append(self._encoder.chunk(messages, record, self._file.end))
+
     def _end(self) -> None:
-        self.flush()
         self._append(b"", self._encoder.summary(self._file.end))
 
-    def _append(self, data: bytes, end: bytes = END) -> None:
-        self._file.append(data, end)
+    def _append(self, data: bytes, tail: bytes | None = None) -> None:
+        self._file.append(data, self._encoder.tail if tail is None else tail)
 
 
 class RecordingWriter(_Writer):
@@ -423,7 +445,9 @@ class RecordingWriter(_Writer):
         encoder = Encoder(ports, facts or {})
         self._output = OutputFile(path, existing)
         try:
-            super().__init__(encoder, AppendFile(self._output.descriptor, encoder.head))
+            super().__init__(
+                encoder, AppendFile(self._output.descriptor, encoder.head, encoder.tail)
+            )
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -443,6 +467,7 @@ class RecordingWriter(_Writer):
         if self._is_closed:
             return
         try:
+            self.flush()
             self._end()
         finally:
             self.abandon()
@@ -454,10 +479,10 @@ class RecordingWriter(_Writer):
             self.identity = self._output.identity
             self._output.close()
 
-    def _append(self, data: bytes, end: bytes = END) -> None:
+    def _append(self, data: bytes, tail: bytes | None = None) -> None:
         try:
             self._output.check()
-            super()._append(data, end)
+            super()._append(data, tail)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
             raise stopped_by_error(self.path, error, self.flushed_rows) from error
@@ -470,7 +495,10 @@ class RecordingWriter(_Writer):
 
 
 class BulkWriter(_Writer):
-    """Writes a recording in sequence, for example to a pipe: valid once it is closed."""
+    """Writes a recording in sequence, for example to a pipe: valid once it is closed.
+
+    Threads pack chunks while the next ones are encoded.
+    """
 
     def __init__(
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
@@ -478,6 +506,9 @@ class BulkWriter(_Writer):
         """Write the head to an open descriptor, which is not closed; raises OSError."""
         encoder = Encoder(ports, facts or {})
         super().__init__(encoder, SequentialFile(descriptor, encoder.head))
+        self._threads = ThreadPoolExecutor(cores())
+        finalize(self, self._threads.shutdown, wait=False)
+        self._jobs: deque[tuple[ChunkMessages, Future[bytes]]] = deque()
 
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; raises OSError."""
@@ -486,12 +517,27 @@ class BulkWriter(_Writer):
             if self.unflushed_rows >= MOST_ROWS:
                 self.flush()
 
+    def flush(self) -> None:
+        """Pack a chunk of all that is pending, and write those that are packed; raises OSError."""
+        if self.unflushed:
+            messages = self._encoder.messages(self.unflushed)
+            self._jobs.append((messages, self._threads.submit(packed, messages)))
+            self.unflushed = []
+        self._write_chunks(cores())
+
     def close(self, metadata: Iterable[Metadata] = ()) -> None:
         """Write the rest, these metadata records, and the summary; raises OSError."""
         self.flush()
+        self._write_chunks(0)
         for record in metadata:
             self.write_metadata(record)
         self._end()
+        self._threads.shutdown()
+
+    def _write_chunks(self, left: int) -> None:
+        while len(self._jobs) > left:
+            messages, job = self._jobs.popleft()
+            self._store(messages, job.result())
 
 
 def portions(entries: Iterable[Entry]) -> Iterator[Entry]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap.records import Metadata
 from mcap_protobuf.decoder import DecoderFactory
@@ -19,6 +20,7 @@ from fte_sniff.protocol.items import Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording import schema
+from fte_sniff.recording.chunks import HEAD, records_in, unpack
 from fte_sniff.recording.metadata import LEFT_OUT_NAME, gap_to_metadata
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording, TimeRange
@@ -35,6 +37,7 @@ from tests.recording.samples import (
     WAYS,
     events_in,
     flush_each,
+    heads_of,
     recorded,
     records,
     rows_in,
@@ -284,6 +287,22 @@ def test_each_summary_figure_is_right(tmp_path: Path) -> None:
     assert counted == figures.channel_message_counts
     for _, start, end in records(path.read_bytes()):
         assert start < end
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_definition_exists_once_in_its_section(way: str) -> None:
+    """Otherwise `mcap doctor` remarks it."""
+    seen: dict[tuple[int, bytes], int] = {}
+    content = recorded(way).content
+    data_end = heads_of(content, Opcode.DATA_END)[0]
+    for opcode, start, end in records(content):
+        body = content[start + HEAD.size : end]
+        inner = unpack(body) if opcode == Opcode.CHUNK else content[start:end]
+        for own, at, _ in records_in(inner):
+            if own in (Opcode.SCHEMA, Opcode.CHANNEL):
+                key = own * 2 + (start > data_end), inner[at + HEAD.size : at + HEAD.size + 2]
+                seen[key] = seen.get(key, 0) + 1
+    assert set(seen.values()) == {1}
 
 
 def test_text_from_outside_is_encodable(tmp_path: Path) -> None:
