@@ -213,14 +213,15 @@ class CallReader:
             yield self._event(HOST, PortEventKind.OPENED, holders)
         while self._notes:
             yield self._event(self._names[0], PortEventKind.WIRING, self._notes.pop())
+        if self._is_finishing:
+            while data := self.strace.read(_END_S):
+                yield from self._items(data)
+            return
         data = self.strace.read()
-        if data is None and not self._is_finishing:
+        if data is None:
             raise self._loss()
-        while data and self._is_finishing:
-            yield from self._items(data)
-            data = self.strace.read(_END_S)
-        yield from self._items(data or b"")
-        if not data and not self._is_finishing:
+        yield from self._items(data)
+        if not data:
             yield from self._silence()
             yield from self._followed()
 
