@@ -24,19 +24,17 @@ from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.analysis.whole.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
+from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
 from fte_sniff.protocol.spec import Role
 from fte_sniff.recording.output_file import STOPPED
-from fte_sniff.tui.cells import DELTAS, TimeStyle, event_words
+from fte_sniff.tui.cells import TimeStyle, event_words
 from fte_sniff.tui.commands import COMMANDS, SECTIONS
-from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.painter import Sign
 from fte_sniff.tui.status import Mode
 
 # The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
-
-SCREEN = PACKAGE / "tui"
 
 KEYWORDS = ("_", "later", "TranslatableText", "RecordError", "_sentence")
 """Functions that are called with a text to translate."""
@@ -65,8 +63,6 @@ def table_texts() -> Iterator[str]:
     yield from (one.value for one in Trouble)
     for style in TimeStyle:
         yield from (style, style.meaning)
-    for texts in DELTAS.values():
-        yield from texts
     yield from (sign.meaning for sign in Sign)
 
 
@@ -150,7 +146,7 @@ def _translations(catalogue: Catalog) -> dict[str, str]:
 
 
 def _path(language: str, ending: str) -> Path:
-    return SCREEN / CATALOGUES.name / language / "LC_MESSAGES" / f"{DOMAIN}.{ending}"
+    return PACKAGE / CATALOGUES.name / language / "LC_MESSAGES" / f"{DOMAIN}.{ending}"
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import Simulation, parse_parameters
-from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
+from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.tui import status
 from fte_sniff.tui.app import SniffApp
@@ -75,12 +75,12 @@ PICTURES: Mapping[str, Picture] = {
     "screen-zh": Picture((120, 32), ("E", "enter"), "逐字节", language="zh"),
     "motors": Picture((120, 32), ("M",), "feedback", frames=2650),
     "motors-zh": Picture((120, 32), ("M",), "实线", frames=2650, language="zh"),
-    "streams": Picture((120, 32), ("T",), "of the line used", frames=2650),
+    "streams": Picture((120, 32), ("T",), "unanswered", frames=2650),
     "small": Picture((80, 24), (), "LIVE"),
     "small-zh": Picture((80, 24), (), "实时", language="zh"),
     "narrow": Picture((40, 16), (), "LIVE"),
     "wide": Picture((200, 60), ("M",), "feedback", frames=2650),
-    "wide-zh": Picture((200, 60), ("T",), "线路占用", frames=2650, language="zh"),
+    "wide-zh": Picture((200, 60), ("T",), "未应答", frames=2650, language="zh"),
     "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "moter"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
@@ -98,7 +98,7 @@ PICTURES: Mapping[str, Picture] = {
 class SimulatedFeed:
     """A capture that has run for a while, with its own clock."""
 
-    def __init__(self, rows: Sequence[Row]) -> None:
+    def __init__(self, rows: Rows) -> None:
         self._rows = rows
         self._given = 0
         self._polls = 0
@@ -118,7 +118,7 @@ class SimulatedFeed:
         rows = self._rows[self._given : due]
         self._given += len(rows)
         state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
-        return FeedUpdate(state, Rows.of(rows))
+        return FeedUpdate(state, rows)
 
     def stop(self) -> None:
         """Do nothing."""
@@ -137,13 +137,13 @@ class PictureApp(SniffApp):
 
 
 @cache
-def rows(frames: int) -> Sequence[Row]:
+def rows(frames: int) -> Rows:
     """The bytes of this many simulated frames."""
-    framer = Framer(PORT, DEFAULT_BAUD)
-    found: list[Row] = []
+    framer, found = Framer(PORT, DEFAULT_BAUD), list[Rows]()
     for timed in Simulation(parse_parameters(f"{QUERY}&frames={frames}")):
-        found += framer.feed(Chunk(PORT, START_NS + timed.t_ns, timed.data))
-    return found
+        framer.push(Chunk(PORT, START_NS + timed.t_ns, timed.data))
+        found.append(framer.drain())
+    return Rows.concat([*found, framer.finish()])
 
 
 async def idle(app: SniffApp) -> None:

@@ -24,10 +24,10 @@ from mcap.reader import make_reader
 import fte_sniff
 from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
+from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
 from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
 from fte_sniff.tui.commands import SECTIONS, key_name
-from fte_sniff.tui.i18n import _, set_language
 
 _PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
 

@@ -18,6 +18,7 @@ below it; capture, recording, formats and analysis do not import each other:
     analysis   filter, statistics, models, row store
     protocol   what the bytes mean: frame definitions, framer; no I/O
     errors     the exceptions and their exit codes; messages that can be translated
+    i18n       translation: the screen, the report, and errors in the language of the user
     platform   what this system has, and Windows lacks
 
 Three rules hold everywhere. Every received byte is in exactly one row, in order, and damage is

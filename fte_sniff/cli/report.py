@@ -57,8 +57,8 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.plots import Timeline
+    from fte_sniff.i18n import set_language
     from fte_sniff.session.stats_json import statistics_json
-    from fte_sniff.tui.i18n import set_language
 
     language = load_settings(None).language(lang)
     set_language(language)

@@ -43,6 +43,7 @@ from fte_sniff.analysis.plots import ALL_MOTORS, MOST_DAMAGED, Points, Timeline,
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
+from fte_sniff.i18n import _
 from fte_sniff.protocol import (
     MOTORS,
     Direction,
@@ -55,7 +56,6 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.columns import LOOKS, Ground
 from fte_sniff.protocol.spec import FIELD_BY_NAME, online_bit_text
-from fte_sniff.tui.i18n import _
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding

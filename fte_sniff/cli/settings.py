@@ -38,8 +38,8 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, unreadable
+from fte_sniff.i18n import AUTO, LANGUAGES, THEMES, language_of
 from fte_sniff.tui.cells import ORDER
-from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 
 if TYPE_CHECKING:
     from fte_sniff.session.user_state import Place

@@ -23,7 +23,6 @@ Modules:
     find        Keys that lead to a row.
     findings    The page of findings.
     help        The help pages.
-    i18n        Translation.
     line        The line on which the user answers what a key asks.
     motors      The page of motors.
     notes       Marks and notes on rows.

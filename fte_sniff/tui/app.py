@@ -30,6 +30,7 @@ from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.analysis.whole.motors import MotorState, Trouble
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
 from fte_sniff.protocol.dissect import dissect
@@ -44,7 +45,6 @@ from fte_sniff.tui.filters import Columns, Filters
 from fte_sniff.tui.find import Find, Goto, Searching
 from fte_sniff.tui.findings import FindingsPage, span_of
 from fte_sniff.tui.help import HelpPage
-from fte_sniff.tui.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
 from fte_sniff.tui.line import CommandLine
 from fte_sniff.tui.motors import MotorsPage
 from fte_sniff.tui.notes import NotesControl
@@ -225,7 +225,6 @@ class SniffApp(App[None]):
             Needs.FILTER: bool(self.filters.current),
             Needs.EARLIER: bool(self.filters.earlier),
             Needs.SEARCH: self.search.matches is not None,
-            Needs.MARKS: bool(self.table.marks),
             Needs.SAVES: question is not None and question.saves is not None,
         }
         return all(holds for need, holds in there.items() if need in needs)
@@ -630,7 +629,7 @@ class SniffApp(App[None]):
         if not self.is_running or len(self.screen_stack) < 1:
             return
         page = self.pane.page
-        if page is self.findings:
+        if page is self.findings and not self.view.lives:
             self.view.finding = self.findings.chosen
         viewport, state = self.table.viewport, self.view.state
         mode = mode_of(

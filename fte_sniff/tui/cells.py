@@ -20,6 +20,7 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
+from fte_sniff.i18n import ExplainedWord, _, later
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     FRAME_LENGTH,
@@ -37,7 +38,6 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.columns import RANKED, short_feedback, value_heads
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FIELD_BY_NAME
-from fte_sniff.tui.i18n import ExplainedWord, _, later
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import LineSetup
@@ -168,18 +168,8 @@ class TimeStyle(ExplainedWord):
         return self not in (TimeStyle.CLOCK, TimeStyle.LOCAL)
 
 
-DELTAS: Final = {
-    "delta": (later("Δt row"), later("the time since the row above")),
-    "delta_frame": (
-        later("Δt frame"),
-        later("the time since the frame before of the same kind and motor"),
-    ),
-    "delta_answer": (
-        later("Δt answer"),
-        later("the time since the command that the row answers"),
-    ),
-}
-"""The columns of time differences: head and meaning."""
+DELTA: Final = "delta"
+"""Name of the column of the time since the row above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +199,7 @@ VALUES = "values"
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
 
-ORDER = (RANKED[0].name, *DELTAS, VALUES, *(column.name for column in RANKED[1:]))
+ORDER = (RANKED[0].name, DELTA, VALUES, *(column.name for column in RANKED[1:]))
 """All columns, the most useful first."""
 
 SHOWN = tuple(
@@ -217,7 +207,7 @@ SHOWN = tuple(
         VALUES if column.name in VALUE_NAMES else column.name for column in RANKED if column.shown
     )
 )
-SHOWN = (SHOWN[0], "delta", *SHOWN[1:])
+SHOWN = (SHOWN[0], DELTA, *SHOWN[1:])
 """Columns of a table for which the user has not chosen any."""
 
 
@@ -271,8 +261,8 @@ def column_of(name: str, view: TableView) -> TableColumn:
         return _value_column(field)
     if name == "time":
         return _time_column(view)
-    if name in DELTAS:
-        return TableColumn(name, DELTAS[name][0], _DELTA_WIDTH, True, _delta_cell)
+    if name == DELTA:
+        return TableColumn(name, "Δt", _DELTA_WIDTH, True, _delta_cell)
     if name == "port":
         return _port_column(view.ports)
     if name == VALUES:
@@ -364,7 +354,7 @@ _SIZES: Final = (
     (96, {"time": len("12:00:00.000"), "kind": 17}, 30),
     (76, {"time": len("12:00:00.000"), "kind": 11}, 21),
     (49, {"time": len("12:00:00.000"), "kind": 8, "port": 8}, 12),
-    (0, {"time": len("00:00.000"), "kind": 7, "port": 4}, 14),
+    (0, {"time": len("00:00.000"), "kind": 8, "port": 4}, 14),
 )
 """By the least cells of the window: widths of columns, at most, and of the values, at least."""
 
@@ -425,7 +415,7 @@ def layout_for(width: int, view: TableView) -> TableLayout:
     names = view.choice
     if names is None:
         hidden = {"port"} if len(view.ports) < 2 else set()
-        hidden |= {"delta"} if width < WITH_DELTA else set()
+        hidden |= {DELTA} if width < WITH_DELTA else set()
         names = tuple(name for name in SHOWN if name not in hidden)
     _least, most, values = next(one for one in _SIZES if width >= one[0])
     columns = [column_of(name, view) for name in names]

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Flag, auto
+from functools import partial
 from typing import Final
 
 from textual.keys import format_key
 
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol import MOTORS
-from fte_sniff.tui.i18n import _, later
 
 
 class Needs(Flag):
@@ -31,7 +32,6 @@ class Needs(Flag):
     EARLIER = auto()
     """Something else was shown before."""
     SEARCH = auto()
-    MARKS = auto()
     SAVES = auto()
     """The command line is open, and what is typed can have a name."""
     ANYWHERE = auto()
@@ -71,21 +71,22 @@ def key_name(key: str) -> str:
     return _(key) if key in KEY_NAMES else format_key(key).replace("ctrl+", "^")
 
 
-_ROWS, _PANE, _PLOTS, _ANYWHERE = Needs.ROWS, Needs.PANE, Needs.PLOTS, Needs.ANYWHERE
+_rows = partial(Command, needs=Needs.ROWS)
+_pane = partial(Command, needs=Needs.PANE)
+_plots = partial(Command, needs=Needs.PLOTS)
+_anywhere = partial(Command, needs=Needs.ANYWHERE)
 
 MOVE: Final = (
-    Command("up,k", "app.move(-1)", "one row up; leaves the end", needs=_ANYWHERE),
-    Command("down,j", "app.move(1)", "one row down", needs=_ANYWHERE),
+    _anywhere("up,k", "app.move(-1)", "one row up; leaves the end"),
+    _anywhere("down,j", "app.move(1)", "one row down"),
     Command("pageup,ctrl+u", "app.page(-1)", "one page up"),
     Command("pagedown,ctrl+d", "app.page(1)", "one page down"),
     Command("home,g", "table.jump(0)", "the first row"),
     Command("G,end", "table.follow", "the last row, and follow what comes", "End"),
     Command("left,h", "app.aside(-1)", "columns to the left"),
     Command("right,l", "app.aside(1)", "columns to the right"),
-    Command("tab", "app.next_part", "motors, table, pane: the next has the keys", needs=_ANYWHERE),
-    Command(
-        "colon", "goto.ask", "go to a row (1200), 50%, a time (12:00:03.5), +2s, @byte", "", _ROWS
-    ),
+    _anywhere("tab", "app.next_part", "motors, table, pane: the next has the keys"),
+    _rows("colon", "goto.ask", "go to a row (1200), 50%, a time (12:00:03.5), +2s, @byte"),
 )
 FIND: Final = (
     Command("f", "filters.ask", "filter the rows: motor = 1 AND rpm > 500", "Filter"),
@@ -93,50 +94,24 @@ FIND: Final = (
     Command(
         "backspace", "filters.before", "return to what was shown before", "Return", Needs.EARLIER
     ),
-    Command("x", "filters.only", "show only rows that are like this one in a column", "", _ROWS),
-    Command("X", "filters.without", "hide rows that are like this one in a column", "", _ROWS),
+    _rows("x", "filters.only", "show only rows that are like this one in a column"),
+    _rows("X", "filters.without", "hide rows that are like this one in a column"),
     Command("slash", "search.ask", "find bytes (hex:AA ?? 03), a word, or a filter", "Search"),
     Command("n", "search.again(1)", "the next match", "Next", Needs.SEARCH),
     Command("N", "search.again(-1)", "the previous match", "", Needs.SEARCH),
-    Command("e", "find.row('fault', 1)", "the next row with a fault", "Fault", _ROWS),
-    Command("E", "find.row('fault', -1)", "the previous row with a fault", "", _ROWS),
-    Command(
-        "a",
-        "find.row('raised', 1)",
-        "the next raised ERROR or ONLINE",
-        "",
-        _ROWS,
-    ),
-    Command(
-        "A",
-        "find.row('raised', -1)",
-        "the previous raised ERROR or ONLINE",
-        "",
-        _ROWS,
-    ),
-    Command(
-        "right_curly_bracket",
-        "find.row('unanswered', 1)",
-        "the next command without an answer",
-        "",
-        _ROWS,
-    ),
-    Command(
-        "left_curly_bracket",
-        "find.row('unanswered', -1)",
-        "the previous unanswered command",
-        "",
-        _ROWS,
-    ),
-    Command("R", "find.related", "from a command to its answer, or back", "", _ROWS),
-    Command("o", "find.landmark(1)", "the next lost port or gap", "", _ROWS),
-    Command("O", "find.landmark(-1)", "the previous lost port or gap", "", _ROWS),
-    Command("m", "notes.mark", "mark the row, or remove its mark", "", _ROWS),
-    Command(
-        "number_sign", "notes.ask", "write a note on the row; an empty one removes it", "", _ROWS
-    ),
-    Command("u", "notes.to_mark(1)", "the next marked row", "", _ROWS),
-    Command("U", "notes.to_mark(-1)", "the previous marked row", "", _ROWS),
+    _rows("e", "find.row('fault', 1)", "the next row with a fault", "Fault"),
+    _rows("E", "find.row('fault', -1)", "the previous row with a fault"),
+    _rows("a", "find.row('raised', 1)", "the next raised ERROR or ONLINE"),
+    _rows("A", "find.row('raised', -1)", "the previous raised ERROR or ONLINE"),
+    _rows("right_curly_bracket", "find.row('unanswered', 1)", "the next command without an answer"),
+    _rows("left_curly_bracket", "find.row('unanswered', -1)", "the previous unanswered command"),
+    _rows("R", "find.related", "from a command to its answer, or back"),
+    _rows("o", "find.landmark(1)", "the next lost port or gap"),
+    _rows("O", "find.landmark(-1)", "the previous lost port or gap"),
+    _rows("m", "notes.mark", "mark the row, or remove its mark"),
+    _rows("number_sign", "notes.ask", "write a note on the row; an empty one removes it"),
+    _rows("u", "notes.to_mark(1)", "the next marked row"),
+    _rows("U", "notes.to_mark(-1)", "the previous marked row"),
 )
 _ONE = "one motor in the pane, or all again"
 UNDERSTAND: Final = (
@@ -147,48 +122,34 @@ UNDERSTAND: Final = (
         "Findings",
     ),
     Command("M", "app.switch('motors')", "target and feedback of each motor", "Motors"),
-    Command(
-        "T", "app.switch('streams')", "rates, answers and faults of each kind and motor", "Streams"
-    ),
-    Command("i", "app.switch('detail')", "what each byte means (also enter)", "Detail", _ROWS),
+    Command("T", "app.switch('streams')", "rates, answers and faults by kind and motor", "Streams"),
+    _rows("i", "app.switch('detail')", "what each byte means (also enter)", "Detail"),
     Command("enter", "app.open", "the rows of what is chosen, or what each byte means"),
-    Command("right_square_bracket", "app.field(1)", "look at the next field", "", _ROWS),
-    Command("left_square_bracket", "app.field(-1)", "look at the previous field", "", _ROWS),
+    _rows("right_square_bracket", "app.field(1)", "look at the next field"),
+    _rows("left_square_bracket", "app.field(-1)", "look at the previous field"),
     *(Command(f"{motor}", f"app.motor({motor})", _ONE) for motor in MOTORS),
-    Command("z", "app.change('zoom', -1)", "less time in the plots", "", _PLOTS),
-    Command("Z", "app.change('zoom', 1)", "more time in the plots", "", _PLOTS),
-    Command(
-        "r",
-        "app.change('range', 1)",
-        "outliers in the plots: at the edge, or in the scale",
-        "",
-        _PLOTS,
-    ),
-    Command("J", "pane.move(1)", "the pane: one line down", "", _PANE),
-    Command("K", "pane.move(-1)", "the pane: one line up", "", _PANE),
-    Command("plus", "app.grow(1)", "a larger pane", "", _PANE),
-    Command("minus", "app.grow(-1)", "a smaller pane", "", _PANE),
-    Command(
-        "L", "app.beside", "the pane beside the table or below it, from 160 columns on", "", _PANE
-    ),
+    _plots("z", "app.change('zoom', -1)", "less time in the plots"),
+    _plots("Z", "app.change('zoom', 1)", "more time in the plots"),
+    _plots("r", "app.change('range', 1)", "outliers in the plots: at the edge, or in the scale"),
+    _pane("J", "pane.move(1)", "the pane: one line down"),
+    _pane("K", "pane.move(-1)", "the pane: one line up"),
+    _pane("plus", "app.grow(1)", "a larger pane"),
+    _pane("minus", "app.grow(-1)", "a smaller pane"),
+    _pane("L", "app.beside", "the pane beside the table or below it, from 160 columns on"),
 )
 HANDLE: Final = (
     Command("space,p", "table.pause", "freeze the view, never the capture", "Pause"),
-    Command("v", "app.select", "select rows from here to the cursor, for y, Y and w", "", _ROWS),
-    Command("y", "export.copy_text", "copy the row decoded", "", _ROWS),
-    Command("Y,c", "export.copy_hex", "copy the row's bytes as hex", "", _ROWS),
-    Command(
-        "w", "export.ask", "save the selected rows, or all that are shown, to a file", "", _ROWS
-    ),
+    _rows("v", "app.select", "select rows from here to the cursor, for y, Y and w"),
+    _rows("y", "export.copy_text", "copy the row decoded"),
+    _rows("Y,c", "export.copy_hex", "copy the row's bytes as hex"),
+    _rows("w", "export.ask", "save the selected rows, or all that are shown, to a file"),
     Command("P", "export.picture", "save a screenshot as SVG"),
     Command("t", "app.times", "times: UTC, local, since the first row, since a mark"),
     Command("d", "app.changes", "highlight bytes that changed"),
     Command("C", "columns.ask", "choose columns and their order"),
     Command("ctrl+t", "app.theme", "another theme"),
     Command("ctrl+s", "line.save", "save the filter by a name", "Save", Needs.SAVES),
-    Command(
-        "escape", "app.dismiss", "cancel: a save, selection, notice, search or pane", "", _ANYWHERE
-    ),
+    _anywhere("escape", "app.dismiss", "cancel: a save, selection, notice, search or pane"),
     Command("question_mark", "app.help", "all keys and signs", "Help"),
     Command("q", "app.leave", "close the pane; quit; a second q stops a recording", "Quit"),
     Command("Q", "app.quit", "quit at once, and print where the recording is"),
@@ -197,7 +158,6 @@ HANDLE: Final = (
 UNBOUND: Final = (
     Command("", "app.language", "switch the language: English, Chinese"),
     Command("", "app.events", "show or hide the lines of port events and gaps"),
-    Command("", "notes.choose", "all marks and notes", needs=Needs.MARKS),
 )
 """Commands of the palette alone."""
 

@@ -15,6 +15,7 @@ from platformdirs import user_cache_path
 
 from fte_sniff.errors import FileError, FteSniffError, reason_of
 from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.i18n import _, error_text, later
 from fte_sniff.protocol import spaced_hex
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
@@ -27,7 +28,6 @@ from fte_sniff.session.save import (
     replace_text,
 )
 from fte_sniff.tui.cells import WITH_DETAIL
-from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.errors import InputTextError, listed
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
 from fte_sniff.tui.cells import ORDER
-from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 

@@ -12,9 +12,9 @@ from fte_sniff.analysis.time_text import clock_time, duration_ns, time_ns
 from fte_sniff.analysis.whole.store import Matches
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import Bools, Row, Rows
 from fte_sniff.tui.detail import NO_ANSWER
-from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 from fte_sniff.tui.search import Search

@@ -12,8 +12,8 @@ from rich.text import Text
 from fte_sniff.analysis.findings import Finding
 from fte_sniff.errors import TranslatableText
 from fte_sniff.formats.cell_text import clock_text, wrap
+from fte_sniff.i18n import _
 from fte_sniff.protocol import Status
-from fte_sniff.tui.i18n import _
 from fte_sniff.tui.pages import CHOSEN, LINE, Context, Page
 
 

@@ -20,13 +20,13 @@ from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.whole.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
+from fte_sniff.i18n import _, later, set_language
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
 from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.spec import online_bit_text
-from fte_sniff.tui.cells import DELTAS, RAISED_MARK, TimeStyle
+from fte_sniff.tui.cells import RAISED_MARK, TimeStyle
 from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
-from fte_sniff.tui.i18n import _, later, set_language
 from fte_sniff.tui.painter import BAR_EVENT, BAR_MARKED, BAR_RAISED, EVENT_SIGN, SHADES, Sign
 
 Pairs = Sequence[tuple[str, str]]
@@ -71,8 +71,7 @@ def _key_sections() -> Iterator[tuple[str, Pairs]]:
     in_bar = [(SHADES, faulty), (BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
     in_bar += [(Sign.UNANSWERED.value, _(Sign.UNANSWERED.meaning)), (BAR_EVENT, _(EVENT))]
     yield _("Signs in the scroll bar"), in_bar
-    times = [(style.value, style.meaning) for style in TimeStyle]
-    yield _("Times"), [(_(word), _(meaning)) for word, meaning in (*times, *DELTAS.values())]
+    yield _("Times"), [(_(style.value), _(style.meaning)) for style in TimeStyle]
 
 
 def _filter_sections() -> Iterator[tuple[str, Pairs]]:

@@ -14,7 +14,7 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from fte_sniff.errors import FteSniffError
-from fte_sniff.tui.i18n import _, error_text
+from fte_sniff.i18n import _, error_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,13 +21,13 @@ from fte_sniff.formats.cell_text import (
     rate_text,
     short_number,
 )
+from fte_sniff.i18n import _
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Status
 from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text
 from fte_sniff.tui.curves import HOLD_NS, SCALE_CELLS, Curves, dots_across, held, plot, time_axis
-from fte_sniff.tui.i18n import _
 from fte_sniff.tui.pages import Context, Page
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette, Sign
 from fte_sniff.tui.strip import latest, style_of
@@ -198,7 +198,7 @@ def _events(rows: Rows, runs: object) -> dict[tuple[int, str], Ints]:
 
 def _card(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:
     """Text and plots of one motor in exactly `height` lines."""
-    lines = list(_texts(state, drawing, width))[: max(1, height - 3)]
+    lines = list(_texts(state, drawing, width))[: max(1, height - 5)]
     lines += _plots(state, drawing, width, height - len(lines))
     return [*lines, *(Text() for _ in range(height - len(lines)))][:height]
 
@@ -214,7 +214,7 @@ def _texts(state: MotorState, drawing: _Drawing, width: int) -> Iterator[Text]:
 
 
 def _labelled(label: str, text: Text, palette: Palette) -> Text:
-    return Text(padded(label, _LABEL_WIDTH), palette.muted).append_text(text)
+    return Text.assemble((padded(label, _LABEL_WIDTH), palette.muted), text)
 
 
 def _reading(reading: Reading | None, drawing: _Drawing) -> Text:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 
 from fte_sniff.errors import printable
-from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.session.notes import Note, located
-from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 
@@ -74,23 +73,6 @@ class NotesControl:
         """Write the notes in a thread, since a disk may be slow."""
         if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
             self._status.warn(_(trouble))
-
-    def choose(self) -> None:
-        """Choose a marked row and go to it."""
-        zone = self._table.look.shown_zone
-        by_text = {}
-        for index in sorted(self._table.marks):
-            row = self._view.row(index)
-            time = "" if row.t_ns is None else f"{clock_text(row.t_ns, 3, zone)}  "
-            text = printable(self._table.marks[index]) or _("mark")
-            by_text[f"{time}{text}  @{row.offset}"] = index
-
-        def accept(line: str) -> None:
-            if not self._table.jump_to_index(by_text.get(line)):
-                self._status.inform(_("the filter hides this row; F shows all rows"))
-
-        question = Question(later("go to the note"), "", str, accept, choices=[*by_text])
-        self._parts.line.ask(question)
 
     def find_noted(self, rows: Rows, first: int) -> None:
         """Mark those of the new rows that have a note, and go to that where the view was left."""

@@ -17,9 +17,9 @@ from textual.message import Message
 from textual.widgets import Static
 
 from fte_sniff.analysis.whole.motors import MotorState
+from fte_sniff.i18n import _
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.cells import first_fitting
-from fte_sniff.tui.i18n import _
 from fte_sniff.tui.painter import Palette
 from fte_sniff.tui.view import Span, View
 

@@ -22,6 +22,7 @@ from textual.strip import Strip
 
 from fte_sniff.analysis.whole.store import RowNote
 from fte_sniff.formats.cell_text import fit
+from fte_sniff.i18n import ExplainedWord
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Direction,
@@ -35,7 +36,7 @@ from fte_sniff.protocol.columns import LOOKS, Ground, mark_of
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.cells import (
-    DELTAS,
+    DELTA,
     RAISED_MARK,
     VALUES,
     TableColumn,
@@ -44,7 +45,6 @@ from fte_sniff.tui.cells import (
     is_raised,
     value_parts,
 )
-from fte_sniff.tui.i18n import ExplainedWord
 from fte_sniff.tui.shown import Shown
 
 PLAIN: Final = Style.null()
@@ -227,7 +227,7 @@ class Painter:
     @cached_property
     def _needs_record(self) -> bool:
         """Whether a column shows more than those of a narrow table."""
-        return not {"time", *DELTAS, "port", "kind", VALUES, "raw"}.issuperset(self._names)
+        return not {"time", DELTA, "port", "kind", VALUES, "raw"}.issuperset(self._names)
 
     def _cell(
         self, column: TableColumn, cell: RowCell, values: Mapping[str, Value]
@@ -241,7 +241,7 @@ class Painter:
                 return self._short_values(column, cell)
             case "time":
                 return [(column.cell(cell.time_ns), muted)]
-            case name if name in DELTAS:
+            case "delta":
                 return [(column.cell(cell.delta_ns), muted)]
             case "kind":
                 kind = row.kind

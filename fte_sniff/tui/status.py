@@ -17,9 +17,9 @@ from textual.widgets import Static
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import printable, size_text
 from fte_sniff.formats.cell_text import fit, fit_path
+from fte_sniff.i18n import _
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.cells import event_text
-from fte_sniff.tui.i18n import _
 
 NAME: Final = "fte-sniff"
 

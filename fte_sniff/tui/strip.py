@@ -17,10 +17,10 @@ from textual.widget import Widget
 
 from fte_sniff.analysis.whole.motors import MotorState, Reading, Trouble
 from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
+from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Status
 from fte_sniff.protocol.spec import FIELD_BY_NAME
 from fte_sniff.tui.cells import span_text
-from fte_sniff.tui.i18n import _
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette
 
 LOW: Final = 20
@@ -81,7 +81,8 @@ def motor_line(
         f" {target_text(state)}",
     )
     answers = _("answers {share:>4.0%}", share=state.answered / asked) if asked else ""
-    wrong = palette.statuses[Status.MALFORMED] if state.unanswered else PLAIN
+    is_wrong = state.trouble in (Trouble.UNANSWERED, Trouble.SILENT)
+    wrong = palette.statuses[Status.MALFORMED] if is_wrong else PLAIN
     delay = f"p99 {span_text(state.delay_p99_ns)}" if state.delay_p99_ns is not None else ""
     since = _("since {time}", time=clock(since_ns)) if since_ns is not None else ""
     parts = [Text(padded(answers, 12), wrong), Text(since), Text(padded(delay, 11), palette.muted)]

@@ -29,7 +29,6 @@ from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import NO_TIME, Row, Rows
 from fte_sniff.protocol.spec import NUM_OFFSET
 from fte_sniff.tui.cells import (
-    DELTAS,
     TableColumn,
     TableView,
     TimeStyle,
@@ -46,7 +45,7 @@ from fte_sniff.tui.painter import (
     Sign,
     bar_signs,
 )
-from fte_sniff.tui.view import View, around
+from fte_sniff.tui.view import View
 from fte_sniff.tui.viewport import Viewport
 
 WHEEL_ROWS: Final = 3
@@ -308,7 +307,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
 
     def _cells(self, indices: Sequence[int], rows: Rows) -> Iterator[tuple[int, RowCell]]:
         """Index and cell of the rows in the window, from top to bottom."""
-        zero_ns, deltas = self._zero_ns, self._deltas(indices, rows)
+        zero_ns, deltas = self._zero_ns, self._deltas(rows)
         changed = _changed(rows) if self.look.changes else [None] * len(rows)
         paired, selected = self._paired, self.selected
         for number, (index, row) in enumerate(zip(indices, rows, strict=True)):
@@ -334,28 +333,14 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         fields = dissect(row)
         return None if self.field is None else fields[self.field % len(fields)].offsets
 
-    def _deltas(self, indices: Sequence[int], rows: Rows) -> Sequence[int | None]:
-        """The time differences of the rows in the window; None where one is unknown."""
-        names = [column.name for column in self._painter.layout.columns]
-        name = next((name for name in names if name in DELTAS), None)
-        if name is None or not indices:
-            return [None] * len(indices)
-        t_ns, before = rows.t_ns, np.full(len(rows), NO_TIME)
-        if name == "delta":
-            before[1:] = t_ns[:-1]
-            if self.viewport.top:
-                above = self._view.row(self._shown.index(self.viewport.top - 1)).t_ns
-                before[0] = NO_TIME if above is None else above
-        else:
-            near = around(self._view.store, indices[0], indices[-1] + 1)
-            of = near.frame_before if name == "delta_frame" else near.command_of
-            others = [of(index) for index in indices]
-            for number, other in enumerate(others):
-                if other is not None:
-                    before[number] = near.rows.t_ns[other - near.first]
+    def _deltas(self, rows: Rows) -> list[int | None]:
+        """The time since the row above of each row in the window; None where it is unknown."""
+        t_ns, top = rows.t_ns, self.viewport.top
+        above = self._view.row(self._shown.index(top - 1)).t_ns if top and len(rows) else None
+        before = np.append([NO_TIME if above is None else above], t_ns[:-1])[: len(t_ns)]
         known = (before != NO_TIME) & (t_ns != NO_TIME)
-        pairs = zip(known.tolist(), t_ns.tolist(), before.tolist(), strict=True)
-        return [now - then if is_known else None for is_known, now, then in pairs]
+        found = zip(known.tolist(), (t_ns - before).tolist(), strict=True)
+        return [ns if is_known else None for is_known, ns in found]
 
     @property
     def _paired(self) -> frozenset[int]:

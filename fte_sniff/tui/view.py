@@ -13,10 +13,10 @@ from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.model import BaudChange, Rate, Tally
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.whole.motors import MotorState, motors_at
-from fte_sniff.analysis.whole.relations import NONE, AnswerState, answers, row_before, stream_keys
+from fte_sniff.analysis.whole.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.whole.store import RowStore
 from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
-from fte_sniff.protocol.rows import Ints, Row, Rows
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.tui.shown import Shown
 
 if TYPE_CHECKING:
@@ -44,14 +44,8 @@ class Around:
     first: int
     """Index of the first of them."""
     rows: Rows
-    before: Ints
     pairs: pl.DataFrame
     """Their `answers`; its indices count from `first`."""
-
-    def frame_before(self, index: int) -> int | None:
-        """The frame before of the same port, kind and motor."""
-        found = int(self.before[index - self.first])
-        return None if found == NONE else found + self.first
 
     def command_of(self, index: int) -> int | None:
         """The command that a row answers."""
@@ -83,7 +77,7 @@ def around(store: RowStore, start: int, end: int) -> Around:
     """The rows from one index up to another, with those `AROUND` them."""
     first, last = max(0, start - AROUND), min(store.next, end + AROUND)
     rows, runs = store.batch(first, last), store.runs(first, last)
-    return Around(first, rows, row_before(stream_keys(rows), runs), answers(rows, runs))
+    return Around(first, rows, answers(rows, runs))
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.cli.settings import Settings, read_settings
 from fte_sniff.errors import FileError
+from fte_sniff.i18n import THEMES
 from fte_sniff.tui.cells import ORDER
-from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import ended, wire

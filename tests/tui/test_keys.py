@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from textual.widgets import Footer
 
+from fte_sniff.i18n import set_language
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import COMMANDS, SECTIONS
 from fte_sniff.tui.help import PAGES, help_text
-from fte_sniff.tui.i18n import set_language
 from tests.slow import first
 from tests.tui.conftest import ListFeed, lines, noise, page, play, press, speed_rows, talk, until
 
