@@ -1,0 +1,181 @@
+"""The strip and the pages: which motor is in trouble, in words, and the span that is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from fte_sniff.protocol.rows import Row
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.options import StartOptions
+from tests.tui.conftest import (
+    NOON_NS,
+    ListFeed,
+    lines,
+    noise,
+    page,
+    play,
+    press,
+    settle,
+    speed_rows,
+    talk,
+    until,
+)
+
+
+def strip(app: SniffApp) -> list[str]:
+    """The lines of the motors."""
+    return lines(app)[1:5]
+
+
+def in_one_read(rows: list[Row], read_ms: int = 16) -> list[Row]:
+    """The rows as an adapter delivers them that is read every some milliseconds."""
+    step = read_ms * 1_000_000
+    times = [-((NOON_NS - (row.t_ns or 0)) // step) * step + NOON_NS for row in rows]
+    return [replace(row, t_ns=t_ns) for row, t_ns in zip(rows, times, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "states"),
+    [
+        (talk(11), ["ok"] * 4),
+        (talk(11, lost=3), ["ok", "ok", "unanswered", "ok"]),
+        (talk(11, silent=2), ["ok", "silent", "ok", "ok"]),
+        (talk(11, error=4), ["ok", "ok", "ok", "ERROR 04"]),
+        (in_one_read(talk(11)), ["ok"] * 4),
+        (speed_rows(4), ["–"] * 4),
+    ],
+    ids=["healthy", "unanswered", "silent", "error", "healthy behind 16 ms", "one wire"],
+)
+def test_the_strip_names_the_motor_and_what_is_wrong(rows: list[Row], states: list[str]) -> None:
+    feed = ListFeed()
+    feed.give(rows)
+
+    async def scenario(app: SniffApp) -> None:
+        found = [line[3:].split("  ")[0].strip() for line in strip(app)]
+        assert found == states
+
+    play(feed, scenario)
+
+
+def test_a_line_has_target_feedback_answers_and_since_when(feed: ListFeed) -> None:
+    feed.give(talk(11, lost=3))
+
+    async def scenario(app: SniffApp) -> None:
+        text = " ".join(strip(app)[2].split())
+        assert text.startswith("3 unanswered speed 1000 → 998 RPM answers 67% since 12:00:")
+        assert "p99 3 ms" in strip(app)[0]
+
+    play(feed, scenario)
+
+
+def test_a_low_terminal_has_one_line_for_all_motors(feed: ListFeed) -> None:
+    feed.give(talk(11, lost=3))
+
+    async def scenario(app: SniffApp) -> None:
+        await settle(app)
+        assert lines(app)[1].split() == ["1", "ok", "2", "ok", "3", "unanswered", "4", "ok"]
+
+    play(feed, scenario, (80, 12))
+
+
+def file_with_trouble() -> ListFeed:
+    """A minute, in which motor 3 leaves commands unanswered from second 20 to 30."""
+    feed = ListFeed(live=False)
+    parts = [talk(20), talk(10, lost=3), talk(30)]
+    starts_ns = (0, 20_000_000_000, 30_000_000_000)
+    rows = [
+        replace(row, t_ns=(row.t_ns or 0) + start_ns)
+        for part, start_ns in zip(parts, starts_ns, strict=True)
+        for row in part
+    ]
+    feed.give([replace(row, offset=10 * number) for number, row in enumerate(rows)])
+    feed.end()
+    return feed
+
+
+def test_a_file_opens_with_its_findings_and_enter_leads_there() -> None:
+    async def scenario(app: SniffApp) -> None:
+        await until(app, "findings: 1")
+        await settle(app)
+        assert "3 unanswered" in strip(app)[2]
+        assert "since 12:00:2" in strip(app)[2]
+        await press(app, "enter")
+        row = app.table.cursor_row
+        assert row is not None
+        assert row.t_ns is not None
+        assert 20 <= (row.t_ns - NOON_NS) / 1e9 < 21
+        await press(app, "M 3")
+        assert "motor 3  unanswered" in page(app)
+        assert "3 unanswered" in strip(app)[2]
+        await press(app, "escape escape backspace")
+        assert app.filters.current == ""
+
+    play(file_with_trouble(), scenario, (100, 40))
+
+
+def test_the_strip_shows_the_time_before_the_cursor() -> None:
+    async def scenario(app: SniffApp) -> None:
+        await until(app, "findings: 1")
+        await press(app, "escape colon '12:00:29' enter")
+        assert "3 unanswered" in strip(app)[2]
+        await press(app, "colon '12:00:55' enter")
+        assert "3 ok" in strip(app)[2]
+
+    play(file_with_trouble(), scenario)
+
+
+def test_streams_are_counted_and_lead_to_their_rows(feed: ListFeed) -> None:
+    feed.give(talk(11))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "T")
+        assert "50.0/s" in page(app)
+        assert "20 ms" in page(app)
+        await press(app, "J J J J J enter")
+        assert app.filters.current == (
+            "kind = 'speed_feedback' AND motor = 2 AND port = '/dev/ttyUSB0'"
+        )
+
+    play(feed, scenario, (120, 40))
+
+
+def test_detail_explains_damage_and_shows_the_bytes_around(feed: ListFeed) -> None:
+    feed.give([*speed_rows(20), noise(20, 200)])
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "e i")
+        text = page(app)
+        assert "noise: bytes that belong to no frame" in text
+        assert "<C1 C2>" in text
+        await press(app, "up right_square_bracket right_square_bracket")
+        assert app.table.field == 1
+
+    play(feed, scenario, (100, 50))
+
+
+def test_curves_have_a_scale_and_an_axis(feed: ListFeed) -> None:
+    feed.give(talk(11))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "M")
+        text = page(app)
+        assert "1000" in text
+        assert "╵-10 s" in text
+        await press(app, "Z")
+        assert "╵-30 s" in page(app)
+
+    play(feed, scenario, (200, 60))
+
+
+def test_the_screen_is_chinese_where_it_is_asked_for(feed: ListFeed) -> None:
+    feed.give(talk(11, lost=3))
+
+    async def scenario(app: SniffApp) -> None:
+        assert "3 未应答" in strip(app)[2]
+        assert "UTC 时刻" in lines(app)[5]
+        await press(app, "T")
+        assert "数据流" in page(app)
+
+    play(feed, scenario, (120, 40), StartOptions(language="zh"))

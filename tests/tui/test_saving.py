@@ -1,0 +1,133 @@
+"""Copies, files, news in the status line, terminals, and what Textual does not document."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from time import monotonic
+
+import pytest
+
+from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol.columns import LOOKS, Ground
+from fte_sniff.tui import terminal
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.painter import DARK, LIGHT, Palette
+from fte_sniff.tui.terminal import TimedOutput
+from tests.tui.conftest import NOON_NS, PORT, ListFeed, page, play, press, settle, speed_rows, until
+
+
+def test_a_copy_is_in_a_file_and_the_screen_says_where(
+    feed: ListFeed, folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    feed.give(speed_rows(5))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "G Y")
+        assert (folders / "fte-sniff" / "copied.txt").read_text() == "AA 01 01 00 04 00 00 00 00 EE"
+        assert "copied.txt: AA 01 01" in " ".join(page(app).split())
+        monkeypatch.setenv("TMUX", "/tmp/tmux-0/default,1,0")
+        await press(app, "g v down y")
+        assert "tmux passes it on with `set -g set-clipboard on`" in " ".join(page(app).split())
+        assert (folders / "fte-sniff" / "copied.txt").read_text().count("\n") == 2
+
+    play(feed, scenario, (160, 24))
+
+
+def test_shown_rows_are_saved(feed: ListFeed, tmp_path: Path) -> None:
+    feed.give(speed_rows(40))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "f 'motor = 1' enter w ctrl+u 'a.csv' enter")
+        await until(app, "saved 10 rows to")
+        assert len((tmp_path / "a.csv").read_text().splitlines()) == 11
+        await press(app, "w ctrl+u 'nowhere/a.csv' enter")
+        assert app.line.question is not None
+
+    play(feed, scenario)
+
+
+def test_a_lost_port_stays_in_the_status_line_until_it_is_found_or_esc(feed: ListFeed) -> None:
+    feed.give(speed_rows(5))
+
+    async def scenario(app: SniffApp) -> None:
+        feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.LOST, "unplugged"))
+        await settle(app)
+        assert "! 12:00:00.000  /dev/ttyUSB0 lost: unplugged" in page(app)
+        await press(app, "d")
+        assert "changed" not in page(app) or "highlighted" in page(app)
+        await press(app, "down")
+        assert "lost: unplugged" in page(app)
+        await press(app, "escape")
+        assert "! 12:00" not in page(app)
+        feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.LOST, "again"))
+        feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.FOUND_AGAIN, ""))
+        await settle(app)
+        assert "! 12:00" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_the_end_of_a_capture_is_reported(feed: ListFeed) -> None:
+    async def scenario(app: SniffApp) -> None:
+        feed.end("the port is gone")
+        await settle(app)
+        assert "ended: the port is gone" in page(app)
+        assert "ENDED" in page(app)
+
+    play(feed, scenario)
+
+
+class SlowFile(io.StringIO):
+    """A terminal that takes a while for each flush."""
+
+    def flush(self) -> None:
+        end = monotonic() + 0.05
+        while monotonic() < end:
+            pass
+
+
+def test_output_is_slow_for_as_long_as_its_last_frame_took() -> None:
+    output = TimedOutput(SlowFile())
+    assert not output.is_slow
+    output.write("frame")
+    assert output.is_slow
+    output.flush()
+    assert output.is_slow
+    end = monotonic() + 1
+    while output.is_slow:
+        assert monotonic() < end
+
+
+def test_only_one_module_uses_what_textual_does_not_document() -> None:
+    folder = Path(terminal.__file__).parent
+    private = ("_driver._", "_compositor", "_writer_thread", "._exit", "_key_thread")
+    found = {
+        path.name
+        for path in folder.glob("*.py")
+        if any(name in path.read_text("utf-8") for name in private)
+    }
+    assert found == {"terminal.py"}
+
+
+def luminance(color: str) -> float:
+    """Relative luminance of `#rrggbb`, by WCAG 2."""
+    parts = [int(color[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    red, green, blue = (p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(one: str, other: str) -> float:
+    bright, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (bright + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize(("palette", "ground"), [(DARK, "#1e1e1e"), (LIGHT, "#e0e0e0")])
+def test_every_text_is_readable(palette: Palette, ground: str) -> None:
+    for style in (palette.muted, palette.good, palette.raised, palette.signs):
+        assert style.color is not None
+        assert contrast(style.color.name, ground) >= 4.5
+    for look in LOOKS.values():
+        for ink in look.inks.values():
+            assert contrast(ink.sign, ink.sign_ground) >= 4.5
+    assert Ground.DARK in {*LOOKS[next(reversed(LOOKS))].inks}
