@@ -34,6 +34,8 @@ _BYTE_ORDER: Final = 0x1A2B3C4D
 _NAME_TAG: Final = 12
 _FLAGS: Final = {None: 0, Direction.FEEDBACK: 1, Direction.CONTROL: 2}
 """Inbound or outbound, as the host sees it."""
+_LONGEST_OPTION: Final = 2**16 - 1
+"""Bytes of a text, such as the name of a port; a longer one is cut."""
 _LAST_TIME: Final = 2**64 - 1
 
 
@@ -96,6 +98,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 @cache
 def _option(code: int, value: bytes) -> bytes:
+    value = value[:_LONGEST_OPTION]
     return pack("<HH", code, len(value)) + _padded(value)
 
 
