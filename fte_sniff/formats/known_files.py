@@ -15,7 +15,7 @@ _BINARY: Final = {
     b"PK\x03\x04": ("a zip archive or an office document", "unpack it, or save it as text or CSV"),
     b"%PDF": ("a PDF", "save the log as text"),
     b"SQLite format 3\0": (
-        "an SQLite database",
+        "a ROS 2 bag or another SQLite database",
         "convert a ROS 2 bag with `ros2 bag convert` to MCAP, then name its topic with --topic",
     ),
     **dict.fromkeys(

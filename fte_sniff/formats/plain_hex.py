@@ -27,6 +27,8 @@ _PREFIX: Final = re.compile(
     rf"\s*[0-9A-Fa-f]{{4,16}}(?::|\s{{2,}})\s*{_PAIR}\b|[^0-9A-Za-z]*?(?:>|<[^0-9A-Za-z])"
 )
 """The address of a line of a dump, or an arrow, before its first byte."""
+_KEY: Final = re.compile(r"[\"']\s*:")
+"""The end of a name in JSON."""
 _WORD: Final = re.compile(r"(?i)\b(?:tx|rx|in|out)\b|[^\x00-\x7f]|[<>]\W*[<>]|->|<-|\d:\d\d:")
 """A direction or a time."""
 _FIX: Final = (
@@ -63,7 +65,7 @@ def is_plain_hex(lines: Sequence[str]) -> bool:
 
 
 def _is_hex(line: str) -> bool:
-    if _PREFIX.match(line):
+    if _PREFIX.match(line) or _KEY.search(line):
         return False
     try:
         _bytes_of_line(line, 1)
@@ -75,7 +77,9 @@ def _is_hex(line: str) -> bool:
 def _has_typing_errors(line: str) -> bool:
     """Whether the words of a line are as short as those of hex."""
     words = [word for word in re.split(_GAP, line) if word]
-    return not _WORD.search(line) and all(len(word) <= len("0xA") for word in words)
+    return not (_WORD.search(line) or _KEY.search(line)) and all(
+        len(word) <= len("0xA") for word in words
+    )
 
 
 def _bytes_of_line(line: str, number: int) -> bytes:

@@ -139,6 +139,11 @@ class _Wire:
         del self._stops[:done], self._keys[:done]
         return rows, keys
 
+    def share(self, baud: int) -> float:
+        """The share of the time between the first and the last chunk that all bytes take."""
+        first, last = self.span_ns or (0, 0)
+        return self.size * byte_time_ns(baud) / (last - first) if last > first else 0
+
     @property
     def waits_from(self) -> tuple[int, int] | None:
         """The key of the first chunk with undecided bytes; None if all are decided."""
@@ -193,14 +198,13 @@ def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
             " recording, or say with --input-regex where the bytes of a log are"
         )
     yield from _against(name, wires)
+    share = max((wire.share(baud) for wire in wires if wire.size >= _MANY_BYTES), default=0)
+    if share > _DENSE:
+        yield (
+            f"{name}: rows are too dense in time for {baud} baud ({share:,.0%}); its times may be"
+            " days"
+        )
     for wire in wires:
-        first, last = wire.span_ns or (0, 0)
-        share = wire.size * byte_time_ns(baud) / max(1, last - first)
-        if wire.size >= _MANY_BYTES and last > first and share > _DENSE:
-            yield (
-                f"{wire.port}: rows are too dense in time for {baud} baud ({share:,.0%});"
-                " its times may be days"
-            )
         row = wire.last[-1] if wire.last is not None else None
         if row is not None and Fault.TRUNCATED in row.faults:
             yield (

@@ -178,12 +178,12 @@ def test_times_in_days_are_named() -> None:
         f"{46_000 + (one.ms / 86_400_000):.9f},{one.way},{spaced(one.data)}\n" for one in log
     )
     _, notes = rows_of(text)
-    assert any(
-        re.search(
-            r"tx: rows are too dense in time for 115200 baud \([\d,]+%\); its times may be days",
-            note,
-        )
-        for note in notes
+    dense = [note for note in notes if "too dense" in note]
+    assert len(dense) == 1
+    assert re.fullmatch(
+        r"log.txt: rows are too dense in time for 115200 baud \([\d,]+%\);"
+        r" its times may be days",
+        dense[0],
     )
 
 
