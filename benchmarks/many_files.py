@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
 
 from tests.support.dask_cluster import cluster
+
 from tests.support.recorded_rows import make_recordings
 
 PROGRAM = [sys.executable, "-P", "-m", "fte_sniff"]

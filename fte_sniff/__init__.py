@@ -54,7 +54,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
-    from fte_sniff.session.file_jobs import check, stats
+    from fte_sniff.session.measured import check, stats
     from fte_sniff.session.scan import read, scan
 
 __all__ = [
@@ -92,7 +92,7 @@ def __getattr__(name: str) -> "Any":
     from importlib import import_module
 
     if name in __all__:
-        for path in ("errors", "protocol", "session.scan", "session.file_jobs"):
+        for path in ("errors", "protocol", "session.scan", "session.measured"):
             module = import_module(f"{__name__}.{path}")
             if hasattr(module, name):
                 return getattr(module, name)

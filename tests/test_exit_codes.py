@@ -64,9 +64,9 @@ def test_a_shortage_of_memory_is_one_line_and_no_verdict(tmp_path: Path, error: 
 
 def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path: Path) -> None:
     too_much = (
-        "import fte_sniff.session.file_jobs as it\n"
+        "import fte_sniff.cli.measuring as it\n"
         "def fail(*_, **__): bytearray(1 << 46)\n"
-        "it.finished_jobs = fail"
+        "it.observe = fail"
     )
     done = run_with(tmp_path, too_much, *CHECK)
     assert (done.code, done.output) == (70, b"")

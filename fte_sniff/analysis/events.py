@@ -21,7 +21,7 @@ import numpy as np
 
 from fte_sniff.analysis.counters import Keep
 from fte_sniff.analysis.facts import ANSWERABLE, NAMES_MOTOR, motor_rows
-from fte_sniff.analysis.model import BaudChange, Model
+from fte_sniff.analysis.model import Model
 from fte_sniff.protocol import (
     KINDS,
     MOTORS,
@@ -30,6 +30,7 @@ from fte_sniff.protocol import (
     PortEvent,
     PortEventKind,
 )
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import NO_FACT, Bools, Codes, Ints, Rows, faults_in
 from fte_sniff.protocol.spec import FrameKind, Role, motor_bit
 

@@ -34,7 +34,7 @@ from fte_sniff.analysis.events import (
 )
 from fte_sniff.analysis.facts import DEADLINE_NS, MOST_HELD, Facts, first_feedback
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.model import BaudChange, Model, RowCount, RowModel
+from fte_sniff.analysis.model import Model, RowCount, RowModel
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol import (
     FAULT_MEANINGS,
@@ -46,6 +46,7 @@ from fte_sniff.protocol import (
     PortEvent,
     PortEventKind,
 )
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit, online_bit_text
 

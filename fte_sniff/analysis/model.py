@@ -23,6 +23,7 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import faults_in
 
 if TYPE_CHECKING:
@@ -34,14 +35,6 @@ GAP_EVENTS: Final = frozenset(
     {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}
 )
 """Events at which bytes of a port are missing."""
-
-
-@dataclass(frozen=True, slots=True)
-class BaudChange:
-    """From here on a port has another speed."""
-
-    port: str
-    baud: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,11 +28,12 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import excerpt, nearest
 from fte_sniff.analysis.findings import Finding, Findings
 from fte_sniff.analysis.measures import MEASURES, OPERATORS, Argument, RowPosition, Rule
-from fte_sniff.analysis.model import BaudChange, RowCount, RowModel
+from fte_sniff.analysis.model import RowCount, RowModel
 from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, ColumnType, Gap, GapKind, PortEvent
 from fte_sniff.protocol.columns import DERIVED
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import NO_TIME, Bools, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 

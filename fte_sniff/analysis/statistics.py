@@ -18,7 +18,7 @@ import numpy.typing as npt
 from fte_sniff.analysis.counters import Counts, Durations, RecentValues, Series
 from fte_sniff.analysis.facts import STREAMS, motor_rows, streams_of
 from fte_sniff.analysis.findings import Findings
-from fte_sniff.analysis.model import BaudChange, Ends, Model, RowCount, RowModel, Tally
+from fte_sniff.analysis.model import Ends, Model, RowCount, RowModel, Tally
 from fte_sniff.analysis.motors import Answers, FlagCounts
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -32,6 +32,7 @@ from fte_sniff.protocol import (
     PortEventKind,
     byte_time_ns,
 )
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import NO_TIME, Codes, Ints, Rows
 
 

@@ -131,7 +131,7 @@ def capture(
 
 def _without_reader(plan: CapturePlan) -> str | None:
     """What a recording does after the reader of its rows has gone; None if nothing is recorded."""
-    if plan.recording is None:
+    if plan.is_temporary:
         return None
     if plan.outlives_view:
         return "the recording goes on; Ctrl-C ends it"

@@ -16,6 +16,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
 from glob import escape
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -217,6 +218,10 @@ def options_from(
     return found
 
 
+_UNRECORDED = RecordingOptions(keep_bytes=256_000_000, min_free_bytes=0)
+"""Of the file through which the rows of an unrecorded capture go."""
+
+
 def _check_total(max_size: int, found: RecordingOptions) -> None:
     """Raise UsageError if the newest files cannot be kept within a total size."""
     if max_size < _MIN_FILE:
@@ -267,12 +272,16 @@ def capture_plan(
     if output is not None:
         _check_output(output)
     existing = Existing.REPLACE if force else Existing.REFUSE
-    default = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
+    path = output or Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
+    options = options_from(**recording)
+    if no_record:
+        path, options = Path(mkdtemp(prefix="fte-sniff-")) / "rows.mcap", _UNRECORDED
     return CapturePlan(
         wiring=wiring,
-        recording=None if no_record else output or default,
+        recording=path,
         existing=existing if output else Existing.NUMBER,
-        recording_options=options_from(**recording),
+        recording_options=options,
+        is_temporary=no_record,
         outlives_view=keep_recording,
         duration_s=duration,
         count=count,
@@ -318,7 +327,8 @@ def run_capture(
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share))
     plan = capture_plan(wiring, **planned)
     silence_s = plan.silence_s if silence is None else silence
-    plan = replace(plan, silence_s=min(silence_s, silence_of(alert_text) or silence_s))
+    silence_s = min(silence_s, silence_of(alert_text) or silence_s)
+    plan = replace(plan, shows_rows=not headless, silence_s=silence_s)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     drive = None
     if headless:
@@ -384,7 +394,7 @@ def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
 def _check_headless(plan: CapturePlan, others: Sequence[str]) -> None:
     if others:
         raise UsageError(f"--headless shows no rows; leave out {others[0]}")
-    if plan.recording is None:
+    if plan.is_temporary:
         raise UsageError("--headless records to files; leave out --no-record")
 
 
@@ -401,7 +411,7 @@ class Announcer(Observer):
         if self._intro is not None:
             if state.device is not None:
                 print_err(f"a host program can open {printable(state.device)}")
-            if state.recording is not None:
+            if state.recording is not None and not state.is_temporary:
                 print_err(f"{self._intro} {state.recording}")
         if self._plan.outlives_view:
             pid = session.capture_pid
@@ -410,7 +420,7 @@ class Announcer(Observer):
     def ended(self, session: LiveSession) -> None:
         """Print the files that were recorded."""
         state = session.state
-        if state.recording is not None and state.outcome is not None:
+        if state.outcome is not None and state.recording is not None and not state.is_temporary:
             _print_recording(state.recordings, state.recording, state.outcome)
 
 
@@ -467,7 +477,7 @@ class Report(Observer):
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        _print_summary(self._tally, session, "printed", self._limit)
+        _print_summary(self._tally, session, self._limit)
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and the file in which it continues."""
@@ -546,7 +556,7 @@ class RestOfScreen(Observer):
     def ended(self, session: LiveSession) -> None:
         """Print the summary, if there was a screen."""
         if self._tally is not None:
-            _print_summary(self._tally, session, "shown", self._limit)
+            _print_summary(self._tally, session, self._limit)
 
 
 class Screen(Observer):
@@ -580,7 +590,5 @@ class Screen(Observer):
             print_saved(self._notes)
 
 
-def _print_summary(tally: Tally, session: LiveSession, shown: str, limit: int | None) -> None:
-    if session.state.not_shown:
-        print_err(f"{session.state.not_shown:,} more rows arrived too fast to be {shown}")
+def _print_summary(tally: Tally, session: LiveSession, limit: int | None) -> None:
     print_err(summary(tally, unframed=session.state.progress.waiting, limit=limit))

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 import click
 
 from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, check_inputs, input_options
-from fte_sniff.cli.measuring import jobs_options, measure, print_json
+from fte_sniff.cli.measuring import measure, pair_option, print_json
 from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
@@ -52,14 +52,13 @@ _NUMBER: Final = ".6g"
     help='A rule, such as "count(malformed) == 0"; may be repeated.',
 )
 @format_option("A table for people, one JSON object, or JUnit XML.", FORMS, FORMS[0])
-@jobs_options
+@pair_option
 def command(
     query: InputQuery,
     rules: Path | None,
     expectations: tuple[str, ...],
     form: str,
-    jobs: int | None,
-    cluster: str | None,
+    pair: bool,
 ) -> None:
     """Compare measures of recordings, raw bytes or hex text with numbers, all files together.
 
@@ -74,7 +73,8 @@ def command(
     wanted = read_rules(rules, expectations)
     from fte_sniff.analysis.rules import RuleCheck
 
-    check, measured = measure(query, partial(RuleCheck, wanted), jobs, cluster)
+    check = RuleCheck(wanted)
+    measured = measure(query, check, pair=pair)
     print_verdicts(check, form, measured.reading, query)
     measured.finish(refused=any(one.refuses for one in check.verdicts()))
 

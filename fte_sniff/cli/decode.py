@@ -25,7 +25,7 @@ from fte_sniff.cli.options import grouped_command, rows_format_option
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
-from fte_sniff.protocol import COLUMN_BY_NAME
+from fte_sniff.protocol import COLUMN_BY_NAME, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -86,9 +86,9 @@ def command(
             reading.source = replace(reading.source, columns=columns)
         hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
         with _opened(written, output, reading, line, force=force) as sink:
-            for batch in reading:
-                with hidden() if len(batch.rows) else nullcontext():
-                    sink.write(batch.rows)
+            for item in reading:
+                with hidden() if isinstance(item, Rows) else nullcontext():
+                    sink.write(item)
     print_notes(reading)
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")

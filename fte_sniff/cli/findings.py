@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.measuring import jobs_options, measure, print_json, text_or_json_option
+from fte_sniff.cli.measuring import measure, pair_option, print_json, text_or_json_option
 from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
 from fte_sniff.protocol import iso_time
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 @grouped_command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
 @input_options(filters=False)
 @text_or_json_option
-@jobs_options
-def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
+@pair_option
+def command(query: InputQuery, form: str, pair: bool) -> None:
     """Find the spans of time in which something is wrong, all files together, best first.
 
     Unanswered and late commands, damage, silence, ERROR and ONLINE flags, motors that do not follow
@@ -38,7 +38,8 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     from fte_sniff.analysis.findings import Findings
 
     check_inputs(query.files)
-    findings, measured = measure(query, Findings, jobs, cluster)
+    findings = Findings()
+    measured = measure(query, findings, pair=pair)
     found = findings.found()
     if form == "json":
         print_json(findings_json(findings, found))

@@ -17,11 +17,10 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from datetime import UTC, time, tzinfo
 from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
-from operator import itemgetter
 from pathlib import Path
 from select import select
 from typing import TYPE_CHECKING, Any, Final
@@ -54,21 +53,20 @@ from fte_sniff.errors import (
 from fte_sniff.formats.known_files import refuse_binary
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
-from fte_sniff.session.following import Following
+from fte_sniff.session.following import Following, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
     KIND_OF_SUFFIX,
     STDIN_NAME,
-    ChunkInput,
     Input,
     InputKind,
     InputReading,
-    LogInput,
     Progress,
-    RecordingInput,
-    by_first_time,
+    chunk_input,
     kind_of_content,
     kind_of_file,
+    log_input,
+    recording_input,
     size_of,
 )
 from fte_sniff.session.save import is_same_file
@@ -80,7 +78,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.model import Tally
     from fte_sniff.formats.log import LogOptions
     from fte_sniff.recording.reader import TimeRange
-    from fte_sniff.session.file_jobs import FileJob, Model
     from fte_sniff.session.notes import Notes
 
 STDIN = Path("-")
@@ -502,6 +499,7 @@ class InputQuery:
         following: Following | None = None,
         *,
         facts: bool = False,
+        pair: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -515,7 +513,7 @@ class InputQuery:
 
         def opened(path: Path) -> Input:
             if following is not None:
-                return following.open(self._followed(path))
+                return followed(self._followed(path), following)
             return _opened(path, self)
 
         self._check_log_options()
@@ -532,6 +530,7 @@ class InputQuery:
             unreadable,
             progress,
             facts=facts,
+            pair=pair,
             zone=self.zone_given() or UTC,
         )
         if following is not None:
@@ -561,41 +560,10 @@ class InputQuery:
             raise UsageError("--follow reads recordings only; leave --input out")
         return path
 
-    def jobs(
-        self, make_model: Callable[[], Model], progress: Progress
-    ) -> tuple[list[FileJob[Model]], InputReading]:
-        """A job for each file, by first times, and a reading to which their results are added.
-
-        Only an input that can be read once stays open. Raises as `read`.
-        """
-        from fte_sniff.session.file_jobs import FileJob
-
-        self._check_log_options()
-        wanted = self.row_filter()
-        filter_text = None if wanted is None else wanted.text
-        opened = partial(_opened, query=replace(self, files=()))
-        found: list[tuple[tuple[bool, int], FileJob[Model]]] = []
-        unreadable, several = list[FileError](), len(self.paths()) > 1
-        for path, one in self._each(opened, progress, unreadable):
-            source = path if path.is_file() else one
-            job = FileJob(source, opened, make_model, None, filter_text, self.baud, size=one.size)
-            found.append((by_first_time(one) if several else (True, 0), job))
-        found.sort(key=itemgetter(0))
-        jobs = [job for _, job in found]
-        times = (_times_of(job.open(), progress) for job in jobs)
-        span = time_range(self.since, self.until, times, self.zone_given())
-        if span is not None:
-            jobs = [replace(job, span=span) for job in jobs]
-        progress.expect([job.size for job in jobs])
-        zone = self.zone_given() or UTC
-        return jobs, InputReading(
-            [], span, wanted, None, self.baud, unreadable, progress, zone=zone
-        )
-
 
 def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:
     progress.step = f"looking for the first and last time in {one.name}"
-    return one.times
+    return one.times()
 
 
 def _pattern_of(text: str) -> re.Pattern[str]:
@@ -678,18 +646,18 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
     if kind is InputKind.MCAP:
         from fte_sniff.recording.reader import Recording
 
-        return RecordingInput(Recording(Path(name), stream))
+        return recording_input(Recording(Path(name), stream))
     if kind is InputKind.RAW:
         baud = query.baud or DEFAULT_BAUD
         chunks = raw_chunks(stream or path, name, query.start_ns(), baud)
         size = size_of(path) if stream is None else None
         is_named = query.kind is not None or path.suffix.lower() in KIND_OF_SUFFIX
-        return ChunkInput(chunks, name, query.start_ns, size, baud, is_guess=not is_named)
+        return chunk_input(chunks, name, query.start_ns, size, baud, is_guess=not is_named)
     from fte_sniff.formats.log import Log
 
     options = query.log_options()
     again = partial(Log, name, options) if stream is None else None
-    return LogInput(Log(name, options, stream), again)
+    return log_input(Log(name, options, stream), again)
 
 
 class _InterruptiblePipe(FileIO):
@@ -725,7 +693,7 @@ def _topic(path: Path, topic: str) -> Input:
     def first_ns() -> int | None:
         return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
 
-    return ChunkInput(topic_chunks(path, topic), topic, first_ns)
+    return chunk_input(topic_chunks(path, topic), topic, first_ns)
 
 
 # What is reported

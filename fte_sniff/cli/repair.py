@@ -10,7 +10,6 @@ import click
 from fte_sniff.cli.input_files import FileName, output_options
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.session.inputs import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.recording.repair import FileDamage
@@ -40,8 +39,8 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
     with progress_line() as line:
-        line.progress.files, line.progress.size = 1, 2 * (size_of(file) or 0)
-        repair = Repair(file, line.progress.advance)
+        line.progress.step = f"repairing {file}"
+        repair = Repair(file)
         if not repair.is_whole:
             repair.write(target, Existing.REPLACE if force else Existing.REFUSE)
     if repair.is_whole:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,16 +18,14 @@ from fte_sniff.cli.input_files import (
 from fte_sniff.cli.options import grouped_command, install_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err, progress_line
-from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.measured import observe
 from fte_sniff.session.save import replace_file
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.plots import Timeline
-    from fte_sniff.analysis.statistics import StatisticsSummary
     from fte_sniff.session.inputs import InputReading
 
-_DELAY_BINS = 60
 _SUFFIXES = (".html", ".htm")
 
 
@@ -50,35 +47,36 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     check_inputs(query.files, output)
     _check_suffix(output)
     try:
-        from fte_sniff.cli.report_page import ReportFacts, page, title_of
+        from fte_sniff.cli.report_page import Bins, page, title_of
     except ModuleNotFoundError as error:
         raise UsageError(
             f"report needs {error.name}, which is not installed; install it with"
             f" `{install_command('report')}`"
         ) from error
-    from fte_sniff.analysis.plots import Timeline
+    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
+    from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import set_language
-    from fte_sniff.session.stats_json import statistics_json
 
-    language = load_settings(None).language(lang)
-    set_language(language)
+    set_language(load_settings(None).language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
-    timeline = Timeline()
+    # A filter hides rows whose absence would be a finding.
+    with_findings = query.filter_text is None
+    summary = StatisticsSummary(LineSetup(query.baud or DEFAULT_BAUD), with_findings=with_findings)
     with progress_line(reads_stdin=STDIN in query.files) as line:
         reading = query.read(query.row_filter(), progress=line.progress)
-        summary = _summarize(reading, query.baud, timeline)
-    facts = ReportFacts(
-        title_of([one.name for one in reading.inputs]),
-        reading.source.gaps,
-        reading.source.facts,
-        reading.notes,
-        _delays(summary),
-        language,
-        [] if summary.findings is None else summary.findings.found(),
-        reading.source.zone,
-    )
-    text = page(timeline, statistics_json(summary, reading), facts)
+        bins = Bins(_times(reading))
+        for name, items in reading.streams():
+            summary.begin(name)
+            observe(bins.observe(items), summary)
+    findings = [] if summary.findings is None else summary.findings.found()
+    texts = {
+        "findings": "\n".join(f"{one.about}: {one.text}" for one in findings),
+        "statistics": "\n".join(line.plain for line in report_lines(summary, reading, None)),
+        "notes": "\n".join(map(printable, reading.notes)),
+    }
+    shown = {heading: text for heading, text in texts.items() if text}
+    text = page(title_of([one.name for one in reading.inputs]), shown, bins)
     try:
         replace_file(output, text.encode())
     except OSError as error:
@@ -102,33 +100,10 @@ def _check_suffix(output: Path) -> None:
     )
 
 
-def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:
-    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
-
-    # A filter hides rows whose absence would be a finding.
-    with_findings = reading.row_filter is None
-    summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD), with_findings=with_findings)
-    for one in reading.inputs:
-        summary.begin(one.name)
-        for batch in reading.batches_of(one):
-            summary.observe(batch.rows, batch.changes)
-            timeline.observe(batch.rows, batch.changes)
-    return summary
-
-
-def _delays(summary: StatisticsSummary) -> dict[int, list[tuple[float, float, int]]]:
-    """By motor, the histogram of its answer delays: from and to, nanoseconds, and how many."""
-    import numpy as np
-
-    found: dict[int, list[tuple[float, float, int]]] = {}
-    motors = summary.answers.stats() if summary.in_order else []
-    known = [one for one in motors if one.delays.longest_ns]
-    if not known:
-        return found
-    low = min(one.delays.percentile_ns(0.001) or 1.0 for one in known)
-    high = max(one.delays.longest_ns or 1 for one in known)
-    edges = np.geomspace(max(low * 0.95, 1.0), max(high * 1.05, 2.0), _DELAY_BINS + 1).tolist()
-    for one in known:
-        bins = [(start, end, one.delays.between(start, end)) for start, end in pairwise(edges)]
-        found[one.motor] = [each for each in bins if each[2]]
-    return found
+def _times(reading: InputReading) -> tuple[int, int] | None:
+    """The first and the last time of the inputs; None if they are not known before reading."""
+    times = [one.times() for one in reading.inputs]
+    known = [(first, last) for first, last in filter(None, times) if last is not None]
+    if not known or len(known) < len(times):
+        return None
+    return min(first for first, _ in known), max(last for _, last in known)

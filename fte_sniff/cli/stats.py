@@ -16,8 +16,8 @@ from fte_sniff.cli.input_files import InputQuery, check_inputs, gap_text, input_
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
     TextTable,
-    jobs_options,
     measure,
+    pair_option,
     print_json,
     print_lines,
     text_or_json_option,
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 )
 @input_options
 @text_or_json_option
-@jobs_options
-def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
+@pair_option
+def command(query: InputQuery, form: str, pair: bool) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
 
     Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
@@ -66,8 +66,8 @@ def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None)
     # A filter hides rows whose absence would be a finding.
     with_findings = form == "table" and query.filter_text is None
     setup = LineSetup(query.baud or DEFAULT_BAUD)
-    make = partial(StatisticsSummary, setup, with_findings=with_findings)
-    summary, measured = measure(query, make, jobs, cluster)
+    summary = StatisticsSummary(setup, with_findings=with_findings)
+    measured = measure(query, summary, pair=pair)
     if form == "json":
         print_json(statistics_json(summary, measured.reading))
     else:

@@ -412,21 +412,13 @@ def _columns() -> int:
 
 
 def progress_text(progress: Progress, seconds: float) -> str:
-    """The line after some seconds: `file 3 of 12  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
-    parts, share = [_description(progress)], 0.0
-    if progress.size and not progress.step:
-        share = min(1.0, progress.position / progress.size)
+    """The line after some seconds: `reading  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
+    parts, share = [printable(progress.step or "reading")], 0.0
+    if progress.total and not progress.step:
+        share = min(1.0, progress.rows / progress.total)
         parts.append(f"{share:.0%}")
     if progress.rows:
         parts.append(f"{progress.rows:,} rows, {progress.rows / seconds:,.0f} rows/s")
     if share >= 0.001:  # before that, the speed is not known
         parts.append(f"{timedelta(seconds=round(seconds / share - seconds))} left")
     return "  ".join(parts)
-
-
-def _description(progress: Progress) -> str:
-    if progress.step or not progress.files:
-        return printable(progress.step or "reading")
-    if progress.files == 1:
-        return "reading"
-    return f"file {min(progress.files_done + 1, progress.files):,} of {progress.files:,}"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -36,6 +36,7 @@ from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import FileError, FilterError, UsageError, printable, size_text
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import Input
 
@@ -99,15 +100,15 @@ def command(
     place = read_place(paths)
     with progress_line() as line:
         reading = query.read(None, progress=line.progress, following=following)
-        batches = iter(reading)
-        # The first batch is read now, so that its error comes before the screen.
-        opening_rows = [*islice(batches, 1)]
+        items = iter(reading)
+        # The first rows are read now, so that an error comes before the screen.
+        opening_items = _up_to_rows(items)
     ports = reading.source.ports
     setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
-    notes = Notes({Path(one.name): one.first_ns if several else None for one in reading.inputs})
+    notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
     session = ReplaySession(
-        chain(opening_rows, batches),
+        chain(opening_items, items),
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
@@ -138,6 +139,16 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
+
+
+def _up_to_rows(items: Iterator[Item]) -> list[Item]:
+    """The items up to the first rows, and these."""
+    found = list[Item]()
+    for item in items:
+        found.append(item)
+        if isinstance(item, Rows):
+            break
+    return found
 
 
 def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:

@@ -3,6 +3,7 @@
 Chunk            the bytes of one read, with its time
 PortEvent        something that happened to the port rather than on the wire
 Gap              rows that are missing between others
+BaudChange       another speed of a port, from here on
 LineErrorCounts  how many errors of each kind the UART reported
 """
 
@@ -166,3 +167,12 @@ class Gap(NamedTuple):
         if (first, last) == (self.start_ns, self.end_ns):
             return self
         return self._replace(rows=None, start_ns=first, end_ns=last) if first <= last else None
+
+
+@dataclass(frozen=True, slots=True)
+class BaudChange:
+    """From here on a port has another speed."""
+
+    port: str
+    baud: int
+    """Bits per second."""

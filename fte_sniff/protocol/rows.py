@@ -20,7 +20,7 @@ from typing import Any, Final, Self, TypeAlias, cast, overload
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.items import BaudChange, Gap, PortEvent
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
@@ -475,3 +475,6 @@ def field_of(raw: Array, kinds: Array, name: str) -> tuple[Array, Bools]:
 
 
 NO_ROWS: Final = Rows.blank(0, ())
+
+Item: TypeAlias = Rows | PortEvent | Gap | BaudChange
+"""What a stream consists of: rows, and what happened between the rows before and after it."""

@@ -10,8 +10,9 @@
 from __future__ import annotations
 
 import os
+from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
-from typing import IO, BinaryIO, Final, NamedTuple, TypeAlias
+from typing import IO, BinaryIO, Final, NamedTuple
 from weakref import finalize
 
 import numpy as np
@@ -30,7 +31,7 @@ from mcap.well_known import MessageEncoding
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import cores, is_locked, read_at
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import NO_ROWS, Array, Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Array, Bools, Ints, Item, Rows
 from fte_sniff.recording.chunks import (
     HEAD,
     MAGIC,
@@ -69,8 +70,6 @@ from fte_sniff.recording.skeletons import (
     MessageType,
     heads_at,
 )
-
-Item: TypeAlias = Rows | PortEvent | Gap
 
 SUFFIX: Final = ".mcap"
 BATCH: Final = 1024 * 1024
@@ -306,21 +305,37 @@ class Recording:
         Raises FileError if the file cannot be read any more.
         """
         wanted = self.contents.chunks if chunks is None else chunks
-        groups = [*_groups([one for one in wanted if span.overlaps(one.first_ns, one.last_ns)])]
+        within = [one for one in wanted if span.overlaps(one.first_ns, one.last_ns)]
+        lost = sorted(self.contents.lost)
+        groups = [*_groups(within, [one.start for one in lost])]
+        before = groups[0][0].start if groups else 0
         jobs: deque[tuple[int, Future[list[_Run]]]] = deque()
         waiting = 0
+
+        def decoded(runs: Iterable[_Run]) -> Iterator[Batch]:
+            nonlocal before
+            for run in runs:
+                batch = self._decode(run).within(span)
+                if run.chunks:
+                    start, before = before, run.chunks[-1].stop
+                    gaps = [
+                        (0, Gap(GapKind.DAMAGE, None, reason=one.why))
+                        for one in lost
+                        if start <= one.start < run.chunks[0].start
+                    ]
+                    batch = batch._replace(between=[*gaps, *batch.between])
+                yield batch
+
         with ThreadPoolExecutor(cores()) as threads, self._open() as file:
             for group in groups:
                 size = sum(one.size for one in group)
                 while jobs and (len(jobs) > cores() or waiting + size > _MOST_AHEAD):
                     waiting -= jobs[0][0]
-                    for run in jobs.popleft()[1].result():
-                        yield self._decode(run).within(span)
+                    yield from decoded(jobs.popleft()[1].result())
                 jobs.append((size, threads.submit(_runs_of, file.fileno(), group)))
                 waiting += size
             for _, job in jobs:
-                for run in job.result():
-                    yield self._decode(run).within(span)
+                yield from decoded(job.result())
 
     def read(self, chunks: list[ChunkRef]) -> list[Item]:
         """The rows, port events and gaps of some chunks, read again.
@@ -557,11 +572,14 @@ def _type_of(name: str, data: bytes) -> MessageType:
     return MessageType(own.FromString, names, is_event)
 
 
-def _groups(chunks: Sequence[ChunkRef]) -> Iterator[list[ChunkRef]]:
-    """Consecutive chunks of a batch."""
+def _groups(chunks: Sequence[ChunkRef], cuts: Sequence[int]) -> Iterator[list[ChunkRef]]:
+    """Consecutive chunks of a batch; none goes over one of the cuts, which are sorted offsets."""
     group: list[ChunkRef] = []
     size = 0
     for chunk in chunks:
+        if group and bisect_left(cuts, chunk.start) > bisect_left(cuts, group[-1].start):
+            yield group
+            group, size = [], 0
         group.append(chunk)
         size += chunk.size
         if size >= BATCH:

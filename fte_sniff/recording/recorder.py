@@ -58,6 +58,8 @@ class RecordingOptions:
 
     flush_every_s: float = 1.0
     """Seconds between two flushes: a kill or a power cut costs the rows of this time."""
+    waits: bool = True
+    """Whether each flush waits for the disk; else `Recorder.sync` does, in another thread."""
     rotate_bytes: int | None = None
     """Size at which the next file begins; None for no limit."""
     rotate_s: float | None = None
@@ -159,8 +161,8 @@ class Recorder:
                 path=first,
                 limit=limit,
             )
-        writer = RecordingWriter(first, self._ports, self._facts_of_part(), existing=existing)
-        self._writer: RecordingWriter | None = writer
+        self._writer: RecordingWriter | None = None
+        self._writer = writer = self._open(first, existing, self._facts_of_part())
         self.path = writer.path
         """The current file, or the last one."""
         if not self._options.rotates:
@@ -244,6 +246,11 @@ class Recorder:
         if self._writer is not None and (limit := self._limit_reached()):
             self._stop(self._writer, limit)
 
+    def sync(self) -> None:
+        """Wait until the disk has what was flushed; any thread may call it."""
+        if (writer := self._writer) is not None:
+            writer.sync()
+
     def rotate(self) -> None:
         """Begin the next file at the next flush, if the current one has rows; from any thread."""
         self._wants_rotation = True
@@ -282,6 +289,10 @@ class Recorder:
         own = {"part": str(self._part)} if previous or self._options.rotates else {}
         return self._facts | own | ({"previous": previous} if previous else {})
 
+    def _open(self, path: Path, existing: Existing, facts: dict[str, str]) -> RecordingWriter:
+        waits = self._options.waits
+        return RecordingWriter(path, self._ports, facts, existing=existing, waits=waits)
+
     def _next(self) -> RecordingWriter:
         """The next file; raises FileError."""
         replaces = self._existing is Existing.REPLACE
@@ -294,7 +305,7 @@ class Recorder:
         existing = Existing.REPLACE if replaces else Existing.REFUSE
         facts = self._facts_of_part(self.path.name)
         try:
-            writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
+            writer = self._open(self._name(number), existing, facts)
         except FileError:
             self._part -= 1
             raise

@@ -12,6 +12,7 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.chunks import MAGIC, LostBytes, walk
 from fte_sniff.recording.metadata import PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputFile
@@ -92,7 +93,7 @@ class Repair:
         for batch in self._batches():
             damage.kept += len(batch.rows)
             damage.kept += sum(isinstance(item, PortEvent) for _, item in batch.between)
-            if not any(isinstance(item, Gap) for _, item in batch.between):
+            if len(batch.rows) or not any(isinstance(item, Gap) for _, item in batch.between):
                 damage.chunks += len(batch.chunks)
         with self._path.open("rb") as file:
             walked = walk(file)
@@ -126,7 +127,7 @@ class Repair:
         own = {name: one for name, one in recording.facts.items() if not name.startswith("port.")}
         writer = BulkWriter(descriptor, recording.ports, own)
         for batch in self._batches():
-            writer.write(*(item for item in batch.items if not isinstance(item, Gap)))
+            writer.write(*(item for item in batch.items if isinstance(item, Rows | PortEvent)))
         kept = {
             (one.name, frozenset(one.metadata.items())): one
             for one in recording.contents.metadata

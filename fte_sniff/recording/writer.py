@@ -21,6 +21,7 @@ import struct
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple, Self, TypeAlias
 from weakref import finalize
@@ -111,11 +112,15 @@ def packed(messages: ChunkMessages) -> bytes:
 
 
 class AppendFile:
-    """A file that is a valid MCAP file after, and during, each of its writes."""
+    """A file that is a valid MCAP file after, and during, each of its writes.
 
-    def __init__(self, descriptor: int, head: bytes, tail: bytes) -> None:
+    Unless it `waits` for the disk after each step, a power cut can damage what came since the last
+    wait; the end of this program cannot.
+    """
+
+    def __init__(self, descriptor: int, head: bytes, tail: bytes, *, waits: bool = True) -> None:
         """Begin an empty file, which the caller closes; raises OSError."""
-        self._descriptor = descriptor
+        self._descriptor, self.waits = descriptor, waits
         self.end = len(head)
         """Where the next data begins."""
         self._tail = tail
@@ -132,17 +137,21 @@ class AppendFile:
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         try:
             self._write(END, after)
-            sync_data(self._descriptor)
+            self._sync()
             self._write(private + new[HEAD.size :], start)
-            sync_data(self._descriptor)
+            self._sync()
             self._write(new[: HEAD.size], start)
             os.ftruncate(self._descriptor, start + len(new))
-            sync_data(self._descriptor)
+            self._sync()
         except OSError:
             self._write(self._tail, start)
             os.ftruncate(self._descriptor, size)
             raise
         self.end, self._tail = start + len(data), tail
+
+    def _sync(self) -> None:
+        if self.waits:
+            sync_data(self._descriptor)
 
     def _write(self, data: bytes, offset: int) -> None:
         view = memoryview(data)
@@ -426,6 +435,7 @@ class RecordingWriter(_Writer):
         facts: Mapping[str, str] | None = None,
         *,
         existing: Existing = Existing.REFUSE,
+        waits: bool = True,
     ) -> None:
         """Create the file, with the schemas and channels of all ports in it.
 
@@ -434,6 +444,7 @@ class RecordingWriter(_Writer):
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
+            waits: whether each flush waits for the disk; else call `sync`.
 
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
@@ -442,12 +453,13 @@ class RecordingWriter(_Writer):
         """What the file is once it is closed; None if it was deleted."""
         self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""
+        self._sync_error: OSError | None = None
         encoder = Encoder(ports, facts or {})
         self._output = OutputFile(path, existing)
         try:
-            super().__init__(
-                encoder, AppendFile(self._output.descriptor, encoder.head, encoder.tail)
-            )
+            descriptor = self._output.descriptor
+            self._grown = AppendFile(descriptor, encoder.head, encoder.tail, waits=waits)
+            super().__init__(encoder, self._grown)
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -459,6 +471,20 @@ class RecordingWriter(_Writer):
         """Write rows and port events; `flush` stores them."""
         self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
 
+    def sync(self) -> None:
+        """Wait until the disk has what was flushed; any thread may call it.
+
+        The next flush raises an error of the disk.
+        """
+        with suppress(OSError):  # it is closed
+            descriptor = os.dup(self._output.descriptor)
+            try:
+                sync_data(descriptor)
+            except OSError as error:
+                self._sync_error = error
+            finally:
+                os.close(descriptor)
+
     def close(self) -> None:
         """Flush, write the summary, and close; raises FileError, and the file is closed then.
 
@@ -467,6 +493,7 @@ class RecordingWriter(_Writer):
         if self._is_closed:
             return
         try:
+            self._grown.waits = True
             self.flush()
             self._end()
         finally:
@@ -482,6 +509,8 @@ class RecordingWriter(_Writer):
     def _append(self, data: bytes, tail: bytes | None = None) -> None:
         try:
             self._output.check()
+            if self._sync_error is not None:
+                raise self._sync_error
             super()._append(data, tail)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)

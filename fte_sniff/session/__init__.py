@@ -2,18 +2,19 @@
 
 Modules:
 
-    capture_process  Child process: its plan and messages; capture, record, send batches.
+    capture_process  Child process: read ports, frame, record.
+    control          What a capture and its view tell each other, as lines of JSON.
     doctor           The checks of `doctor`: machine, ports, line.
-    file_jobs        Measure many files, one job a file: public check() and stats(); WorkerPool.
+    measured         Measure recordings: public check() and stats().
     files            The recordings that paths name.
     following        Follow a recording that another program writes, across its files.
     framing          Chunks of several ports as rows in the order of time: logs, raw bytes.
-    inputs           Recordings, logs, raw bytes, pipes; InputReading: their rows, merged by time.
+    inputs           Recordings, logs, raw bytes, pipes; InputReading: their items, merged by time.
     live_session     LiveSession: start, poll, stop; CaptureState.
-    merge            Merge: rows of several lanes in one order, with watermarks.
+    merge            Merge: the items of several streams in the order of time.
     notes            Notes on rows beside the recording.
     user_state       Places of views and choices of the screen, as JSON of the program.
-    replay           ReplaySession over files with paging; playback.
+    replay           ReplaySession over files; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
     stats_json       Statistics as a JSON object.

@@ -1,5 +1,7 @@
 """Follow a recording that another program writes, from file to file of its capture.
 
+    poll ── grow ── items of the new chunks ── has the writer gone? ── next file, or the end
+
 The file is polled, which also works on network file systems. Following ends when the writer
 releases its lock; if no lock was ever seen, when the file has not grown for some time.
 """
@@ -8,201 +10,239 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from fte_sniff.errors import FileError, Joint, TranslatableText, listed
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind
-from fte_sniff.session.inputs import InputBatch, Note, RecordingInput
-
-if TYPE_CHECKING:
-    from fte_sniff.recording.chunks import ChunkRef
-    from fte_sniff.recording.reader import Recording, TimeRange
+from fte_sniff.protocol.rows import NO_ROWS, Item, Rows
+from fte_sniff.recording.chunks import ChunkRef
+from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
+from fte_sniff.session.inputs import Input, Note, beginning_of, note_end, recording_input
 
 POLL_S: Final = 0.1
+"""Interval at which a file is polled by commands that only follow."""
 
-_RELEASE_S: Final = 5.0
+RELEASE_S: Final = 5.0
 """How long the lock of a file that names its next file is waited for, or the next file."""
 
 IDLE_S: Final = 10.0
 """How long a file without a lock may stay as it is."""
 
+MOST_BYTES: Final = 4 << 20
+"""Unpacked bytes of the chunks that one poll reads; of one chunk at least."""
+
+
+def _ignore(_note: str) -> None: ...
+
+
+class Follower:
+    """Reads the files of a capture while they are written; `poll` never waits."""
+
+    def __init__(
+        self,
+        reader: Recording,
+        span: TimeRange = EVERYTHING,
+        note: Note = _ignore,
+        goes_on: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Begin with a file that was opened as growing.
+
+        Args:
+            reader: the file.
+            span: only rows in it.
+            note: called with what is wrong with a file, after its last row.
+            goes_on: whether the writer is known to run, so that a next file can come at any time.
+        """
+        self._span, self._note, self._goes_on = span, note, goes_on
+        self._has_lock = False
+        """Whether locks work: one was seen."""
+        self._open_ports = set[str]()
+        """The ports that were opened, and neither closed nor lost."""
+        self.ended: str | None = None
+        """Why following ended, one line; None while it goes on."""
+        self._begin(reader)
+
+    def _begin(self, reader: Recording) -> None:
+        self.reader = reader
+        self._seen, self._rows = 0, 0
+        self._gaps, self._troubles = list[Gap](), Counter[PortEventKind]()
+        self._changed_s = time.monotonic()
+        self._named_s: float | None = None
+        """When the file named the next one."""
+        self._waits_until_s: float | None = None
+        """Until when a next file is waited for that the file could not name."""
+        self._new: list[Gap] = beginning_of(reader)
+
+    @property
+    def is_up_to_date(self) -> bool:
+        """Whether the file was read up to its present end."""
+        return self._seen == len(self.reader.contents.chunks)
+
+    def poll(self) -> list[Item]:
+        """What came since the last poll; empty if nothing did.
+
+        Raises FileError if the file was deleted, replaced or cut off, or nothing of it can be read.
+        """
+        if self.ended is not None:
+            return []
+        # Before `grow`: what was flushed before the lock was released is then complete.
+        has_writer = self.reader.has_writer
+        self._has_lock |= has_writer
+        self.reader.grow()
+        found = self._items()
+        if self.is_up_to_date and self._is_finished(has_writer):
+            if not has_writer:
+                self.reader.settle()
+                found += self._items()
+            if self.is_up_to_date and self.ended is None:
+                self._go_on()
+        return found
+
+    def _items(self) -> list[Item]:
+        """The items of the next chunks, and the gaps that the file reports anew."""
+        chunks, size = list[ChunkRef](), 0
+        for chunk in self.reader.contents.chunks[self._seen :]:
+            if chunks and size + chunk.size > MOST_BYTES:
+                break
+            chunks.append(chunk)
+            size += chunk.size
+        self._seen += len(chunks)
+        found: list[Item] = [*self._new]
+        self._new = []
+        if chunks:
+            self._changed_s = time.monotonic()
+            for batch in self.reader.batches(self._span, chunks):
+                found += batch.items
+        gaps = [gap for gap in self.reader.gaps() if gap not in self._gaps]
+        self._gaps += gaps
+        found += gaps
+        for item in found:
+            self._observe(item)
+        return found
+
+    def _observe(self, item: Item) -> None:
+        if isinstance(item, Rows):
+            self._rows += len(item)
+        elif isinstance(item, PortEvent):
+            self._troubles[item.kind] += 1
+            if item.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
+                self._open_ports.add(item.port)
+            elif item.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
+                self._open_ports.discard(item.port)
+
+    def _is_finished(self, has_writer: bool) -> bool:
+        """Whether the file is complete, as far as can be known."""
+        reader, now_s = self.reader, time.monotonic()
+        if reader.times is not None and reader.times[1] >= self._span.end_ns:
+            self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
+            self._end_file()
+            return True
+        if reader.next_path is not None and self._named_s is None:
+            self._named_s = now_s
+        if has_writer:
+            return self._named_s is not None and now_s >= self._named_s + RELEASE_S
+        if self._named_s is not None or self._has_lock or reader.limit:
+            return True
+        return now_s >= self._changed_s + IDLE_S
+
+    def _go_on(self) -> None:
+        """Begin the next file, wait for it, or state how the last one ended."""
+        path, now_s = self.reader.find_next(), time.monotonic()
+        if path is not None:
+            self._end_file()
+            self._begin(Recording(path, is_growing=True))
+            return
+        # A writer with open ports may begin the next file soon, for example after a disk error.
+        if self._waits_until_s is None:
+            self._waits_until_s = now_s + RELEASE_S
+        if self._goes_on() or (self._open_ports and now_s < self._waits_until_s):
+            return
+        self._end_file()
+        self.ended = self._end()
+
+    def _end_file(self) -> None:
+        span = None if self._rows or self._span.everything else self._span
+        note_end(self.reader, self._note, self._troubles, span)
+        if self.reader.nothing_read is not None:
+            raise self.reader.nothing_read
+
+    def _end(self) -> TranslatableText:
+        """Why following ended with a file that has no next one."""
+        path, limit = self.reader.path, self.reader.limit
+        if limit:
+            return TranslatableText(
+                "{path}: the recording ended because {reason}", path=path, reason=limit
+            )
+        if not self._has_lock:
+            return TranslatableText(
+                "{path}: nothing was written to it for {seconds:g} s", path=path, seconds=IDLE_S
+            )
+        if self._open_ports:
+            return TranslatableText(
+                "{path}: the program that recorded it ended without closing {ports}; it was killed"
+                " or could not write, and its last rows may be missing",
+                path=path,
+                ports=listed(sorted(self._open_ports), Joint.AND),
+            )
+        return TranslatableText("{path}: the program that recorded it has ended", path=path)
+
 
 class Following:
-    """The state of following the files of one capture."""
+    """The following of a command: what it follows, and the request to stop."""
 
     def __init__(self) -> None:
         """Follow nothing yet."""
+        self.follower: Follower | None = None
         self.name = ""
         """The file that is read."""
-        self.has_lock = False
-        """Whether locks work: one was seen."""
-        self.open_ports: set[str] = set()
-        """The ports that were opened, and neither closed nor lost."""
-        self.is_up_to_date = False
-        """Whether the file was read up to its end once."""
         self.stopped = False
         self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
 
-    def open(self, path: Path) -> FollowedInput:
-        """The recording as an input, whose successors are the next files.
-
-        Raises FileError if it cannot be read, or is not a recording.
-        """
-        from fte_sniff.recording.reader import Recording
-
-        found = FollowedInput(Recording(path, is_growing=True), self)
-        self.name = found.name
-        return found
-
-    def observe(self, events: Iterable[PortEvent]) -> None:
-        """Update the open ports."""
-        for event in events:
-            if event.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
-                self.open_ports.add(event.port)
-            elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
-                self.open_ports.discard(event.port)
-
-    def end(self, name: str, limit: str) -> TranslatableText:
-        """Why following ended with a file that has no next one; `limit` is what it names."""
-        if limit:
-            return TranslatableText(
-                "{path}: the recording ended because {reason}", path=name, reason=limit
-            )
-        if not self.has_lock:
-            return TranslatableText(
-                "{path}: nothing was written to it for {seconds:g} s",
-                path=name,
-                seconds=IDLE_S,
-            )
-        if self.open_ports:
-            return TranslatableText(
-                "{path}: the program that recorded it ended without closing {ports}; it was killed"
-                " or could not write, and its last rows may be missing",
-                path=name,
-                ports=listed(sorted(self.open_ports), Joint.AND),
-            )
-        return TranslatableText("{path}: the program that recorded it has ended", path=name)
+    @property
+    def is_up_to_date(self) -> bool:
+        """Whether the file was read up to its present end."""
+        return self.follower is not None and self.follower.is_up_to_date
 
     def stop(self) -> None:
         """Request the end of following; may be called in a signal handler."""
         self.stopped = True
 
 
-class FollowedInput(RecordingInput):
-    """A recording that another program writes; its batches come as they are flushed."""
+def followed(path: Path, following: Following) -> Input:
+    """A recording that another program writes; its rows come as they are flushed.
 
-    def __init__(self, reader: Recording, following: Following) -> None:
-        super().__init__(reader)
-        self._growing, self._following = reader, following
-        self._gaps_known = 0
-        self._troubles: Counter[PortEventKind] = Counter()
-        self._has_rows = False
+    Raises FileError if it cannot be read, or is not a recording.
+    """
+    reader = Recording(path, is_growing=True)
+    found = recording_input(reader)
+    found.read, found.count = partial(_read_followed, reader, following), None
+    following.name = found.name
+    return found
 
-    def batches(
-        self, span: TimeRange | None, note: Note, open_inputs: int = 0
-    ) -> Iterator[InputBatch]:
-        """Read its rows, and wait for more; see `Input`.
 
-        The first batch may be empty, so that a reader knows that the file could be opened.
-        """
-        self._gaps_known = len(self.gaps(span))
-        try:
-            yield from self._until_end(span)
-        except FileError as error:
-            self._fail(error)
-            return
-        following = self._following
-        if not following.stopped and following.ended is None:
-            self._find_successor()
-        self._note_end(span, note, self._troubles, some=self._has_rows)
-        if self.failure is None:
-            self.failure = self._growing.nothing_read
-        if self.successor is None and self.failure is None and following.ended is not None:
-            note(following.ended)
+def _read_followed(
+    reader: Recording, following: Following, span: TimeRange | None, note: Note
+) -> Iterator[Item]:
+    """The items of a file and of the next ones of its capture, until following ends.
 
-    def _until_end(self, span: TimeRange | None) -> Iterator[InputBatch]:
-        """The rows up to the end of following this file."""
-        from fte_sniff.recording.reader import EVERYTHING
-
-        following, reader = self._following, self._growing
-        wanted = span or EVERYTHING
-        changed_s, named_s = time.monotonic(), None
-        yield InputBatch()
-        added = list(reader.contents.chunks)
-        while True:
-            # Before `grow`: what was flushed before the lock was released is then complete.
-            has_writer = reader.has_writer
-            following.has_lock |= has_writer
-            now_s = time.monotonic()
-            added += reader.grow()
-            if added:
-                changed_s = now_s
-                yield from self._new(added, wanted)
-                added = []
-            if reader.times and reader.times[1] >= wanted.end_ns:
-                following.ended = TranslatableText("{path}: --to is reached", path=self.name)
-                return
-            if following.stopped:
-                return
-            if reader.next_path is not None and named_s is None:
-                named_s = now_s
-            if self._is_finished(has_writer, now_s, changed_s, named_s):
-                break
-            following.is_up_to_date = True
-            time.sleep(POLL_S)
-        if not has_writer:
-            yield from self._new(reader.settle(), wanted)
-
-    def _is_finished(
-        self, has_writer: bool, now_s: float, changed_s: float, named_s: float | None
-    ) -> bool:
-        following = self._following
-        if has_writer:
-            return named_s is not None and now_s >= named_s + _RELEASE_S
-        if named_s is not None or following.has_lock or self._growing.limit:
-            return True
-        return now_s >= changed_s + IDLE_S
-
-    def _new(self, chunks: list[ChunkRef], span: TimeRange) -> Iterator[InputBatch]:
-        """The batches of new chunks, with the gaps that the file reports since the last ones."""
-        for own in self._growing.batches(span, chunks):
-            batch = self._batch_of(own, span)
-            if batch is None:
-                continue
-            self._troubles.update(event.kind for event in batch.rows.events)
-            self._following.observe(batch.rows.events)
-            self._has_rows |= bool(len(batch.rows))
-            yield replace(batch, gaps=self._new_gaps(span))
-            if self._following.stopped:
-                return
-        if gaps := self._new_gaps(span):  # after the last row
-            yield InputBatch(gaps=gaps)
-
-    def _new_gaps(self, span: TimeRange | None) -> Sequence[Gap]:
-        gaps = self.gaps(span)[self._gaps_known :]
-        self._gaps_known += len(gaps)
-        return gaps
-
-    def _find_successor(self) -> None:
-        """Open the next file of the capture, or state how the last one ended."""
-        following = self._following
-        until_s = time.monotonic() + _RELEASE_S
-        while (path := self._growing.find_next()) is None:
-            # A writer with open ports may begin the next file soon, for example after a disk error.
-            waits = following.open_ports and self.part and time.monotonic() < until_s
-            if not waits or following.stopped:
-                following.ended = following.end(self.name, self._growing.limit)
-                return
-            time.sleep(POLL_S)
-        try:
-            self.successor = following.open(path)
-        except FileError as error:
-            self._fail(error)
-
-    def _fail(self, error: FileError) -> None:
-        self.failure = error
-        self._following.ended = error.message
+    First no rows, so that the caller knows that the file could be opened.
+    """
+    yield NO_ROWS
+    follower = following.follower = Follower(reader, span or EVERYTHING, note)
+    try:
+        while not following.stopped and follower.ended is None:
+            found = follower.poll()
+            following.name = str(follower.reader.path)
+            yield from found
+            if not found:
+                time.sleep(POLL_S)
+    except FileError as error:
+        following.ended = error.message
+        raise
+    following.ended = follower.ended
+    if follower.ended is not None:
+        note(follower.ended)

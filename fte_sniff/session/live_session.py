@@ -1,4 +1,10 @@
-"""A running capture as a feed for one view: its state, and how to start, poll and stop it."""
+"""A running capture as a feed for one view: its state, and how to start, poll and stop it.
+
+    capture process ──writes──► recording ──► Follower ──items──┐
+           └──────────control──────────────► CaptureState ──────┴──► FeedUpdate
+
+The rows come from the file, as for any other program that follows it.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +12,26 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
+from shutil import rmtree
 from subprocess import TimeoutExpired
+from typing import Final
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.model import GapDetector, StreamChange, shifted
 from fte_sniff.errors import TOO_MANY_FILES, FileError, FteSniffError, PortError, TranslatableText
-from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Item
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Change, Outcome
-from fte_sniff.session.capture_process import (
-    STOP,
-    CapturePlan,
-    Ended,
-    Message,
-    RowsMessage,
-    Started,
-    WriteProgress,
-    capture,
-)
+from fte_sniff.session.capture_process import CapturePlan, capture
+from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, Stop, receive, send
+from fte_sniff.session.following import Follower
+from fte_sniff.session.inputs import EventEffects
+from fte_sniff.session.replay import update_of
 from fte_sniff.session.worker_process import start_worker
+
+REPORTED_LEFTOVER: Final = 2**20
+"""This many waiting bytes take over a second to write, and are reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,23 +39,19 @@ class CaptureState:
     """State of a capture, folded from its messages."""
 
     names: tuple[str, ...]
+    is_temporary: bool = False
+    """Whether the recording goes with the program."""
     started: bool = False
-    """True once the port and the recording, if any, are open."""
+    """True once the port and the recording are open."""
     ended: Ended | None = None
     error: FteSniffError | None = None
     """The latest error of the port, the recording or the capture process."""
     recording: Path | None = None
-    """Path of the current file; None without a recording or after it stopped."""
+    """Path of the current file; None after recording stopped."""
     recordings: tuple[Path, ...] = ()
     """All files of the recording, in order; several after rotation or a failed write."""
-    stopped_recording: FteSniffError | None = None
-    """Why the recording last stopped; at the end `error` says what was lost."""
     device: str | None = None
-    total_rows: int = 0
-    not_shown: int = 0
-    """Rows recorded but not sent, because the view was too slow."""
-    leftover: int = 0
-    progress: WriteProgress = field(default_factory=WriteProgress)
+    progress: CaptureStatus = field(default_factory=CaptureStatus)
     lost: frozenset[str] = frozenset()
     """Ports that are currently lost and waited for."""
 
@@ -61,51 +62,42 @@ class CaptureState:
 
     def after(self, message: Message) -> CaptureState:
         """The state after one more message."""
-        if isinstance(message, Ended):
-            return replace(self, ended=message, error=message.error, progress=message.progress)
-        if isinstance(message, Started):
-            return replace(
-                self,
-                started=True,
-                recording=message.recording,
-                recordings=() if message.recording is None else (message.recording,),
-                device=message.device,
-            )
-        return reduce(CaptureState._after_change, message.recording, self._after_batch(message))
+        match message:
+            case Started():
+                files = (message.recording,)
+                return replace(
+                    self,
+                    started=True,
+                    recording=message.recording,
+                    recordings=files,
+                    device=message.device,
+                )
+            case CaptureStatus():
+                return replace(self, progress=message)
+            case Ended():
+                return replace(self, ended=message, error=message.error, progress=message.progress)
+            case Change(path, failure):
+                return replace(
+                    self,
+                    recording=path,
+                    recordings=self.recordings + (() if path is None else (path,)),
+                    error=failure or self.error,
+                )
+        return self
 
-    def _after_batch(self, batch: RowsMessage) -> CaptureState:
-        return replace(
-            self,
-            total_rows=batch.total_rows,
-            not_shown=batch.not_shown,
-            leftover=batch.leftover,
-            progress=batch.progress,
-            lost=reduce(_lost_ports, batch.rows.events, self.lost),
-        )
-
-    def _after_change(self, change: Change) -> CaptureState:
-        return replace(
-            self,
-            recording=change.path,
-            recordings=self.recordings + (() if change.path is None else (change.path,)),
-            stopped_recording=change.failure or self.stopped_recording,
-            error=change.failure or self.error,
-        )
-
-    @property
-    def feed_state(self) -> FeedState:
-        """The state as a feed shows it."""
-        ended = self.ended
+    def feed_state(self, *, is_read: bool) -> FeedState:
+        """The state as a feed shows it; `is_read` is whether all rows were polled."""
+        ended = self.ended if is_read else None
+        is_shown = self.recording is not None and not self.is_temporary
         return FeedState(
             title=self._title(),
-            recording=str(self.recording) if self.recording else None,
+            recording=str(self.recording) if is_shown else None,
             running=ended is None,
             waiting=ended is None and bool(self.lost),
             ended=(ended.reason or TranslatableText("stopped")) if ended else None,
             trouble=self._trouble() if ended is None else None,
-            rows=self.total_rows,
-            not_shown=self.not_shown,
-            files=tuple(map(str, self.recordings)),
+            rows=self.progress.rows,
+            files=() if self.is_temporary else tuple(map(str, self.recordings)),
             recorded_bytes=self.progress.bytes,
         )
 
@@ -116,21 +108,17 @@ class CaptureState:
         return " + ".join(self.names)
 
     @property
-    def is_write_slow(self) -> bool:
-        """Whether the end waits for a write."""
-        return self.progress.is_slow and self.progress.is_end
-
-    @property
     def backlog(self) -> str | None:
         """What the end waits for; None if nothing."""
-        if self.is_write_slow:
+        progress = self.progress
+        if progress.is_slow and progress.is_end:
             return TranslatableText(
                 "writing is slow, as the disk or the processor is busy: {what} are not written yet",
-                what=self.progress.remaining,
+                what=progress.remaining,
             )
-        if self.leftover and self.progress.waiting:
+        if progress.is_end and progress.waiting >= REPORTED_LEFTOVER:
             return TranslatableText(
-                "writing received data: {bytes:,} bytes left", bytes=self.leftover
+                "writing received data: {bytes:,} bytes left", bytes=progress.waiting
             )
         return None
 
@@ -153,14 +141,14 @@ def _lost_ports(lost: frozenset[str], event: PortEvent) -> frozenset[str]:
     return lost
 
 
-MOST_ROWS_A_POLL = 16_384
-"""Most rows of one poll, so that a view that was suspended stays responsive."""
-
 END_WITHIN_S = 5.0
 """Seconds without a message after which a capture that should end is killed."""
 
 WAIT_S = 0.1
 """Seconds that one wait for the capture process lasts."""
+
+POLL_S = 0.02
+"""Interval at which the file is polled."""
 
 _KILLED = TranslatableText(
     "the capture did not end within {seconds:g} s and was killed; the rows written to the "
@@ -187,29 +175,29 @@ class LiveSession:
 
         Raises FileError if the working folder is gone.
         """
-        self._observe = observe
+        self._plan, self._observe = plan, observe
         _check_folder()
-        self.state = CaptureState(plan.wiring.names)
-        self._gaps = GapDetector()
-        self._gaps.begin(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
+        self.state = CaptureState(plan.wiring.names, plan.is_temporary)
+        self._effects = EventEffects(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
+        self._follower: Follower | None = None
+        self._next_file = 0
+        """Index of the next file to follow, among those of the recording."""
         self._stopped_at_s: float | None = None
-        self.received_at_s = 0.0
+        self._received_at_s = 0.0
         """Monotonic time of the last message; one comes every second while the capture works."""
-        self._receiving_since_s: float | None = None
-        """When receiving of the current, possibly incomplete, message started."""
         self._killed: str | None = None
         """Why the capture process was killed; None if it was not."""
         self._process, self._capture = start_worker(capture, plan)
 
     def begin(self) -> None:
-        """Wait until the port and the recording, if any, are open.
+        """Wait until the port and the recording are open.
 
         After a `stop` the capture may have ended already; see `poll`. Raises FteSniffError if
         the port cannot be opened, or the recording cannot be made.
         """
         while not self.state.started and self.state.ended is None:
             if self._capture.poll(WAIT_S):
-                self.state = self.state.after(self._receive())
+                self._receive()
             else:
                 self._give_up_when_overdue()
         if self.state.ended is not None and self.state.error is not None:
@@ -232,35 +220,49 @@ class LiveSession:
 
     def wait(self, timeout_s: float) -> FeedUpdate:
         """The next rows and events; empty after `timeout_s` seconds without any."""
-        parts: list[Rows] = []
-        count = 0
-        changes: list[StreamChange] = []
-        while self.state.ended is None and count < MOST_ROWS_A_POLL:
-            if not self._capture.poll(timeout_s):
-                self._give_up_when_overdue()
+        until_s = time.monotonic() + timeout_s
+        while True:
+            self._receive_all(min(POLL_S, max(0.0, until_s - time.monotonic())))
+            items = list(self._effects.of(self._follow()))
+            if items or not self._is_running or time.monotonic() >= until_s:
                 break
-            timeout_s = 0
-            message = self._receive()
-            self.state = self.state.after(message)
-            if isinstance(message, RowsMessage):
-                found = self._gaps.changes(message.rows, message.not_shown)
-                changes += shifted(found, count)
-                parts.append(message.rows)
-                count += len(message.rows)
-        rows = Rows.concat(parts)
-        update = FeedUpdate(self.state.feed_state, rows, rows.events, changes)
+        for item in items:
+            if isinstance(item, PortEvent):
+                self.state = replace(self.state, lost=_lost_ports(self.state.lost, item))
+        update = update_of(self.state.feed_state(is_read=not self._is_running), items)
         if self._observe is not None:
             self._observe(update)
         return update
 
+    @property
+    def _is_running(self) -> bool:
+        """Whether more rows can come."""
+        if self.state.ended is None:
+            return True
+        is_read = self._follower is None or self._follower.ended is not None
+        return not (is_read and self._next_file >= len(self.state.recordings))
+
+    def _follow(self) -> list[Item]:
+        """What is new in the files; one that disappears is left for the next one."""
+        try:
+            if self._follower is None or self._follower.ended is not None:
+                if self._next_file >= len(self.state.recordings):
+                    return []
+                path = self.state.recordings[self._next_file]
+                self._next_file += 1
+                reader = Recording(path, is_growing=True)
+                self._follower = Follower(reader, goes_on=lambda: self.state.ended is None)
+            found = list[Item](self._follower.poll())
+        except FileError as error:
+            self._follower = None
+            return [Gap(GapKind.NOT_SHOWN, reason=error.message)]
+        if self._follower.reader.path in self.state.recordings:
+            self._next_file = self.state.recordings.index(self._follower.reader.path) + 1
+        return found
+
     def stop(self) -> None:
         """Request the end of the capture; returns at once, may be called again."""
         if self._stopped_at_s is not None:
-            since = self._receiving_since_s
-            if since is not None and time.monotonic() > since + END_WITHIN_S:
-                # The capture hangs within a message, and so does the reader of the rest.
-                self._killed = _KILLED
-                self._process.kill()
             return
         self._stopped_at_s = time.monotonic()
         if not self.state.started:
@@ -268,7 +270,7 @@ class LiveSession:
             self._process.terminate()
         # If it has ended already, `wait` returns how.
         with suppress(OSError):
-            self._capture.send(STOP)
+            send(self._capture, Stop())
 
     def hurry(self) -> None:
         """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.
@@ -283,19 +285,40 @@ class LiveSession:
         """End the capture and wait until its file is closed; discard further rows."""
         self.stop()
         while self.state.ended is None:
-            self.wait(WAIT_S)
+            self._receive_all(WAIT_S)
         try:
             self._process.wait(END_WITHIN_S)
         except TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._capture.close()
+        if self._plan.is_temporary:
+            rmtree(self._plan.recording.parent, ignore_errors=True)
+
+    # Messages
+
+    def _receive_all(self, timeout_s: float) -> None:
+        """Apply the messages that came, or the first within a time."""
+        while self.state.ended is None:
+            if not self._capture.poll(timeout_s):
+                self._give_up_when_overdue()
+                return
+            timeout_s = 0
+            self._receive()
+
+    def _receive(self) -> None:
+        try:
+            message = receive(self._capture)
+            self._received_at_s = time.monotonic()
+        except (EOFError, OSError):
+            message = self._exit_without_result(self._killed or self._exit_reason())
+        self.state = self.state.after(message)
 
     def _give_up_when_overdue(self) -> None:
         if self._stopped_at_s is None:
             return
         # A capture that still has much to record keeps sending messages.
-        last_s = max(self._stopped_at_s, self.received_at_s)
+        last_s = max(self._stopped_at_s, self._received_at_s)
         if time.monotonic() > last_s + END_WITHIN_S:
             self._process.kill()
             self.state = self.state.after(self._exit_without_result(_KILLED))
@@ -305,7 +328,7 @@ class LiveSession:
             return Ended()
         progress = self.state.progress
         error = FileError if reason in (TOO_MANY_FILES, _ENDED_EARLY) else PortError
-        if self.state.recording is None:
+        if self.state.recording is None or self.state.is_temporary:
             was_asked = reason is _ENDED_EARLY
             return Ended(reason, None if was_asked else error(reason), progress=progress)
         whole = TranslatableText(
@@ -321,18 +344,6 @@ class LiveSession:
             if self._process.wait(END_WITHIN_S) == FileError.exit_code:
                 return TOO_MANY_FILES
         return _UNEXPECTED
-
-    def _receive(self) -> Message:
-        self._receiving_since_s = time.monotonic()
-        try:
-            message = self._capture.recv()
-        except (EOFError, OSError):
-            return self._exit_without_result(self._killed or self._exit_reason())
-        finally:
-            self._receiving_since_s = None
-        self.received_at_s = time.monotonic()
-        assert isinstance(message, Started | RowsMessage | Ended)
-        return message
 
 
 def _check_folder() -> None:

@@ -13,16 +13,29 @@ import numpy as np
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.model import StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Rows
+from fte_sniff.protocol import Gap, GapKind, PortEvent
+from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Item, Rows
 from fte_sniff.session.following import Following
-from fte_sniff.session.inputs import InputBatch
 
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
 
 MAX_ROWS_PER_POLL = 200_000
 """A poll returns at most about this many rows, so that a screen can draw in between."""
+
+
+def update_of(state: FeedState, items: Iterable[Item]) -> FeedUpdate:
+    """The update of a feed with these items."""
+    parts, events, changes, count = list[Rows](), list[PortEvent](), list[StreamChange](), 0
+    for item in items:
+        if isinstance(item, Rows):
+            parts.append(item)
+            count += len(item)
+        elif isinstance(item, PortEvent):
+            events.append(item)
+        else:
+            changes.append(StreamChange(count, item))
+    return FeedUpdate(state, Rows.concat(parts), events, changes)
 
 
 class ReplaySession:
@@ -33,7 +46,7 @@ class ReplaySession:
 
     def __init__(
         self,
-        batches: Iterable[InputBatch],
+        items: Iterable[Item],
         title: str,
         total: int | None = None,
         files: Sequence[str] = (),
@@ -44,7 +57,7 @@ class ReplaySession:
         So an opening screen draws its first rows without delay.
 
         Args:
-            batches: rows and events; iterated in a thread.
+            items: iterated in a thread.
             title: the name to show.
             total: approximate number of rows; None if unknown.
             files: paths of the files.
@@ -53,14 +66,14 @@ class ReplaySession:
         self._following = following
         self._is_live = False
         self._expected_rows, self._files = total, files
-        self._source = batches
+        self._source = items
         self._title = title
         self._rows = 0
         self._stop = threading.Event()
         self._resumed = threading.Event()
         self._polled_rows = False
         self._losses: list[str] = []
-        self._queue: queue.Queue[InputBatch | None] = queue.Queue(MAX_READ_AHEAD)
+        self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
@@ -69,7 +82,7 @@ class ReplaySession:
         """Return what was read since the previous poll, without blocking."""
         if self._polled_rows:
             self._resumed.set()
-        reads: list[InputBatch] = []
+        reads: list[Item] = []
         while self._running and _has_room(reads):
             try:
                 batch = self._queue.get_nowait()
@@ -81,17 +94,12 @@ class ReplaySession:
                 reads.append(batch)
         if self._following is not None and self._following.is_up_to_date and self._queue.empty():
             self._is_live = True
-        changes: list[StreamChange] = []
-        count = 0
-        for read in reads:
-            self._losses += read.losses
-            changes += shifted(read.changes, count)
-            count += len(read.rows)
+        for item in reads:
+            if isinstance(item, Gap) and item.kind is GapKind.DAMAGE:
+                self._losses.append(item.reason)
+            self._rows += len(item) if isinstance(item, Rows) else 0
         self._polled_rows |= bool(reads)
-        rows = Rows.concat([read.rows for read in reads if len(read.rows)])
-        self._rows += len(rows)
-        events = [event for read in reads for event in read.rows.events]
-        return FeedUpdate(self._state(), rows, events, changes)
+        return update_of(self._state(), reads)
 
     def stop(self) -> None:
         """Stop reading; does not block."""
@@ -132,7 +140,7 @@ class ReplaySession:
             self.error = error
         self._put(None)
 
-    def _put(self, batch: InputBatch | None) -> bool:
+    def _put(self, batch: Item | None) -> bool:
         while not self._stop.is_set():
             try:
                 self._queue.put(batch, timeout=0.1)
@@ -155,8 +163,8 @@ def _damaged(losses: Sequence[str]) -> str | None:
     )
 
 
-def _has_room(reads: list[InputBatch]) -> bool:
-    return sum(len(read.rows) for read in reads) < MAX_ROWS_PER_POLL
+def _has_room(reads: list[Item]) -> bool:
+    return sum(len(read) for read in reads if isinstance(read, Rows)) < MAX_ROWS_PER_POLL
 
 
 class Played:

@@ -24,8 +24,8 @@ from fte_sniff.formats.writers import (
     row_writer,
 )
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol import Gap
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol import Gap, PortEvent
+from fte_sniff.protocol.rows import Item, Rows
 
 if TYPE_CHECKING:
     import polars as pl
@@ -64,8 +64,8 @@ UNKNOWN = ExportSource()
 class Sink(Protocol):
     """Writes rows in one format. Each method may raise OSError or FileError."""
 
-    def write(self, rows: Rows) -> None:
-        """Write rows; a recording also holds the port events among them."""
+    def write(self, item: Item) -> None:
+        """Write rows; a recording also holds the port events between them."""
 
     def close(self) -> None:
         """Write what the format requires at its end, and close the file."""
@@ -114,10 +114,11 @@ class _TextSink:
         )
         self._rows = 0
 
-    def write(self, rows: Rows) -> None:
-        self._rows += len(rows)
-        write_rows(self._writer, rows, self._rows)
-        self._stream.flush()
+    def write(self, item: Item) -> None:
+        if isinstance(item, Rows):
+            self._rows += len(item)
+            write_rows(self._writer, item, self._rows)
+            self._stream.flush()
 
     def close(self) -> None:
         self._writer.close()
@@ -173,10 +174,11 @@ class RawSink(_BytesSink):
         self.ports: set[str] = set()
         """The ports of the rows; nothing in the file separates them."""
 
-    def write(self, rows: Rows) -> None:
+    def write(self, item: Item) -> None:
         """See `Sink`."""
-        self.ports.update(rows.used_ports)
-        self._stream.write(rows.tobytes())
+        if isinstance(item, Rows):
+            self.ports.update(item.used_ports)
+            self._stream.write(item.tobytes())
 
 
 class PcapngSink(_BytesSink):
@@ -188,10 +190,11 @@ class PcapngSink(_BytesSink):
         super().__init__(path)
         self._writer = PcapngWriter(self._stream, source.bauds)
 
-    def write(self, rows: Rows) -> None:
+    def write(self, item: Item) -> None:
         """See `Sink`."""
-        self._writer.write(rows)
-        self._stream.flush()
+        if isinstance(item, Rows):
+            self._writer.write(item)
+            self._stream.flush()
 
 
 OVERWRITE: Final = "!"
@@ -481,12 +484,12 @@ class ParquetSink:
         if self._error is not None:
             raise self._error
 
-    def write(self, rows: Rows) -> None:
+    def write(self, item: Item) -> None:
         """See `Sink`."""
         from fte_sniff.analysis.dataframe import table_frame
 
-        if rows:
-            self._put(table_frame(rows))
+        if isinstance(item, Rows) and len(item):
+            self._put(table_frame(item))
 
     def close(self) -> None:
         """See `Sink`."""
@@ -549,13 +552,14 @@ class _RecordingSink:
             self._file.close()
             raise
 
-    def write(self, rows: Rows) -> None:
-        for row in rows.select(rows.t_ns < 0)[:1]:
+    def write(self, item: Item) -> None:
+        for row in item.select(item.t_ns < 0)[:1] if isinstance(item, Rows) else ():
             raise FileError(
                 f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs"
                 " one; write another format"
             )
-        self._writer.write(rows, *rows.events)
+        if isinstance(item, Rows | PortEvent):
+            self._writer.write(item)
 
     def close(self) -> None:
         from mcap.records import Metadata

@@ -21,7 +21,7 @@ from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.session.files import Paths, recordings_in
-from fte_sniff.session.inputs import InputReading, RecordingInput, by_first_time
+from fte_sniff.session.inputs import InputReading, recording_input
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
@@ -142,7 +142,8 @@ def scan(paths: Paths, *, file_column: bool = False, hive: bool = False) -> pl.L
             facts = not DERIVED.isdisjoint(needed)
             span = TimeRange(first_ns, min(last_ns, _EVER[1] - 1) + 1)
             if facts:  # they depend on rows before and after; the filter itself drops those
-                span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS))
+                end_ns = min(last_ns, _EVER[1] - DEADLINE_NS - 1) + DEADLINE_NS + 1
+                span = TimeRange(max(_EVER[0], first_ns - DEADLINE_NS), end_ns)
             for columns in _first(_columns([Recording(one.path)], span, facts=facts), left):
                 left = None if left is None else left - len(columns)
                 yield make(columns)
@@ -167,7 +168,7 @@ class _ScannedFile:
 
     @classmethod
     def of(cls, reader: Recording) -> _ScannedFile:
-        start, version = by_first_time(RecordingInput(reader)), _version_of(reader.path)
+        start, version = _start(reader), _version_of(reader.path)
         if reader.times is None or not reader.has_summary:
             return cls(reader.path, start, _EVER, (), version)
         ports = (one.name.encode(errors="replace").decode() for one in reader.ports)
@@ -257,8 +258,7 @@ def read(paths: Paths) -> pl.DataFrame:
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
     Takes the `paths` of `scan`, and raises and warns as it does.
     """
-    inputs = [RecordingInput(Recording(path)) for path in recordings_in(paths)]
-    readers = [one.reader for one in sorted(inputs, key=by_first_time)]
+    readers = sorted(map(Recording, recordings_in(paths)), key=_start)
     frames = list(map(table_frame, _whole(readers)))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))
@@ -275,8 +275,13 @@ def _columns(readers: Sequence[Recording], span: TimeRange, *, facts: bool) -> I
 
 def _with_facts(reader: Recording, span: TimeRange) -> Iterator[Rows]:
     """The rows with their facts, which do not span a gap."""
-    reading = InputReading([RecordingInput(reader)], span, facts=True)
-    return (batch.rows for batch in reading.batches_of(reading.inputs[0]))
+    reading = InputReading([recording_input(reader)], span, facts=True)
+    return (item for item in reading if isinstance(item, Rows))
+
+
+def _start(reader: Recording) -> tuple[bool, int]:
+    """The sort key of recordings: their first times."""
+    return reader.times is None, 0 if reader.times is None else reader.times[0]
 
 
 def _whole(readers: Sequence[Recording]) -> Iterator[Rows]:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from fte_sniff.analysis.findings import Finding, Findings
-from fte_sniff.analysis.model import BaudChange, StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.analysis.whole.store import STEP_ROWS, RowStore
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Gap, PortEvent
+from fte_sniff.protocol.items import BaudChange
 
 RECENT_NS: Final = 300_000_000_000
 """The last time of a capture, in which findings are looked for alone: what is rare in hours may

@@ -10,12 +10,13 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
-from fte_sniff.analysis.model import BaudChange, Rate, Tally
+from fte_sniff.analysis.model import Rate, Tally
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.whole.motors import MotorState, motors_at
 from fte_sniff.analysis.whole.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.whole.store import RowStore
 from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.tui.shown import Shown
 

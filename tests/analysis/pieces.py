@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.model import BaudChange, StreamChange
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import KIND_BY_NAME, Fault, FrameKind, Gap, GapKind, Row, encode
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Rows
 
 MS = 1_000_000

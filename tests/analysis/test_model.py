@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.model import (
-    BaudChange,
     GapDetector,
     Model,
     Rate,
@@ -23,6 +22,7 @@ from fte_sniff.analysis.model import (
     shifted,
 )
 from fte_sniff.protocol import Fault, Gap, GapKind, PortEvent, PortEventKind, Row, Status
+from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Rows
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import mkdtemp
 
 import pytest
 
@@ -62,8 +63,12 @@ class Noted(Observer):
         self._note("ended" if handled and over else "ended outside of the loop")
 
 
+def recording() -> Path:
+    return Path(mkdtemp()) / "x.mcap"
+
+
 def plan(port: str = SIM, count: int | None = 50) -> CapturePlan:
-    return CapturePlan(PortGroup((port,)), None, count=count)
+    return CapturePlan(PortGroup((port,)), recording(), count=count)
 
 
 ORDER = [
@@ -112,7 +117,7 @@ def test_observer_that_failed_is_called_again_only_at_the_end(failure: Exception
 def test_error_of_the_capture_is_raised_after_everything_else() -> None:
     calls: list[str] = []
     observers = [Noted("first", calls), Noted("last", calls)]
-    unplugged = CapturePlan(PortGroup((f"{SIM}&frames=20",), reconnect=False), None)
+    unplugged = CapturePlan(PortGroup((f"{SIM}&frames=20",), reconnect=False), recording())
     with pytest.raises(PortError):
         capture(unplugged, observers, ENDING_SIGNALS)
     assert calls == ORDER

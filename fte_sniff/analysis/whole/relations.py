@@ -23,8 +23,7 @@ from typing import Final, cast
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.model import BaudChange
-from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.items import BaudChange, Gap, GapKind
 from fte_sniff.protocol.rows import (
     COLUMNS,
     FACTS,

@@ -14,7 +14,6 @@ from typing import Final, TypeAlias
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.model import BaudChange
 from fte_sniff.analysis.whole.relations import (
     DEADLINE_NS,
     Change,
@@ -23,7 +22,7 @@ from fte_sniff.analysis.whole.relations import (
     stream_keys,
 )
 from fte_sniff.analysis.whole.table import EMPTY, RowTest, Table
-from fte_sniff.protocol.items import Gap, GapKind, PortEvent
+from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 

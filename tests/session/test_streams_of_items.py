@@ -1,0 +1,220 @@
+"""Streams of items: merge, inputs, following, and what a capture and its view tell each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.errors import FileError, TranslatableText
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Chunk,
+    Framer,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.protocol.items import BaudChange
+from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.recorder import Change, Outcome, Recorder, RecordingOptions
+from fte_sniff.session.control import (
+    CaptureStatus,
+    Ended,
+    Message,
+    Started,
+    Stop,
+    line_of,
+    message_in,
+)
+from fte_sniff.session.following import Follower
+from fte_sniff.session.inputs import (
+    EventEffects,
+    Input,
+    InputReading,
+    groups_of,
+    recording_input,
+    with_facts,
+)
+from fte_sniff.session.merge import Timed, merged
+
+SECOND = 10**9
+SPEED = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
+
+
+def rows_at(port: str, *times: int, frame: bytes = SPEED) -> Rows:
+    framer = Framer(port, 115_200)
+    for t_ns in times:
+        framer.push(Chunk(port, t_ns, frame))
+    framer.end()
+    found = Rows.of(list(framer.drain()))
+    assert len(found) == len(times)
+    return found
+
+
+def each(items: Sequence[Item] | Iterator[Item]) -> list[Row | PortEvent | Gap | BaudChange]:
+    """Items, rows one by one."""
+    found: list[Row | PortEvent | Gap | BaudChange] = []
+    for item in items:
+        found += item if isinstance(item, Rows) else [item]
+    return found
+
+
+def cut(rows: Rows, cuts: Sequence[int]) -> list[Rows]:
+    edges = [0, *sorted({one % (len(rows) + 1) for one in cuts}), len(rows)]
+    return [rows[start:stop] for start, stop in pairwise(edges)]
+
+
+TIMES = st.lists(st.integers(1, 50).map(lambda one: one * SECOND), max_size=12).map(sorted)
+CUTS = st.lists(st.integers(0, 12), max_size=4)
+
+
+@given(st.lists(st.tuples(TIMES, CUTS), min_size=1, max_size=3))
+def test_a_merge_has_all_rows_in_the_order_of_time_however_streams_are_cut(
+    streams: list[tuple[list[int], list[int]]],
+) -> None:
+    given_rows = [rows_at(f"p{number}", *times) for number, (times, _) in enumerate(streams)]
+    timed = [
+        Timed(int(rows.t_ns[0]) if len(rows) else None, lambda _beside, parts=parts: iter(parts))
+        for rows, (_, cuts) in zip(given_rows, streams, strict=True)
+        for parts in [cut(rows, cuts)]
+    ]
+    timed.sort(key=lambda one: (one.first_ns is None, one.first_ns or 0))
+    found = Rows.concat([item for item in merged(timed) if isinstance(item, Rows)])
+    assert sorted(found.t_ns.tolist()) == found.t_ns.tolist()
+    for rows in given_rows:
+        own = [row for row in found if row.port in rows.ports]
+        assert own == list(rows)
+
+
+@given(CUTS)
+def test_what_is_between_rows_stays_between_them(cuts: list[int]) -> None:
+    rows, other = rows_at("a", *range(SECOND, 9 * SECOND, SECOND)), rows_at("b", 5 * SECOND)
+    gap = Gap(GapKind.DAMAGE, None, 3 * SECOND, 4 * SECOND, "cut")
+    stream: list[Item] = [*cut(rows[:3], cuts), gap, *cut(rows[3:], cuts)]
+    items = merged(
+        [
+            Timed(SECOND, lambda _beside: iter(stream)),
+            Timed(5 * SECOND, lambda _beside: iter([other])),
+        ]
+    )
+    found = each(items)
+    assert [one for one in found if one not in list(other)] == each(stream)
+
+
+def test_what_a_port_event_does_to_decoding_is_an_item_after_it() -> None:
+    kinds = (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
+    events = [PortEvent(SECOND, "a", kind, "") for kind in kinds]
+    found = each(EventEffects({"a": 115_200}).of(events))
+    assert [type(one) for one in found] == [PortEvent, Gap, PortEvent, Gap] or [
+        type(one) for one in found
+    ] == [PortEvent, Gap, PortEvent]
+
+
+@given(CUTS)
+def test_facts_do_not_depend_on_how_rows_are_cut(cuts: list[int]) -> None:
+    rows = rows_at("a", *range(SECOND, 12 * SECOND, SECOND))
+    whole = each(with_facts([rows]))
+    assert each(with_facts(cut(rows, cuts))) == whole
+    assert len(whole) == len(rows)
+
+
+def recorded(path: Path, *entries: Rows | PortEvent, **options: int) -> Input:
+    ports = [PortFacts(name) for one in entries if isinstance(one, Rows) for name in one.ports]
+    recorder = Recorder(path, ports, options=RecordingOptions(**options))
+    recorder.write(*entries)
+    recorder.close()
+    return recording_input(Recording(recorder.path))
+
+
+def test_two_wires_in_two_files_are_paired(tmp_path: Path) -> None:
+    control = recorded(tmp_path / "c.mcap", rows_at("c", *range(SECOND, 90 * SECOND, SECOND)))
+    answers = rows_at("r", *range(SECOND + 9, 90 * SECOND, SECOND), frame=bytes(10))
+    other = recorded(tmp_path / "r.mcap", answers)
+    assert [one.is_pair for one in groups_of([control, other], pair=True)] == [True]
+    later = recorded(tmp_path / "l.mcap", rows_at("c", *range(200 * SECOND, 210 * SECOND, SECOND)))
+    assert [one.is_pair for one in groups_of([control, later])] == [False, False]
+
+
+def test_several_inputs_are_read_in_the_order_of_time_and_counted_once(tmp_path: Path) -> None:
+    names = ("b", "a")
+    inputs = [
+        recorded(tmp_path / f"{name}.mcap", rows_at(name, *range(at, 9 * SECOND, SECOND)))
+        for at, name in enumerate(names, SECOND)
+    ]
+    reading = InputReading(inputs)
+    rows = Rows.concat([item for item in reading if isinstance(item, Rows)])
+    assert rows.t_ns.tolist() == sorted(rows.t_ns.tolist())
+    assert (len(rows), reading.tally.rows, reading.written) == (16, 16, 16)
+    assert not reading.notes
+
+
+def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_path: Path) -> None:
+    options = RecordingOptions(rotate_bytes=1, waits=False)
+    recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")], options=options)
+    follower = Follower(Recording(recorder.path, is_growing=True))
+    rows = rows_at("a", *range(SECOND, 31 * SECOND, SECOND))
+    found: list[Item] = []
+    for start in range(0, 30, 10):
+        recorder.write(rows[start : start + 10])
+        recorder.flush()
+        recorder.sync()
+        for _ in range(5):
+            found += follower.poll()
+        assert Rows.concat([one for one in found if isinstance(one, Rows)]).t_ns.tolist() == (
+            rows.t_ns[: start + 10].tolist()
+        )
+    recorder.close()
+    while follower.ended is None:
+        found += follower.poll()
+    assert len(Rows.concat([one for one in found if isinstance(one, Rows)])) == 30
+    assert len(list(tmp_path.iterdir())) == 3 or len(list(tmp_path.iterdir())) == 4
+
+
+def test_an_error_of_the_disk_between_flushes_stops_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = Recorder(
+        tmp_path / "x.mcap", [PortFacts("a")], options=RecordingOptions(waits=False)
+    )
+
+    def fail(_descriptor: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("fte_sniff.recording.writer.sync_data", fail)
+    recorder.sync()
+    recorder.write(rows_at("a", SECOND))
+    recorder.flush()
+    assert recorder.failure is not None
+    assert "Input/output error" in recorder.failure.message
+
+
+MESSAGES: tuple[Message, ...] = (
+    Stop(),
+    Started(Path("é.mcap"), "/dev/pts/3"),
+    CaptureStatus(rows=12, bytes=3),
+    Change(None, FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))),
+    Ended(TranslatableText("the duration is over"), None, Outcome(Path("a"), Path("b"), 1, 2)),
+)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
+def test_a_message_is_one_line_that_gives_the_message(message: Message) -> None:
+    line = line_of(message)
+    assert line.count(b"\n") == 1
+    found = message_in(line)
+    if isinstance(message, Change):
+        assert isinstance(found.failure, FileError)
+        assert str(found.failure) == str(message.failure)
+    else:
+        assert found == message
+    assert line_of(found) == line
