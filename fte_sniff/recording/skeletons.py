@@ -32,9 +32,9 @@ from fte_sniff.protocol.rows import (
     Rows,
     fault_bits,
 )
-from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, TAIL, Fault
+from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, HEADERS, TAIL, Fault
 from fte_sniff.recording.chunks import HEAD
-from fte_sniff.recording.schema import class_of, encode_row, topic_of
+from fte_sniff.recording.schema import MALFORMED, class_of, encode_row, topic_of
 
 MESSAGE: Final = np.dtype(
     [
@@ -395,34 +395,35 @@ class Template:
         descriptors = class_of(topic).DESCRIPTOR.fields
         types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
         offsets, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
-        self.size = len(self._message)
-        """Bytes of a message."""
+        kind = row.kind if topic is not MALFORMED else None
+        self._fields = {
+            field.name: (field.start, np.dtype(f">{'i' if field.signed else 'u'}{field.size}"))
+            for field in (kind.fields if kind else ())
+        }
+        """Where the frame has the values of the message."""
         self._type = np.dtype(
             {
                 "names": list(offsets),
                 "formats": [types[name] for name in offsets],
                 "offsets": [first for first, _ in offsets.values()],
-                "itemsize": self.size,
+                "itemsize": len(self._message),
             }
         )
 
-    def encode(self, rows: Rows) -> Array:
-        """The messages of rows, as opaque values."""
-        messages = np.full(len(rows), np.void(self._message))
-        table = messages.view(self._type)
-        own: dict[str, Array] = {
-            "offset": rows.offset,
-            "read_delay_ns": rows.delay_ns,
-            "time_ns": rows.t_ns,
-        }
-        own |= {"cmd": rows.cmds, "length": rows.length}
+    def encode(self, rows: Rows, own: Ints) -> Array:
+        """The messages of some rows, as opaque values; fields of other kinds stay NaN."""
+        messages = np.full(len(own), np.void(self._message))
+        table, raw = messages.view(self._type), rows.raw[own]
+        columns = {"offset": rows.offset, "read_delay_ns": rows.delay_ns, "time_ns": rows.t_ns}
         for name in self._type.names or ():
-            kind = self._type[name]
-            if name == "raw":
-                table[name] = np.ascontiguousarray(rows.raw[:, : kind.itemsize]).view(kind)[:, 0]
-            elif name in own:
-                table[name] = own[name]
-            else:
-                values, known = rows.field(name)
-                table[name] = values if known.all() else np.nan
+            if name in self._fields:
+                start, wire = self._fields[name]
+                table[name] = np.ndarray(len(raw), wire, raw, start, raw.strides[:1])
+            elif name == "raw":
+                kind = self._type[name]
+                table[name] = np.ndarray(len(raw), kind, raw, 0, raw.strides[:1])
+            elif name == "cmd":
+                table[name] = raw[:, CMD_OFFSET]
+            elif name in columns:
+                table[name] = columns[name][own]
         return messages

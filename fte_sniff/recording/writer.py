@@ -290,7 +290,7 @@ class Encoder:
             if template is None:
                 first = int(own[0])
                 template = self._templates[key] = Template(rows[first], int(log_times[first]))
-            found.append((own, template.encode(rows.select(own))))
+            found.append((own, template.encode(rows, own)))
         for number, event in enumerate(events, len(rows)):
             message = encode_event(event, int(log_times[number]))
             found.append((np.array([number]), np.array([np.void(message)])))
