@@ -13,12 +13,14 @@ from typing import NamedTuple
 
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader
-from mcap.records import Metadata
+from mcap.records import Metadata, Schema
+from mcap.stream_reader import StreamReader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.schema import TOPICS, schema_data
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
@@ -108,6 +110,9 @@ def test_after_each_write_other_readers_read_the_file(tmp_path: Path, writes: li
         found = {messages_in(bytes(content), one) for one in (SeekingReader, NonSeekingReader)}
         assert len(found) == 1
         assert found.pop() % SIZE in (0, 100 % SIZE)
+        records = StreamReader(io.BytesIO(content), validate_crcs=True).records
+        schemas = [one.data for one in records if isinstance(one, Schema)]
+        assert {*schemas} <= {schema_data(topic.schema) for topic in TOPICS}
 
 
 @pytest.mark.program
