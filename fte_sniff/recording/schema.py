@@ -157,7 +157,7 @@ def _number(enum: str, value: str) -> int:
     return _ENUMS[enum].index(value) + 1
 
 
-def _value_fields(topic: Topic) -> tuple[Field, ...]:
+def value_fields(topic: Topic) -> tuple[Field, ...]:
     """The frame fields that messages of this topic hold, each once; none for `MALFORMED`."""
     if topic is MALFORMED:
         return ()
@@ -180,7 +180,7 @@ def _fields(topic: Topic) -> Iterator[tuple[str, int | str]]:
         yield from _DAMAGE_FIELDS
         return
     yield "cmd", _TYPE.TYPE_FIXED32
-    for field in _value_fields(topic):
+    for field in value_fields(topic):
         yield field.name, _value_type(field, topic)
 
 
@@ -271,7 +271,7 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
     if topic is MALFORMED:
         values |= {"framed": row.framed, "length": len(row.raw)}
     else:
-        values |= {field.name: nan for field in _value_fields(topic)} | row.values
+        values |= {field.name: nan for field in value_fields(topic)} | row.values
         values["cmd"] = row.raw[CMD_OFFSET]
     return bytes(class_of(topic)(**values).SerializeToString(deterministic=True))
 
