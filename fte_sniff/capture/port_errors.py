@@ -248,24 +248,10 @@ def _user() -> str:
         return "$USER"
 
 
-# Texts of pyserial and the system, made translatable
+# Texts of the system, made translatable
 
 _SYSTEM = re.compile(r"\[Errno (\d+)\] |\((\d+), '")
 """`[Errno 2] No such file or directory: '/dev/x'`, or in termios form: `(5, 'Input/...')`."""
-
-_PYSERIAL_TEXTS = {
-    str(text): text
-    for text in (
-        TranslatableText(
-            "device reports readiness to read but returned no data"
-            " (device disconnected or multiple access on port?)"
-        ),
-        TranslatableText("device reports error (poll)"),
-        TranslatableText("socket disconnected"),
-        TranslatableText("Write timeout"),
-        TranslatableText("Attempting to use a port that is not open"),
-    )
-}
 
 
 def one_line(error: BaseException, without: str = "") -> str:
@@ -280,5 +266,4 @@ def one_line(error: BaseException, without: str = "") -> str:
         reason = REASONS.get(int(found[1] or found[2]), "")
         if reason and text.startswith(reason, found.end()):
             return reason
-    text = (text.rpartition(without)[2] if without else text).removeprefix("read failed: ")
-    return _PYSERIAL_TEXTS.get(text, text)
+    return (text.rpartition(without)[2] if without else text).removeprefix("read failed: ")

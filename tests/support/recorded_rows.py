@@ -21,7 +21,7 @@ _KINDS = {PORTS[0]: ("speed", "position", "mecanum"), PORTS[1]: ("speed_feedback
 
 def events_in(reader: Recording) -> list[PortEvent]:
     """The port events, in file order."""
-    return [event for rows in reader.batches() for event in rows.events]
+    return [item for item in reader.items() if isinstance(item, PortEvent)]
 
 
 def rows_of(first: int, count: int) -> list[Row]:
