@@ -10,7 +10,7 @@ import click
 from fte_sniff.cli.capturing import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.input_files import FileName
-from fte_sniff.cli.options import require_pseudo_terminals
+from fte_sniff.cli.options import grouped_command, require_pseudo_terminals
 from fte_sniff.cli.settings import load_settings
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fte_sniff.capture.serial_port import PortSettings
 
 
-@click.command(name="bridge", short_help="Sit between a host program and the controller.")
+@grouped_command(name="bridge", short_help="Sit between a host program and the controller.")
 @click.argument("port", shell_complete=complete_port)
 @click.option("--link", type=FileName(), help="Make this link for host programs.")
 @capture_options

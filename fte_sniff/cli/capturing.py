@@ -41,6 +41,7 @@ from fte_sniff.cli.options import (
     alert_option,
     all_of,
     format_option,
+    in_group,
     line_setup,
     parse_seconds,
     silence_of,
@@ -122,7 +123,8 @@ def _compact(size: int | None) -> str:
     return "none" if size is None else size_text(size).replace(" ", "")
 
 
-recording_options = all_of(
+recording_options = in_group(
+    "Recording",
     click.option(
         "--rotate",
         callback=_parsed_by(_rotate),
@@ -153,16 +155,19 @@ capture_options = all_of(
     click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
     click.option("--no-record", is_flag=True, help="Record nothing."),
     recording_options,
-    click.option(
-        "--keep-recording",
-        is_flag=True,
-        help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
+    in_group(
+        "Recording",
+        click.option(
+            "--keep-recording",
+            is_flag=True,
+            help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
+        ),
     ),
     click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
     format_option(
         "Print the rows in this format instead of the screen, each at once.", TEXT_FORMATS
     ),
-    data_options,
+    in_group("Rows for other programs", data_options),
     click.option(
         "--headless",
         is_flag=True,
@@ -177,9 +182,7 @@ capture_options = all_of(
     ),
     filter_option,
     alert_option,
-    units_options,
-    config_option,
-    lang_option,
+    in_group("Settings", units_options, config_option, lang_option),
     click.option(
         "--silence",
         type=Seconds(min=0.1, max=86_400),

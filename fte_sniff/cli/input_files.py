@@ -320,8 +320,11 @@ _READING = in_group(
     ),
     click.option(
         "--topic",
+        "topics",
         metavar="NAME",
-        help="For MCAP files of other programs: the topic with the serial bytes.",
+        multiple=True,
+        help="For MCAP files of other programs: the topic with the serial bytes; several are"
+        " several wires.",
     ),
     click.option(
         "--date",
@@ -415,8 +418,8 @@ class InputQuery:
     files: tuple[Path, ...]
     kind: InputKind | None = None
     """What they contain; None to decide by name or content."""
-    topic: str | None = None
-    """For MCAP files, the topic with serial bytes; None for recordings."""
+    topics: tuple[str, ...] = ()
+    """For MCAP files, the topics with serial bytes; none for recordings."""
     day: str | None = None
     """For hex logs, the date of the first time."""
     zone: str | None = None
@@ -470,8 +473,9 @@ class InputQuery:
         """The command that shows the rows of these inputs that a filter selects in a span."""
         words = ["fte-sniff", "view", *map(str, self.files)]
         for name, option in _READING_OPTIONS.items():
-            if (given := getattr(self, name)) is not None:
-                words += [option, str(given)]
+            given = getattr(self, name)
+            for value in given if isinstance(given, tuple) else (given,):
+                words += [] if value is None else [option, str(value)]
         if span_ns is not None:
             # Whole seconds around the span are shorter, and show what was before.
             first, last = span_ns[0] // SECOND_NS, span_ns[1] // SECOND_NS + 1
@@ -552,7 +556,7 @@ class InputQuery:
 
     def _followed(self, path: Path) -> Path:
         """The path; raises UsageError if it is one of several, or cannot grow."""
-        if len(self.paths()) > 1 or path == STDIN or self.topic is not None:
+        if len(self.paths()) > 1 or path == STDIN or self.topics:
             raise UsageError(
                 "--follow needs one recording; the next files of its capture follow by themselves"
             )
@@ -628,8 +632,8 @@ def _expanded(named: Path) -> list[Path]:
 
 
 def _opened(path: Path, query: InputQuery) -> Input:
-    if query.topic is not None:
-        return _topic(path, query.topic)
+    if query.topics:
+        return _topics(path, query.topics)
     with ExitStack() as opened:
         stream = _stream_of(path)
         if stream is not None:
@@ -685,15 +689,17 @@ def _kind_of(stream: BufferedReader, name: str) -> InputKind:
     return KIND_OF_SUFFIX.get(Path(name).suffix.lower()) or kind_of_content(first)
 
 
-def _topic(path: Path, topic: str) -> Input:
+def _topics(path: Path, topics: tuple[str, ...]) -> Input:
     if path == STDIN or kind_of_file(path) is not InputKind.MCAP:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     from fte_sniff.recording.foreign_topic import topic_chunks
 
     def first_ns() -> int | None:
-        return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
+        return next((chunk.t_ns for chunk in topic_chunks(path, topics)), None)
 
-    return chunk_input(topic_chunks(path, topic), topic, first_ns)
+    remarks: list[str] = []
+    chunks = topic_chunks(path, topics, remarks.append)
+    return chunk_input(chunks, ", ".join(topics), first_ns, ports=topics, remarks=remarks)
 
 
 # What is reported

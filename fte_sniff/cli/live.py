@@ -11,6 +11,7 @@ import click
 
 from fte_sniff.cli.capturing import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
+from fte_sniff.cli.options import grouped_command
 from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError, printable
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 _MOST_PORTS = 2
 
 
-@click.command(name="live", short_help="Capture a port, record it and watch it.")
+@grouped_command(name="live", short_help="Capture a port, record it and watch it.")
 @click.argument("ports", nargs=-1, metavar="PORT [PORT]", shell_complete=complete_port)
 @click.option(
     "--attach",
@@ -29,7 +30,10 @@ _MOST_PORTS = 2
     help="Do not open PORT: watch what the program that has it open reads and writes (Linux).",
 )
 @click.option(
-    "--pid", type=click.IntRange(min=1), help="With --attach: the process, if several have it open."
+    "--pid",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="With --attach: the process, if several have it open.",
 )
 @click.option(
     "--share",

@@ -46,7 +46,7 @@ def in_group(name: str, *options: Decorator) -> Decorator:
     return decorate
 
 
-_RANGE: Final = re.compile(r"; [^;\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")
+_RANGE: Final = re.compile(r"; [^;\[\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")
 """The range of a number, which click adds to the help; an error names it."""
 
 

@@ -18,8 +18,8 @@ import base64
 import binascii
 import json
 import struct
-from collections.abc import Callable, Iterator
-from heapq import heappop, heappush
+from collections.abc import Callable, Collection, Iterator
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO, Final, Literal, NamedTuple
@@ -35,7 +35,6 @@ from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.chunks import (
     HEAD,
     ChunkRef,
-    Contents,
     DamagedError,
     contents_of,
     records_in,
@@ -65,140 +64,139 @@ class _Message(NamedTuple):
     data: bytes
 
 
+class _Span(NamedTuple):
+    """The messages of a topic in a chunk, in file order."""
+
+    first_ns: int
+    last_ns: int
+    falls: int
+    """How often the log time falls from one to the next."""
+
+
 def topic_chunks(
-    path: Path, topic: str, note: Callable[[str], object] = lambda _text: None
+    path: Path, topics: Collection[str], note: Callable[[str], object] = lambda _text: None
 ) -> Iterator[Chunk]:
-    """The bytes of a topic, a chunk for each message with its log time, in the order of log times.
+    """The bytes of topics, a chunk for each message, in the order of their log times.
 
-    The topic is also the name of the port. `note` gets a line if the file has another order.
-
-    Raises FileError if the file cannot be read, lacks the topic, or a message has no bytes.
+    A topic is also the name of the port. `note` gets a line if a topic has another order in the
+    file. Raises FileError if the file cannot be read, lacks a topic, or a message has no bytes; of
+    a damaged file at its end.
     """
     try:
         with path.open("rb") as stream:
-            yield from _TopicReader(path, topic, stream).chunks(note)
+            yield from _TopicReader(path, topics, stream).chunks(note)
     except OSError as error:
         raise unreadable(path, error) from error
 
 
 class _TopicReader:
-    """Reads one topic of an open file."""
+    """Reads some topics of an open file."""
 
-    def __init__(self, path: Path, topic: str, stream: BinaryIO) -> None:
+    def __init__(self, path: Path, topics: Collection[str], stream: BinaryIO) -> None:
         """Find the chunks of the file."""
-        self._path, self._topic, self._stream = path, topic, stream
+        self._path, self._topics, self._stream = path, topics, stream
         self._contents = contents_of(stream)
         self._payloads: dict[int, Payload] = {}
-        self._spans: dict[int, tuple[int, int]] = {}
-        """By the offset of a chunk: the times of its first and last message in file order."""
-        self._falls = 0
+        self._spans: dict[str, dict[int, _Span]] = {topic: {} for topic in topics}
+        """By topic, and by the offset of the chunk."""
 
     def chunks(self, note: Callable[[str], object]) -> Iterator[Chunk]:
-        """The bytes of the topic in the order of log times."""
-        waiting: list[_Message] = []
-        for message in self._loose():
-            heappush(waiting, message)
+        """The bytes of the topics in the order of log times."""
+        waiting = [*self._loose()]
+        heapify(waiting)
         for chunk in sorted(self._contents.chunks, key=lambda one: (one.first_ns, one.start)):
             while waiting and waiting[0].t_ns < chunk.first_ns:
                 yield self._chunk(heappop(waiting))
             for message in self._messages(chunk):
                 heappush(waiting, message)
-        self._check_topic()
+        self._check_topics()
         while waiting:
             yield self._chunk(heappop(waiting))
-        spans = [self._spans[start] for start in sorted(self._spans)]
-        falls = self._falls + sum(a[1] > b[0] for a, b in pairwise(spans))
-        if falls:
-            note(
-                TranslatableText(
-                    "{topic}: the log times of its messages fall {count} times in the file; they "
-                    "are read in the order of log times",
-                    topic=self._topic,
-                    count=falls,
-                )
-            )
+        self._note_falls(note)
         for lost in self._contents.lost:
             raise FileError(
                 "{path}: {where}: {why}", path=self._path, where=lost.where, why=lost.why
             )
 
-    def _check_topic(self) -> None:
-        channels = self._contents.channels.values()
-        if not any(channel.topic == self._topic for channel in channels):
-            names = sorted({channel.topic for channel in channels})
-            raise FileError(
-                "{path} has no topic {topic}: it has {names}",
-                path=self._path,
-                topic=repr(self._topic),
-                names=listed(map(repr, names)) or TranslatableText("no topics at all"),
-            )
+    def _note_falls(self, note: Callable[[str], object]) -> None:
+        for topic, spans in self._spans.items():
+            own = [spans[start] for start in sorted(spans)]
+            falls = sum(one.falls for one in own)
+            falls += sum(before.last_ns > after.first_ns for before, after in pairwise(own))
+            if falls:
+                note(
+                    TranslatableText(
+                        "{topic}: the log times of its messages fall {count} times in the file; "
+                        "they are read in the order of log times",
+                        topic=topic,
+                        count=falls,
+                    )
+                )
+
+    def _check_topics(self) -> None:
+        names = sorted({channel.topic for channel in self._contents.channels.values()})
+        for topic in self._topics:
+            if topic not in names:
+                raise FileError(
+                    "{path} has no topic {topic}: it has {names}",
+                    path=self._path,
+                    topic=repr(topic),
+                    names=listed(map(repr, names)) or TranslatableText("no topics at all"),
+                )
 
     def _loose(self) -> Iterator[_Message]:
         """The messages outside of chunks."""
         descriptor = self._stream.fileno()
-        bodies = (
-            (start, read_at(descriptor, stop - start, start)[HEAD.size :])
-            for start, stop in self._contents.messages
-        )
-        yield from self._of_topic(-1, bodies)
+        for start, stop in self._contents.messages:
+            body = read_at(descriptor, stop - start, start)[HEAD.size :]
+            yield from self._of_topics((start, 0), body)
 
     def _messages(self, chunk: ChunkRef) -> Iterator[_Message]:
         """The messages of a chunk, in file order."""
         data = read_at(self._stream.fileno(), chunk.stop - chunk.start, chunk.start)
-        found = Contents()
-        bodies = list[tuple[int, bytes]]()
         try:
             records = unpack(data[HEAD.size :])
             for opcode, at, stop in records_in(records):
                 body = records[at + HEAD.size : stop]
                 if opcode == Opcode.MESSAGE:
-                    bodies.append((at, body))
+                    yield from self._of_topics((chunk.start, at), body)
                 else:
-                    found.define(opcode, body)
+                    self._contents.define(opcode, body)
         except DamagedError as error:
             raise FileError(
                 "{path}: {why} at byte {at}", path=self._path, why=error.why, at=chunk.start
             ) from error
-        self._contents.schemas |= found.schemas
-        self._contents.channels |= found.channels
-        return self._of_topic(chunk.start, iter(bodies))
 
-    def _of_topic(self, chunk: int, bodies: Iterator[tuple[int, bytes]]) -> Iterator[_Message]:
-        for at, body in bodies:
-            if len(body) < _MESSAGE_HEAD.size:
-                continue
-            channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-            channel = self._contents.channels.get(channel_id)
-            if channel is None or channel.topic != self._topic:
-                continue
-            first, last = self._spans.get(chunk, (t_ns, t_ns))
-            self._falls += last > t_ns
-            self._spans[chunk] = first, t_ns
-            yield _Message(t_ns, (chunk, at), channel_id, body[_MESSAGE_HEAD.size :])
+    def _of_topics(self, place: tuple[int, int], body: bytes) -> Iterator[_Message]:
+        """The message at a place of the file, if it is of one of the topics."""
+        if len(body) < _MESSAGE_HEAD.size:
+            return
+        channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+        channel = self._contents.channels.get(channel_id)
+        if channel is not None and channel.topic in self._topics:
+            spans = self._spans[channel.topic]
+            first_ns, last_ns, falls = spans.get(place[0], (t_ns, t_ns, 0))
+            spans[place[0]] = _Span(first_ns, t_ns, falls + (last_ns > t_ns))
+            yield _Message(t_ns, place, channel_id, body[_MESSAGE_HEAD.size :])
 
     def _chunk(self, message: _Message) -> Chunk:
-        if message.channel not in self._payloads:
-            channel = self._contents.channels[message.channel]
-            self._payloads[message.channel] = self._payload_of(channel)
+        channel = self._contents.channels[message.channel]
         try:
+            if message.channel not in self._payloads:
+                self._payloads[message.channel] = self._payload_of(channel)
             data = self._payloads[message.channel](message.data)
         except ValueError as error:
             raise FileError(
-                "{path}: {topic}: {why}", path=self._path, topic=self._topic, why=str(error)
+                "{path}: {topic}: {why}", path=self._path, topic=channel.topic, why=str(error)
             ) from error
-        return Chunk(self._topic, message.t_ns if message.t_ns < _END_NS else None, data)
+        return Chunk(channel.topic, message.t_ns if message.t_ns < _END_NS else None, data)
 
     def _payload_of(self, channel: Channel) -> Payload:
         schema = self._contents.schemas.get(channel.schema_id)
-        try:
-            if channel.message_encoding == "protobuf" and schema is not None:
-                return _protobuf(schema)
-            if channel.message_encoding == "cdr" and schema is not None:
-                return _cdr(schema)
-        except ValueError as error:
-            raise FileError(
-                "{path}: {topic}: {why}", path=self._path, topic=self._topic, why=str(error)
-            ) from error
+        if channel.message_encoding == "protobuf" and schema is not None:
+            return _protobuf(schema)
+        if channel.message_encoding == "cdr" and schema is not None:
+            return _cdr(schema)
         return _json if channel.message_encoding == "json" else bytes
 
 

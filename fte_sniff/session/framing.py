@@ -191,7 +191,9 @@ def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
     """What is remarkable about all bytes, one line each."""
     size = sum(wire.size for wire in wires)
     in_frames = FRAME_LENGTH * sum(sum(wire.frames.values()) for wire in wires)
-    name = wires[0].port.rpartition(":")[0] if len(wires) > 1 else wires[0].port if wires else ""
+    ports = [wire.port for wire in wires]
+    # The wires of a log are named by it, those of an MCAP file by their topics.
+    name = (ports[0].rpartition(":")[0] if len(ports) > 1 else "") or ", ".join(ports)
     if size >= _MANY_BYTES and 0 < in_frames < _LOW * size:
         yield (
             f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"

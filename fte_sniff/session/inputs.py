@@ -274,16 +274,20 @@ def chunk_input(
     baud: int = DEFAULT_BAUD,
     *,
     is_guess: bool = False,
+    ports: Sequence[str] = (),
+    remarks: Sequence[str] = (),
 ) -> Input:
-    """Chunks of one port, which are framed here: raw bytes, or a topic of another program.
+    """Chunks, which are framed here: raw bytes, or topics of another program.
 
     Args:
         chunks: the bytes.
-        name: of the input, and the port of its rows.
+        name: of the input, and the port of its rows if there are no `ports`.
         first_ns: returns the time of the first byte.
         size: bytes of a file that holds nothing else; None for others.
         baud: bits per second.
         is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
+        ports: the ports of the chunks.
+        remarks: what is noted of the chunks; complete once they are read.
     """
 
     def times() -> Times:
@@ -304,6 +308,8 @@ def chunk_input(
         for rows in _within(span, rows_of_chunks(counted(), note, baud), name, note):
             has_frames = has_frames or bool(rows.framed.any())
             yield rows
+        for remark in remarks:
+            note(remark)
         if is_empty:
             raise FileError(f"{name}: is empty; there is nothing to decode")
         if not has_frames:
@@ -313,7 +319,9 @@ def chunk_input(
             )
 
     count = None if size is None else size // FRAME_LENGTH
-    return Input(name, read, times, _quiet(first_ns), [PortFacts(name)], count)
+    return Input(
+        name, read, times, _quiet(first_ns), [PortFacts(port) for port in ports or [name]], count
+    )
 
 
 def log_input(log: Log, again: Callable[[], Log] | None) -> Input:

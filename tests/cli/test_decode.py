@@ -151,8 +151,35 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
     assert later == every[-len(later) :]
     refusal = run("decode", path)
     assert refusal.returncode == 4
-    assert "'/uart'; if one of them holds serial bytes, name it with --topic" in refusal.stderr
+    assert "'/uart'; if one of them has serial bytes, name it with --topic" in refusal.stderr
     assert run("decode", samples / "clean.raw", "--topic", "/uart").returncode == 2
+
+
+def test_several_topics_are_several_wires_in_the_order_of_log_times(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    path, content = tmp_path / "robot.mcap", (samples / "clean.raw").read_bytes()[:1000]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = [writer.register_channel(topic, "", 0) for topic in ("/rx", "/tx")]
+        for at in range(980, -1, -20):
+            for channel in channels:
+                writer.add_message(channel, 10**18 + at * 86_800, content[at : at + 20], 0)
+        writer.finish()
+    both = run("decode", path, "--topic", "/rx", "--topic", "/tx", "--format", "jsonl")
+    assert both.returncode == 0, both.stderr
+    for topic in ("/rx", "/tx"):
+        one = run("decode", path, "--topic", topic, "--format", "jsonl")
+        raws = [row["raw"] for row in jsonl(both.stdout) if row["port"] == topic]
+        assert raws == [row["raw"] for row in jsonl(one.stdout)]
+        assert "".join(raws) == content.hex().upper()
+        note = f"{topic}: the log times of its messages fall 49 times in the file; they are read in"
+        assert note in one.stderr
+        assert note in both.stderr
+    assert (
+        "fte-sniff: /rx, /tx: 100 of 200 frames go the other way than the log says" in both.stderr
+    )
 
 
 @pytest.mark.parametrize(("source", "end"), crossed(["mcap", "raw", "hex"], ["raw", "hex", "bin"]))
