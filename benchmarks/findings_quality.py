@@ -24,10 +24,11 @@ from time import process_time
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.findings import Cause, Finding, Findings
-from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
-from fte_sniff.protocol import DEFAULT_BAUD, Fault, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Rows, fault_bits
+from fte_sniff.analysis.whole import events, statistics
+from fte_sniff.analysis.whole.findings import Cause, Finding, find_in
+from fte_sniff.analysis.whole.segments import segments, summed
+from fte_sniff.protocol import Fault, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import MOST_BYTES, Rows, fault_bits
 
 START_NS = 1_700_000_000 * 10**9
 SECOND = 10**9
@@ -281,10 +282,15 @@ def _damaged(
     if what is not None and what.kind == "motor_damage":
         own = (t >= what.start_s) & (t < what.end_s) & (raw[:, 2] == what.motor)
         hit |= own & (rng.random(count) < what.share / 4)
-    rows = Rows.blank(count, ("bus",))
-    rows.raw[:, :10] = raw
-    rows.t_ns[:] = START_NS + np.rint(t * SECOND).astype(np.int64)
-    rows.offset[:] = np.arange(count) * 10
+    wide = np.zeros((count, MOST_BYTES), np.uint8)
+    wide[:, :10] = raw
+    rows = Rows.blank(
+        count,
+        ("bus",),
+        raw=wide,
+        t_ns=START_NS + np.rint(t * SECOND).astype(np.int64),
+        offset=np.arange(count) * 10,
+    )
     bad = np.flatnonzero(hit)
     unseen = rng.random(len(bad)) < 0.3
     flips = bad[unseen]
@@ -300,13 +306,10 @@ def _damaged(
     return rows
 
 
-def find(rows: Rows, batch: int = 65_536, events: Sequence[PortEvent] = ()) -> list[Finding]:
-    """The findings of the rows."""
-    findings = Findings()
-    findings.observe_events(events)
-    for start in range(0, len(rows), batch):
-        findings.observe(rows[start : start + batch])
-    return findings.found()
+def find(rows: Rows, batch: int = 65_536, happened: Sequence[PortEvent] = ()) -> list[Finding]:
+    """The findings of the rows, and of what happened to the port."""
+    parts = (rows[start : start + batch] for start in range(0, len(rows), batch))
+    return [*find_in(segments([*happened, *parts])).found]
 
 
 def is_found(findings: Sequence[Finding], what: Episode) -> bool:
@@ -336,7 +339,7 @@ def main() -> None:
         kind = EPISODES[number % len(EPISODES)]
         what = episode(rng, kind, 60.0 * MINUTES)
         rows = recording(rng, 60.0 * MINUTES, what)
-        findings = find(rows, events=port_events(rng, what))
+        findings = find(rows, happened=port_events(rng, what))
         tried[kind] += 1
         found[kind] += is_found(findings, what)
         if options.misses and not is_found(findings, what):
@@ -358,19 +361,15 @@ def main() -> None:
 
 
 def print_speed(rng: np.random.Generator, count: int) -> None:
-    """Compare with the model of `stats`."""
+    """Compare with the counts of `stats`."""
     rows = recording(rng, 3600.0, None)
     while len(rows) < count:
         rows = Rows.concat([rows, rows.replace(t_ns=rows.t_ns + 3600 * SECOND)])
-    rows = rows[:count]
-    seconds = []
-    for make in (lambda: StatisticsSummary(LineSetup(DEFAULT_BAUD)), Findings):
-        model, start = make(), process_time()
-        model.begin("rows")
-        for at in range(0, count, 65_536):
-            model.observe(rows[at : at + 65_536])
-        if isinstance(model, Findings):
-            model.found()
+    rows, seconds = rows[:count], []
+    for count_table in (statistics.counted, events.counted):
+        start = process_time()
+        parts = (rows[at : at + 65_536] for at in range(0, count, 65_536))
+        summed(map(count_table, segments(parts)))
         seconds.append(process_time() - start)
     print(
         f"{count:,} rows: stats {seconds[0]:.2f} s, findings {seconds[1]:.2f} s of processor time"

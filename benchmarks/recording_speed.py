@@ -26,7 +26,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
+from fte_sniff.analysis.whole.segments import segments, summed
+from fte_sniff.analysis.whole.statistics import counted, statistics
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.protocol.rows import Rows, fault_bits
 from fte_sniff.protocol.spec import Fault
@@ -115,10 +116,8 @@ def read_frames(path: Path) -> None:
 
 def survey(path: Path) -> None:
     """All numbers of `stats`."""
-    numbers = StatisticsSummary(LineSetup())
-    numbers.begin(str(path))
-    for batch in Recording(path).batches():
-        numbers.observe(batch.rows)
+    rows = (batch.rows for batch in Recording(path).batches())
+    statistics(summed(map(counted, segments(rows))))
 
 
 def read_messages(path: Path) -> None:

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
-    from fte_sniff.session.measured import check, stats
+    from fte_sniff.session.measured import check, compare, findings, stats
     from fte_sniff.session.scan import read, scan
 
 __all__ = [
@@ -74,7 +74,9 @@ __all__ = [
     "UsageError",
     "ValueRangeError",
     "check",
+    "compare",
     "encode",
+    "findings",
     "read",
     "record",
     "scan",

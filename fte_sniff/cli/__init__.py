@@ -8,6 +8,7 @@ Commands:
     decode        `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
     findings      `fte-sniff findings`: what is wrong, when, and the rows that show it.
     stats         `fte-sniff stats`: statistics over files, as text or JSON.
+    compare       `fte-sniff compare`: what changed between two recordings.
     check         `fte-sniff check`: a verdict about files, for acceptance tests and CI.
     report        `fte-sniff report`: one HTML page with plots.
     hex           `fte-sniff hex`: explain pasted bytes.

@@ -5,7 +5,7 @@ Rules come from files and options; verdicts are a table, JSON, or JUnit XML.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, tzinfo
 from functools import partial
@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 import click
 
 from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, check_inputs, input_options
-from fte_sniff.cli.measuring import measure, pair_option, print_json
+from fte_sniff.cli.measuring import ManyFiles, many_files_options, measure, print_json
 from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
@@ -27,9 +27,9 @@ from fte_sniff.session.stats_json import MOTOR, finding_json
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fte_sniff.analysis.findings import Finding
-    from fte_sniff.analysis.measures import RowPosition, Rule
-    from fte_sniff.analysis.rules import RuleCheck, Verdict
+    from fte_sniff.analysis.whole.check import Rule, Verdict
+    from fte_sniff.analysis.whole.findings import Finding
+    from fte_sniff.protocol.rows import Row
     from fte_sniff.session.inputs import InputReading
 
 
@@ -52,13 +52,22 @@ _NUMBER: Final = ".6g"
     help='A rule, such as "count(malformed) == 0"; may be repeated.',
 )
 @format_option("A table for people, one JSON object, or JUnit XML.", FORMS, FORMS[0])
-@pair_option
+@click.option(
+    "--baseline",
+    type=FileName(),
+    metavar="FILE",
+    help='A recording, or a folder of them, that "changed() == 0" compares with.',
+)
+@many_files_options
 def command(
     query: InputQuery,
     rules: Path | None,
     expectations: tuple[str, ...],
     form: str,
+    baseline: Path | None,
     pair: bool,
+    jobs: int | None,
+    cluster: str | None,
 ) -> None:
     """Compare measures of recordings, raw bytes or hex text with numbers, all files together.
 
@@ -71,12 +80,18 @@ def command(
     """
     check_inputs(query.files)
     wanted = read_rules(rules, expectations)
-    from fte_sniff.analysis.rules import RuleCheck
+    from fte_sniff.analysis.whole import compare
+    from fte_sniff.analysis.whole.check import analysis_of, verdicts
 
-    check = RuleCheck(wanted)
-    measured = measure(query, check, pair=pair)
-    print_verdicts(check, form, measured.reading, query)
-    measured.finish(refused=any(one.refuses for one in check.verdicts()))
+    before = None
+    if baseline is not None:
+        before, of_baseline = measure(replace(query, files=(baseline,)), compare.ANALYSIS)
+        if of_baseline.interrupted or of_baseline.reading.unreadable:
+            of_baseline.finish()
+    total, measured = measure(query, analysis_of(wanted), ManyFiles(pair, jobs, cluster))
+    found = verdicts(total, wanted, before)
+    print_verdicts(found, total[0]["extent"].row(0, named=True), form, measured.reading, query)
+    measured.finish(refused=any(one.refuses for one in found))
 
 
 def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Rule]:
@@ -87,7 +102,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
         InputTextError: a rule is invalid.
         UsageError: no rule is given.
     """
-    from fte_sniff.analysis.rules import rule_at, rules_of_toml
+    from fte_sniff.analysis.whole.check import rule_at, rules_of_toml
 
     if path is None and not expectations:
         raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
@@ -102,11 +117,16 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
     return found
 
 
-def print_verdicts(check: RuleCheck, form: str, reading: InputReading, query: InputQuery) -> None:
-    """Print the verdicts about files on standard output."""
-    verdicts = check.verdicts()
+def print_verdicts(
+    verdicts: Sequence[Verdict],
+    extent: Mapping[str, Any],
+    form: str,
+    reading: InputReading,
+    query: InputQuery,
+) -> None:
+    """Print the verdicts about files on standard output; `extent` is that of their rows."""
     if form == "json":
-        print_json(_object(check, verdicts, reading, query))
+        print_json(_object(verdicts, extent, reading, query))
     elif form == "junit":
         click.echo(junit_xml(verdicts, reading, query))
     else:
@@ -137,13 +157,15 @@ def verdict_lines(
     for one, line in zip(verdicts, lines, strict=True):
         yield line
         if one.row is not None:
-            yield Text(f"    first {_row_text(one.row, query, zone)}", overflow="ignore")
+            yield Text(f"    first {_row_text(one, one.row, query, zone)}", overflow="ignore")
         if one.finding is not None:
             yield Text(f"    {printable(_finding_text(one.finding, zone))}", overflow="ignore")
         if command := _view_command(one, query):
             yield Text(f"    {printable(command)}", overflow="ignore")
+        if one.change:
+            yield Text(f"    {printable(one.change)}", overflow="ignore")
         if one.needs:
-            yield Text(f"    needs {one.needs}")
+            yield Text(f"    needs {printable(one.needs)}", overflow="ignore")
 
 
 def _word(verdict: Verdict) -> str:
@@ -158,20 +180,14 @@ def measured_text(verdict: Verdict) -> str:
     return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
 
 
-_LONGEST_SHOWN: Final = 32
-"""Bytes of a row that a line has."""
-
-
-def _row_text(row: RowPosition, query: InputQuery, zone: tzinfo) -> str:
+def _row_text(verdict: Verdict, row: Row, query: InputQuery, zone: tzinfo) -> str:
     place = f"offset {row.offset} of {printable(row.port)}"
-    time = _time(row, zone)
-    found = f"at {place}" if time is None else f"at {time}, {place}"
-    if row.motor is not None:
-        found += f", {MOTOR} {row.motor}"
-    more = len(row.raw) - _LONGEST_SHOWN
-    found += f": {spaced_hex(row.raw[:_LONGEST_SHOWN])}" + (f" … +{more:,}" if more > 0 else "")
-    is_only = query.files in ((Path(row.file),), (STDIN,))
-    return found if is_only or not row.file else f"in {printable(row.file)} {found}"
+    found = f"at {place}" if row.t_ns is None else f"at {iso_time(row.t_ns, zone)}, {place}"
+    if (motor := row.values.get(MOTOR)) is not None:
+        found += f", {MOTOR} {motor}"
+    found += f": {spaced_hex(row.raw)}"
+    is_only = query.files in ((Path(verdict.file),), (STDIN,))
+    return found if is_only or not verdict.file else f"in {printable(verdict.file)} {found}"
 
 
 def _finding_text(one: Finding, zone: tzinfo) -> str:
@@ -191,27 +207,25 @@ def _view_command(verdict: Verdict, query: InputQuery) -> str:
         return query.view_command(found.decided_ns, found.filter)
     if row is None:
         return ""
-    own = replace(query, files=(Path(row.file),) if row.file else files)
-    span_ns = None if _time(row) is None else (row.t_ns, row.t_ns)
-    return own.view_command(span_ns, verdict.filter)
-
-
-def _time(row: RowPosition, zone: tzinfo = UTC) -> str | None:
-    from fte_sniff.protocol.rows import NO_TIME
-
-    return None if row.t_ns == NO_TIME else iso_time(row.t_ns, zone)
+    path = Path(verdict.file)
+    own = replace(query, files=(path,) if verdict.file and path.exists() else files)
+    return own.view_command(None if row.t_ns is None else (row.t_ns, row.t_ns), verdict.filter)
 
 
 def _object(
-    check: RuleCheck, verdicts: Sequence[Verdict], reading: InputReading, query: InputQuery
+    verdicts: Sequence[Verdict],
+    extent: Mapping[str, Any],
+    reading: InputReading,
+    query: InputQuery,
 ) -> dict[str, Any]:
-    total, errors = check.total, [str(error) for error in reading.unreadable]
+    errors, ends = [str(error) for error in reading.unreadable], ("least t", "greatest t")
+    first, last = (None if extent[one] is None else iso_time(extent[one]) for one in ends)
     return {
         "version": VERSION,
         "passed": not errors and not any(one.refuses for one in verdicts),
-        "rows": total.rows,
-        "first_time": None if total.first_ns is None else iso_time(total.first_ns),
-        "last_time": None if total.last_ns is None else iso_time(total.last_ns),
+        "rows": extent["sum rows"],
+        "first_time": first,
+        "last_time": last,
         "errors": errors,
         "notes": reading.notes,
         "rules": [_rule(one, query) for one in verdicts],
@@ -230,18 +244,19 @@ def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
         "operator": rule.operator,
         "number": rule.number,
         "needs": verdict.needs or None,
-        "row": row and {**_row(row), "view": _view_command(verdict, query) or None},
+        "row": row and {**_row(verdict, row), "view": _view_command(verdict, query) or None},
         "finding": found and {**finding_json(found), "view": _view_command(verdict, query) or None},
+        "change": verdict.change or None,
     }
 
 
-def _row(row: RowPosition) -> dict[str, Any]:
+def _row(verdict: Verdict, row: Row) -> dict[str, Any]:
     return {
-        "time": _time(row),
-        "file": row.file or None,
+        "time": None if row.t_ns is None else iso_time(row.t_ns),
+        "file": verdict.file or None,
         "port": row.port,
         "offset": row.offset,
-        MOTOR: row.motor,
+        MOTOR: row.values.get(MOTOR),
         "raw": row.raw.hex().upper(),
     }
 
@@ -258,10 +273,10 @@ def junit_xml(verdicts: Sequence[Verdict], reading: InputReading, query: InputQu
         if one.refuses:
             details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
             if one.row is not None:
-                details += f"; first {_row_text(one.row, query, reading.source.zone)}"
+                details += f"; first {_row_text(one, one.row, query, reading.source.zone)}"
             if one.finding is not None:
                 details += f"; {_finding_text(one.finding, reading.source.zone)}"
-            details += _needs(one)
+            details += f"; {one.change}" * bool(one.change) + _needs(one)
             failure = ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
             failure.text = _xml(_view_command(one, query)) or None
         elif one.result == "not covered":

@@ -105,7 +105,7 @@ def _columns(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in COLUMN_BY_NAME:
-            from fte_sniff.analysis.filter.terms import nearest
+            from fte_sniff.analysis.filter.row_filter import nearest
 
             fix = nearest(name, COLUMN_BY_NAME) or f"use {', '.join(COLUMN_BY_NAME)}"
             raise UsageError(f"--columns: unknown column {printable(name)!r}; {fix}")

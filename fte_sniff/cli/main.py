@@ -33,7 +33,7 @@ from fte_sniff.errors import FileError, FteSniffError, reason_of, unwritable
 PROGRAM = "fte-sniff"
 
 COMMANDS = (
-    *("live", "view", "decode", "findings", "stats", "check", "report", "hex", "encode"),
+    *("live", "view", "decode", "findings", "stats", "check", "compare", "report", "hex", "encode"),
     *("bridge", "simulate", "repair", "decoder", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""

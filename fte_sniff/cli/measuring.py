@@ -5,23 +5,27 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
-from fte_sniff.cli.options import format_option
+from fte_sniff.cli.options import all_of, format_option
 from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err, progress_line
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, UsageError, printable
 from fte_sniff.formats.writers import printable_json
-from fte_sniff.session.measured import observe
+from fte_sniff.protocol import iso_time
 
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fte_sniff.analysis.model import RowModel
-    from fte_sniff.session.inputs import InputReading
+    from fte_sniff.analysis.whole.segments import Analysis, Part
+    from fte_sniff.analysis.whole.table import Table
+    from fte_sniff.session.inputs import InputReading, ReadingCounts
+    from fte_sniff.session.measured import Measurement
 
 
 text_or_json_option = format_option(
@@ -37,10 +41,38 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
-pair_option = click.option(
-    "--pair", is_flag=True, help="The files are wires of one line, recorded at the same time."
+many_files_options = all_of(
+    click.option(
+        "--pair",
+        is_flag=True,
+        help="The files are wires of one line, recorded at the same time.",
+    ),
+    click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Processes that read the files of several captures.  [default: 1]",
+    ),
+    click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Read the files on a Dask cluster, such as tcp://192.168.0.9:8786; its workers see the"
+        " same files.",
+    ),
 )
-"""The `--pair` option."""
+"""The options `--pair`, `--jobs` and `--cluster`; their values are those of `ManyFiles`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ManyFiles:
+    """How several files are read."""
+
+    pair: bool = False
+    jobs: int | None = None
+    cluster: str | None = None
+
+
+HERE: Final = ManyFiles()
 
 
 @dataclass(slots=True)
@@ -50,8 +82,13 @@ class FilesMeasured:
     reading: InputReading
     interrupted: bool = False
 
-    def finish(self, *, refused: bool = False) -> None:
-        """Print notes about the files and exit unless all is well; `refused` means exit code 1."""
+    def finish(
+        self, *, refused: bool = False, counted: int | None = None, filter_text: str | None = None
+    ) -> None:
+        """Print notes about the files and exit unless all is well; `refused` means exit code 1.
+
+        `counted` rows matched the filter.
+        """
         reading = self.reading
         print_notes(reading)
         if self.interrupted:
@@ -59,29 +96,94 @@ class FilesMeasured:
             sys.exit(EXIT_INTERRUPTED)
         if advice := explain_no_frames(reading.tally, reading):
             print_err(f"fte-sniff: {advice}")
+        elif reading.tally.rows and counted == 0 and filter_text is not None:
+            print_err(f"fte-sniff: none of them matches the filter: {printable(filter_text)}")
         if reading.unreadable:
             sys.exit(FileError.exit_code)
         if refused:
             sys.exit(1)
 
 
-def measure(query: InputQuery, *models: RowModel, pair: bool = False) -> FilesMeasured:
-    """Let models observe all rows of the files.
+def measure(
+    query: InputQuery,
+    analysis: Analysis[Part],
+    many: ManyFiles = HERE,
+    observer: Callable[[InputReading], Callable[[Table], None]] | None = None,
+) -> tuple[Part, FilesMeasured]:
+    """Count all rows of the files.
+
+    `observer` returns what receives each table of a reading; only for `HERE`.
 
     Raises:
-        FileError: no file can be read.
+        FileError: no file can be read, or the cluster cannot be reached.
+        UsageError: the options contradict each other, or the cluster's address is invalid.
         InputTextError: a filter, time, date or zone is invalid.
     """
+    from fte_sniff.session.jobs import check_address
+    from fte_sniff.session.measured import Measurement
+
+    if many.cluster is not None:
+        if many.jobs is not None:
+            raise UsageError("--jobs is for this machine; leave it out with --cluster")
+        check_address(many.cluster)
+    measurement, wanted = Measurement(analysis), query.row_filter()
     with progress_line(reads_stdin=STDIN in query.files) as line:
-        measured = FilesMeasured(query.read(query.row_filter(), progress=line.progress, pair=pair))
+        reading = query.read(None, progress=line.progress, pair=many.pair)
+        measured, jobs = FilesMeasured(reading), min(many.jobs or 1, len(reading.groups))
+        if observer is not None:
+            measurement.also = observer(reading)
         try:
-            for name, items in measured.reading.streams():
-                for model in models:
-                    model.begin(name)
-                observe(items, *models)
+            if jobs == 1 and many.cluster is None:
+                measurement.read(reading, wanted, query.baud)
+            else:
+                _measure_elsewhere(query, measurement, reading, many, jobs)
         except KeyboardInterrupt:
             measured.interrupted = True
-    return measured
+    return measurement.total, measured
+
+
+def _measure_elsewhere(
+    query: InputQuery,
+    measurement: Measurement[Part],
+    reading: InputReading,
+    many: ManyFiles,
+    jobs: int,
+) -> None:
+    """Count each group of inputs in another process, and add up what comes back."""
+    from fte_sniff.session.jobs import executor_of, mapped
+
+    if STDIN in query.files:
+        raise UsageError("--jobs and --cluster read files; '-' is standard input of this process")
+    if (span := reading.span) is not None:
+        query = replace(
+            query, since=iso_time(span.first_ns), until=iso_time(span.end_ns), zone=None
+        )
+    named = Path if many.cluster is None else _absolute
+    groups = [
+        replace(query, files=tuple(named(one.name) for one in group.inputs))
+        for group in reading.groups
+    ]
+    count = partial(_measure_group, measurement.analysis, pair=many.pair)
+    with executor_of(jobs, many.cluster) as executor:
+        for total, counts in mapped(count, groups, executor):
+            measurement.add(total)
+            reading.include(counts)
+
+
+def _absolute(name: str) -> Path:
+    return Path(name).absolute()
+
+
+def _measure_group(
+    analysis: Analysis[Part], query: InputQuery, *, pair: bool
+) -> tuple[Part, ReadingCounts]:
+    """Count the inputs of a query in this process."""
+    from fte_sniff.session.measured import Measurement
+
+    measurement = Measurement(analysis)
+    reading = query.read(None, pair=pair)
+    measurement.read(reading, query.row_filter(), query.baud)
+    return measurement.total, reading.counts
 
 
 HEAD_STYLE = "dim"

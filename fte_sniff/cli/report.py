@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fte_sniff.cli.input_files import (
-    STDIN,
-    InputQuery,
-    check_inputs,
-    exit_if_unreadable,
-    explain_no_frames,
-    input_options,
-    output_options,
-    print_notes,
-)
+from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options, output_options
+from fte_sniff.cli.measuring import measure
 from fte_sniff.cli.options import grouped_command, install_command
 from fte_sniff.cli.settings import lang_option, load_settings
-from fte_sniff.cli.streams import print_err, progress_line
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, printable, unwritable
-from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.measured import observe
 from fte_sniff.session.save import replace_file
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.whole.table import Table
     from fte_sniff.session.inputs import InputReading
 
 _SUFFIXES = (".html", ".htm")
@@ -53,26 +45,29 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f"report needs {error.name}, which is not installed; install it with"
             f" `{install_command('report')}`"
         ) from error
-    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
+    from fte_sniff.analysis.whole.findings import find
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import set_language
+    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
+    from fte_sniff.session.stats_json import statistics_json
 
     set_language(load_settings(None).language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
+    bins = Bins(None)
+
+    def observer(reading: InputReading) -> Callable[[Table], None]:
+        bins.expect(_times(reading))
+        return bins.observe
+
+    counts, measured = measure(query, STATISTICS_AND_FINDINGS, observer=observer)
+    reading = measured.reading
+    numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
-    with_findings = query.filter_text is None
-    summary = StatisticsSummary(LineSetup(query.baud or DEFAULT_BAUD), with_findings=with_findings)
-    with progress_line(reads_stdin=STDIN in query.files) as line:
-        reading = query.read(query.row_filter(), progress=line.progress)
-        bins = Bins(_times(reading))
-        for name, items in reading.streams():
-            summary.begin(name)
-            observe(bins.observe(items), summary)
-    findings = [] if summary.findings is None else summary.findings.found()
+    findings = find(counts).found if query.filter_text is None else []
     texts = {
         "findings": "\n".join(f"{one.about}: {one.text}" for one in findings),
-        "statistics": "\n".join(line.plain for line in report_lines(summary, reading, None)),
+        "statistics": "\n".join(line.plain for line in report_lines(numbers, reading, None)),
         "notes": "\n".join(map(printable, reading.notes)),
     }
     shown = {heading: text for heading, text in texts.items() if text}
@@ -81,11 +76,9 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         replace_file(output, text.encode())
     except OSError as error:
         raise unwritable(output, error) from error
-    print_notes(reading)
-    if advice := explain_no_frames(reading.tally, reading):
-        print_err(f"fte-sniff: {advice}")
-    print_err(f"fte-sniff: {output}: {reading.written:,} rows, {len(text) / 1e6:,.1f} MB")
-    exit_if_unreadable(reading)
+    size = f"{numbers['rows']:,} rows, {len(text) / 1e6:,.1f} MB"
+    print_err(f"fte-sniff: {output}: {size}")
+    measured.finish(counted=numbers["rows"], filter_text=query.filter_text)
 
 
 def _check_suffix(output: Path) -> None:

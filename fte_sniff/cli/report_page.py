@@ -8,9 +8,10 @@ rows. Colours are legible on light and dark backgrounds, of which the browser ch
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 from bokeh.embed import file_html
 from bokeh.layouts import column
@@ -20,11 +21,12 @@ from bokeh.plotting import figure
 from bokeh.resources import INLINE
 
 from fte_sniff.analysis.dataframe import table_frame
+from fte_sniff.analysis.whole.table import Table
 from fte_sniff.errors import printable
 from fte_sniff.i18n import _
-from fte_sniff.protocol import MOTORS, Direction, Fault, Gap, status_of
+from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
 from fte_sniff.protocol.columns import LOOKS
-from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, VALUE_FIELDS, Role
 
 BINS: Final = 2000
@@ -63,20 +65,22 @@ class Bins:
     def __init__(self, times: tuple[int, int] | None) -> None:
         """`times` are the first and last of the rows, nanoseconds since 1970 UTC, if known."""
         self._width_ns = _LEAST_WIDTH_NS
-        if times is not None:
-            self._width_ns = max(1, (times[1] - times[0]) // BINS)
+        self.expect(times)
         self._values, self._faults = list[pl.DataFrame](), list[pl.DataFrame]()
         self.breaks: list[int] = []
         """When gaps begin, nanoseconds since 1970 UTC."""
 
-    def observe(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Add items, and pass them on; rows without a time have no place in a plot."""
-        for item in items:
-            if isinstance(item, Rows):
-                self._add(item.select(item.timed))
-            elif isinstance(item, Gap) and item.start_ns is not None:
-                self.breaks.append(item.start_ns)
-            yield item
+    def expect(self, times: tuple[int, int] | None) -> None:
+        """Set the width of the bins by the first and last time of the rows, if known."""
+        if times is not None:
+            self._width_ns = max(1, (times[1] - times[0]) // BINS)
+
+    def observe(self, table: Table) -> None:
+        """Add the counted rows of a table; those without a time have no place in a plot."""
+        at = table.counted[table.rows.timed[table.counted]]
+        rows, number = table.rows.select(at), table.runs.number[at]
+        self.breaks += rows.t_ns[:-1][np.diff(number) != 0].tolist()
+        self._add(rows)
 
     def _add(self, rows: Rows) -> None:
         names = ["time", "direction", _MOTOR, "faults", *_VALUES]

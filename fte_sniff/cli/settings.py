@@ -227,7 +227,7 @@ class _Check:
         """The entries with a known name."""
         for name in table:
             if name not in names:
-                from fte_sniff.analysis.filter.terms import nearest
+                from fte_sniff.analysis.filter.row_filter import nearest
 
                 hint = nearest(name, names) or f"it knows {', '.join(names)}"
                 place = f" in [{where}]" if where else ""

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import tzinfo
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import click
 from rich.text import Text
 
-from fte_sniff.analysis.motors import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
 from fte_sniff.cli.input_files import InputQuery, check_inputs, gap_text, input_options
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
+    ManyFiles,
     TextTable,
+    many_files_options,
     measure,
-    pair_option,
     print_json,
     print_lines,
     text_or_json_option,
@@ -31,14 +31,12 @@ from fte_sniff.formats.cell_text import (
     share_text,
     span_text,
 )
-from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Fault, Status, iso_time, status_of
-from fte_sniff.protocol.columns import LOOKS
-from fte_sniff.session.stats_json import COUNTED, MOTOR, statistics_json
+from fte_sniff.protocol import VALUE_FIELDS, Status, iso_time
+from fte_sniff.protocol.columns import LOOKS, iso_time_ns
+from fte_sniff.protocol.spec import online_bit_text
+from fte_sniff.session.stats_json import MOTOR, Json, statistics_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.model import RowCount
-    from fte_sniff.analysis.motors import AnswerStats
-    from fte_sniff.analysis.statistics import EventStats, PortStats, StatisticsSummary, StreamStats
     from fte_sniff.session.inputs import InputReading
 
 
@@ -47,8 +45,10 @@ if TYPE_CHECKING:
 )
 @input_options
 @text_or_json_option
-@pair_option
-def command(query: InputQuery, form: str, pair: bool) -> None:
+@many_files_options
+def command(
+    query: InputQuery, form: str, pair: bool, jobs: int | None, cluster: str | None
+) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
 
     Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
@@ -60,22 +60,23 @@ def command(query: InputQuery, form: str, pair: bool) -> None:
     fte-sniff stats logs/ --from -10m
     fte-sniff stats samples/clean.mcap --format json
     """
-    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
+    from fte_sniff.analysis.whole import findings, statistics
+    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
 
     check_inputs(query.files)
     # A filter hides rows whose absence would be a finding.
     with_findings = form == "table" and query.filter_text is None
-    setup = LineSetup(query.baud or DEFAULT_BAUD)
-    summary = StatisticsSummary(setup, with_findings=with_findings)
-    measured = measure(query, summary, pair=pair)
+    analysis = STATISTICS_AND_FINDINGS if with_findings else statistics.ANALYSIS
+    counts, measured = measure(query, analysis, ManyFiles(pair, jobs, cluster))
+    numbers = statistics_json(counts, measured.reading, query.filter_text, query.baud)
     if form == "json":
-        print_json(statistics_json(summary, measured.reading))
+        print_json(numbers)
     else:
-        print_lines(partial(report_lines, summary, measured.reading))
-        if summary.findings is not None and (found := summary.findings.found()):
+        print_lines(partial(report_lines, numbers, measured.reading))
+        if with_findings and (found := findings.find(counts).found):
             files = shlex.join(map(str, query.files))
             click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings {files}")
-    measured.finish()
+    measured.finish(counted=numbers["rows"], filter_text=query.filter_text)
 
 
 _LABEL: Final = 10
@@ -84,86 +85,94 @@ _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _MARKED: Final = "  "
 _WORRY: Final = LOOKS[Status.MALFORMED]
 
+When: TypeAlias = Callable[[str | None], str]
+"""The time of day of a time of the JSON object; a dash for None."""
 
-def report_lines(
-    summary: StatisticsSummary, reading: InputReading, width: int | None
-) -> Iterator[Text]:
-    """The lines of the report; tables take at most `width` cells, None for no limit."""
-    when = _clock(summary.total, reading.source.zone)
-    yield from _whole(summary, reading)
-    if len(summary.sources) > 1:
+
+def report_lines(numbers: Json, reading: InputReading, width: int | None) -> Iterator[Text]:
+    """The lines of the report about the object of docs/stats.md.
+
+    Tables take at most `width` cells, None for no limit.
+    """
+    zone = reading.source.zone
+    when = _clock(numbers, zone)
+    yield from _whole(numbers, reading)
+    if len(numbers["files"]) > 1:
         yield Text()
-        yield from _files(summary, reading.source.zone).lines(width)
-    streams, ports = summary.statistics.streams(None), summary.statistics.ports()
-    counts = summary.statistics.tally
-    for port in ports:
+        yield from _files(numbers, zone).lines(width)
+    for port in numbers["ports"]:
         yield Text()
         yield from _port(port, when)
-        if len(ports) > 1:
-            yield _line("  status", _statuses(counts.by_status(port.port), port.rows))
-        if faults := counts.by_fault(port.port):
+        if len(numbers["ports"]) > 1:
+            yield _line("  status", _statuses(port["status"], port["rows"]))
+        if port["faults"]:
             yield Text()
-            yield from _faults(faults, port, when).lines(width)
-        if own := [stream for stream in streams if stream.port == port.port]:
+            yield from _faults(port["faults"], when).lines(width)
+        if port["streams"]:
             yield Text()
-            yield from _streams(own, port, when, width)
-    if any(one.commands or one.feedback for one in summary.answers.stats()):
+            yield from _streams(port, when, width)
+    if any(one["commands"] or one["feedback"] for one in numbers["motors"]):
         yield Text()
-        yield from _motors(summary).lines(width)
-        yield from _motor_notes(summary, when)
+        yield from _motors(numbers).lines(width)
+        yield from _motor_notes(numbers, when)
 
 
-def _clock(total: RowCount, zone: tzinfo) -> TimeText:
+def _in_zone(time: str, zone: tzinfo) -> str:
+    return iso_time(iso_time_ns(time) or 0, zone)
+
+
+def _clock(numbers: Json, zone: tzinfo) -> When:
     """Times of day in a zone, with the day before them where there is more than one."""
-    ends = (total.first_ns, total.last_ns)
-    days = {iso_time(t_ns, zone)[: len("2026-01-31")] for t_ns in ends if t_ns is not None}
+    ends = (numbers["first_time"], numbers["last_time"])
+    days = {_in_zone(time, zone)[: len("2026-01-31")] for time in ends if time is not None}
     shown = slice(len("2026-" if len(days) > 1 else "2026-01-31T"), len("2026-01-31T12:00:00.000"))
 
-    def text(t_ns: int | None) -> str:
-        return UNKNOWN if t_ns is None else iso_time(t_ns, zone)[shown].replace("T", " ")
+    def text(time: str | None) -> str:
+        return UNKNOWN if time is None else _in_zone(time, zone)[shown].replace("T", " ")
 
     return text
 
 
-def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
-    total, sources, zone = summary.total, summary.sources, reading.source.zone
-    yield _line("files", printable(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
-    if reading.row_filter is not None:
-        of_them = f"holds for {total.rows:,} of {reading.tally.rows:,} rows"
-        yield _line("filter", f"{printable(reading.row_filter.text)}  {of_them}")
-    yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
-    for selection in reading.selections:
-        chosen = f"only those of {selection.rows:,} rows for which this held: "
-        yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
+def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
+    files, rows, zone = numbers["files"], numbers["rows"], reading.source.zone
+    yield _line("files", printable(files[0]["name"]) if len(files) == 1 else f"{len(files):,}")
+    if numbers["filter"] is not None:
+        of_them = f"holds for {rows:,} of {numbers['rows_read']:,} rows"
+        yield _line("filter", f"{printable(numbers['filter'])}  {of_them}")
+    yield _line("rows", f"{rows:,}, {numbers['bytes']:,} bytes")
+    for selection in numbers["selections"]:
+        chosen = f"only those of {selection['rows_read']:,} rows for which this held: "
+        yield _line("selection", f"{chosen}{printable(selection['filter'])}")
     for reason in dict.fromkeys(gap.reason for gap in reading.reported_gaps):
         own = [gap for gap in reading.reported_gaps if gap.reason == reason]
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
-    if total.first_ns is not None and total.last_ns is not None:
-        yield _line("first", iso_time(total.first_ns, zone))
-        span = f"{(total.duration_ns or 0) / 1e9:,.3f} s after the first"
-        yield _line("last", f"{iso_time(total.last_ns, zone)}, {span}")
-    elif total.rows:
+    if numbers["first_time"] is not None:
+        yield _line("first", _in_zone(numbers["first_time"], zone))
+        span = f"{numbers['duration_s']:,.3f} s after the first"
+        yield _line("last", f"{_in_zone(numbers['last_time'], zone)}, {span}")
+    elif rows:
         yield _line("time", "these rows have no times: no rates, no silences")
-    if total.rows:
-        yield _line("status", _statuses(summary.statistics.tally.by_status(), total.rows))
+    if rows:
+        yield _line("status", _statuses(numbers["status"], rows))
 
 
-def _files(summary: StatisticsSummary, zone: tzinfo) -> TextTable:
+def _files(numbers: Json, zone: tzinfo) -> TextTable:
     table = TextTable(["file", "rows", "bytes", "first row"])
-    for source in summary.sources:
-        count = source.count
-        first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns, zone)[:23]
-        table.append([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
+    for one in numbers["files"]:
+        first = one["first_time"]
+        first = UNKNOWN if first is None else _in_zone(first, zone)[:23]
+        table.append([printable(one["name"]), f"{one['rows']:,}", f"{one['bytes']:,}", first])
     return table
 
 
-def _statuses(counts: Mapping[Status, RowCount], rows: int) -> Text:
+def _statuses(counts: Json, rows: int) -> Text:
     """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
     parts = []
-    for status, count in counts.items():
-        mark = "" if status is Status.OK or not count.rows else f"{LOOKS[status].mark} "
-        style = LOOKS[status].style if count.rows else "default"
-        parts.append(Text(f"{mark}{status} {_share(count.rows, rows)}", style))
+    for status in Status:
+        count = counts[status]["rows"]
+        mark = "" if status is Status.OK or not count else f"{LOOKS[status].mark} "
+        style = LOOKS[status].style if count else "default"
+        parts.append(Text(f"{mark}{status} {_share(count, rows)}", style))
     return Text(", ").join(parts)
 
 
@@ -171,128 +180,147 @@ def _share(count: int, whole: int) -> str:
     return f"{count:,} ({share_text(count / whole)})" if count else "0"
 
 
-def _port(port: PortStats, when: TimeText) -> Iterator[Text]:
-    yield _line("port", Text(printable(port.port), "bold"))
-    rate = "" if port.per_s is None else f", {rate_text(port.per_s)}"
-    yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
-    frames = ", ".join(f"{count:,} {direction}" for direction, count in port.frames.items())
+def _span(seconds: float | None) -> str:
+    return span_text(None if seconds is None else seconds * 1e9)
+
+
+def _port(port: Json, when: When) -> Iterator[Text]:
+    yield _line("port", Text(printable(port["port"]), "bold"))
+    rate = "" if port["rows_per_s"] is None else f", {rate_text(port['rows_per_s'])}"
+    yield _line("  rows", f"{port['rows']:,}{rate}, {port['bytes']:,} bytes")
+    frames = ", ".join(f"{count:,} {direction}" for direction, count in port["frames"].items())
     yield _line("  frames", frames)
-    if (share := port.share) is not None:
-        use = f"{share_text(share)} of the time used, at {port.baud:,} baud"
+    if (share := port["line_use"]) is not None:
+        use = f"{share_text(share)} of the time used, at {port['baud']:,} baud"
         yield _line("  line", use)
-        yield _line("  silence", _silence(port, when))
-    for number, event in enumerate(port.events):
+        yield _line("  silence", _silence(port["silences"], when))
+    for number, event in enumerate(port["events"]):
         yield _line("" if number else "  events", _event(event, when))
 
 
-def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: TimeText) -> TextTable:
+def _faults(faults: Sequence[Json], when: When) -> TextTable:
     table = TextTable(["fault", "rows", "of all", "bytes", "of all", "first", "last"])
-    for fault, count in faults.items():
-        status = status_of((fault,))
+    for one in faults:
+        look = LOOKS[Status(one["status"])]
         cells = [
-            *(str(fault), f"{count.rows:,}", share_text(count.rows / port.rows)),
-            *(f"{count.bytes:,}", share_text(count.bytes / max(1, port.bytes))),
-            *(when(count.first_ns), when(count.last_ns)),
+            *(one["fault"], f"{one['rows']:,}", share_text(one["rows_share"])),
+            *(f"{one['bytes']:,}", share_text(one["bytes_share"])),
+            *(when(one["first_time"]), when(one["last_time"])),
         ]
-        table.append(cells, LOOKS[status].style, f"{LOOKS[status].mark} ")
+        table.append(cells, look.style, f"{look.mark} ")
     return table
 
 
-def _silence(port: PortStats, when: TimeText) -> str:
-    silences = port.silences
-    if silences.longest_ns is None:
+def _silence(silences: Json, when: When) -> str:
+    if silences["longest_s"] is None:
         return "never"
-    half, most = (span_text(silences.percentile_ns(percent)) for percent in (50, 99))
-    until = when(silences.longest_at_ns)
-    return f"longest {span_text(silences.longest_ns)} until {until}; 50 % {half}, 99 % {most}"
+    half, most = _span(silences["p50_s"]), _span(silences["p99_s"])
+    until = when(silences["longest_until"])
+    return f"longest {_span(silences['longest_s'])} until {until}; 50 % {half}, 99 % {most}"
 
 
-def _event(event: EventStats, when: TimeText) -> str:
+def _event(event: Json, when: When) -> str:
     """`line error 3 (12 in all), 12:00:01.000 to 12:00:09.000`."""
-    words = f"{str(event.kind).replace('_', ' ')} {event.count:,}"
-    if event.kind in COUNTED:
-        words += f" ({event.total:,} in all)"
-    return f"{words}, {from_to(event.first_ns, event.last_ns, when)}"
+    words = f"{event['event'].replace('_', ' ')} {event['count']:,}"
+    if event["total"] is not None:
+        words += f" ({event['total']:,} in all)"
+    return f"{words}, {_from_to(event, when)}"
 
 
-def _streams(
-    streams: Sequence[StreamStats], port: PortStats, when: TimeText, width: int | None
-) -> Iterator[Text]:
+def _from_to(one: Json, when: When) -> str:
+    """`12:00:01.000 to 12:00:09.000`; one time if both are the same."""
+    first, last = one["first_time"], one["last_time"]
+    return when(first) if first == last else f"{when(first)} to {when(last)}"
+
+
+def _streams(port: Json, when: When, width: int | None) -> Iterator[Text]:
     """Tables of periods and values; motors and chassis have one each."""
-    if port.first_ns is not None:
+    streams = port["streams"]
+    if port["first_time"] is not None:
         yield from _periods(streams, when).lines(width)
         yield Text()
-        streams = [stream for stream in streams if stream.ranges]
-    of_motors = [stream for stream in streams if stream.motor is not None]
-    of_all = [stream for stream in streams if stream.motor is None]
+        streams = [stream for stream in streams if stream["values"]]
+    of_motors = [stream for stream in streams if stream[MOTOR] is not None]
+    of_all = [stream for stream in streams if stream[MOTOR] is None]
     for number, some in enumerate(filter(None, (of_motors, of_all))):
         yield from [Text()] if number else []
         yield from _values(some).lines(width)
 
 
-def _periods(streams: Sequence[StreamStats], when: TimeText) -> TextTable:
+def _periods(streams: Sequence[Json], when: When) -> TextTable:
     heads = ["frames", "rate", "period", "jitter", "longest", "until", "99 %"]
     table = TextTable([STREAM, *heads])
     for stream in streams:
-        periods = stream.periods
+        period = stream["period"]
         cells = [
-            *(_stream_name(stream), f"{stream.count:,}", rate_text(stream.per_s)),
-            *(span_text(periods.percentile_ns(50)), span_text(stream.jitter_ns)),
-            *(span_text(periods.longest_ns), when(periods.longest_at_ns)),
-            span_text(periods.percentile_ns(99)),
+            *(_stream_name(stream), f"{stream['frames']:,}", rate_text(stream["frames_per_s"])),
+            *(_span(period["p50_s"]), _span(stream["jitter_s"])),
+            *(_span(period["longest_s"]), when(period["longest_until"]), _span(period["p99_s"])),
         ]
         table.append(cells, mark=_MARKED)
     return table
 
 
-def _values(streams: Sequence[StreamStats]) -> TextTable:
+def _values(streams: Sequence[Json]) -> TextTable:
     """The range of each quantity; a name ends in its unit, or is it."""
-    names = [name for name in _QUANTITIES if any(name in stream.ranges for stream in streams)]
+    names = [name for name in _QUANTITIES if any(name in one["values"] for one in streams)]
     table = TextTable([STREAM, "frames", *names])
     for stream in streams:
-        ranges = (stream.ranges.get(name) for name in names)
-        cells = (UNKNOWN if ends is None else "{} .. {}".format(*ends) for ends in ranges)
-        table.append([_stream_name(stream), f"{stream.count:,}", *cells], mark=_MARKED)
+        ranges = (stream["values"].get(name) for name in names)
+        cells = (
+            UNKNOWN if ends is None else f"{ends['least']} .. {ends['greatest']}" for ends in ranges
+        )
+        table.append([_stream_name(stream), f"{stream['frames']:,}", *cells], mark=_MARKED)
     return table
 
 
-def _stream_name(stream: StreamStats) -> str:
-    return stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
+def _stream_name(stream: Json) -> str:
+    motor = stream[MOTOR]
+    return str(stream["kind"]) if motor is None else f"{stream['kind']} {motor}"
 
 
-def _motors(summary: StatisticsSummary) -> TextTable:
+def _motors(numbers: Json) -> TextTable:
     heads = ["commands", "feedback", "answered", "unanswered", "neither"]
     table = TextTable([MOTOR, *heads, "delay", "99 %", "longest"])
-    for one in summary.answers.stats():
-        table.append([str(one.motor), *_answers(one, summary)])
+    for one in numbers["motors"]:
+        counts = (UNKNOWN if one[name] is None else f"{one[name]:,}" for name in heads)
+        spans = (_span(one["delay"][name]) for name in ("p50_s", "p99_s", "longest_s"))
+        table.append([str(one[MOTOR]), *counts, *spans])
     return table
 
 
-def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
-    counts = [f"{one.commands:,}", f"{one.feedback:,}"]
-    if not summary.in_order:
-        return [*counts, *[UNKNOWN] * 6]
-    delays = one.delays
-    unanswered = UNKNOWN if one.unanswered is None else f"{one.unanswered:,}"
-    return [
-        *(*counts, f"{one.pairing.answered:,}", unanswered, f"{one.neither:,}"),
-        *(span_text(delays.percentile_ns(50)), span_text(delays.percentile_ns(99))),
-        span_text(delays.longest_ns),
-    ]
-
-
-def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
+def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
     """Notes below the table of motors."""
-    if not summary.in_order:
+    motors = numbers["motors"]
+    if numbers["selections"]:
+        yield Text("answers are not known: the recording has only selected rows")
+    elif motors[0]["neither"] is None:
         yield Text("the inputs overlap in time: answers cannot be matched to commands")
-    elif any(one.neither for one in summary.answers.stats()):
+    elif any(one["neither"] for one in motors):
         yield Text("neither: resets; commands before the first feedback, or open where rows end")
-    if not any(one.feedback for one in summary.answers.stats()):
+    if not any(one["feedback"] for one in motors):
         return
-    warnings = list(flag_texts(summary.flags.stats(), when, in_order=summary.in_order))
+    warnings = [text for one in motors for text in _flags(one, when)]
     yield from (Text(f"{_WORRY.mark} {words}", _WORRY.style) for words in warnings)
     if not warnings:
-        yield Text(FLAGS_IN_ORDER)
+        yield Text("no ERROR bit was ever set, and every motor was always ONLINE")
+
+
+def _flags(motor: Json, when: When) -> Iterator[str]:
+    """A line for each flag that was raised."""
+    for one in motor["error_bits"]:
+        yield f"{MOTOR} {motor[MOTOR]}: ERROR bit {one['bit']} set in {_frames(one, when)}"
+    if (offline := motor["offline"])["frames"]:
+        text = f"{online_bit_text(motor[MOTOR])} was 0 in {_frames(offline, when)}"
+        if (lost := offline["times_lost"]) is not None:
+            text += f"; lost {'once' if lost == 1 else f'{lost:,} times'}"
+        yield text
+
+
+def _frames(seen: Json, when: When) -> str:
+    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
+    frames = "1 frame" if seen["frames"] == 1 else f"{seen['frames']:,} frames"
+    return frames if seen["first_time"] is None else f"{frames}, {_from_to(seen, when)}"
 
 
 def _line(label: str, text: str | Text) -> Text:

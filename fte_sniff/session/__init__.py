@@ -5,7 +5,8 @@ Modules:
     capture_process  Child process: read ports, frame, record.
     control          What a capture and its view tell each other, as lines of JSON.
     doctor           The checks of `doctor`: machine, ports, line.
-    measured         Measure recordings: public check() and stats().
+    jobs             The same function over groups of files, in processes or on a cluster.
+    measured         Count recordings table by table; public check(), stats(), findings().
     files            The recordings that paths name.
     following        Follow a recording that another program writes, across its files.
     framing          Chunks of several ports as rows in the order of time: logs, raw bytes.

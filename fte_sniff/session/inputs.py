@@ -22,7 +22,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -528,6 +528,15 @@ def _direction_of(one: Input) -> Direction | None:
 # The reading of several inputs
 
 
+class ReadingCounts(NamedTuple):
+    """What is known about inputs that were read elsewhere."""
+
+    tally: Tally
+    notes: Sequence[str]
+    reported_gaps: Sequence[Gap]
+    unreadable: Sequence[FileError]
+
+
 class InputReading:
     """Reads the rows of inputs once; counts them and collects what is known about them."""
 
@@ -578,6 +587,8 @@ class InputReading:
         self.progress.total = sum(counts) if len(counts) == len(inputs) and not span else None
         self._ends: dict[str, int] = {}
         """By port, the offset after its last row."""
+        self.on_input: Callable[[str], None] = lambda _name: None
+        """Is called with the name of each input, or of both of a pair, before its first item."""
         self._last_ns: int | None = None
         """Latest time of all rows so far."""
         self._written_ns: int | None = None
@@ -600,14 +611,24 @@ class InputReading:
         first_ns = self._first_ns[id(one)]
         return first_ns is None, first_ns or 0
 
-    def streams(self) -> Iterator[tuple[str, Iterator[Item]]]:
-        """The name and the items of each group of inputs, to be read one after the other."""
+    @property
+    def counts(self) -> ReadingCounts:
+        """What is known so far about its inputs."""
+        return ReadingCounts(self.tally, self.notes, self.reported_gaps, self.unreadable)
+
+    def include(self, counts: ReadingCounts) -> None:
+        """Add inputs that were read elsewhere."""
+        self.tally.merge(counts.tally)
+        self.progress.rows += counts.tally.rows
+        self.notes += counts.notes
+        self.reported_gaps += counts.reported_gaps
+        self.unreadable += counts.unreadable
+
+    def streams(self) -> Iterator[Iterator[Item]]:
+        """The items of each group of inputs, to be read one after the other."""
         for group in self.groups:
             items = self._selected(group)
-            yield (
-                group.inputs[0].name,
-                (self._limited(item) if isinstance(item, Rows) else item for item in items),
-            )
+            yield (self._limited(item) if isinstance(item, Rows) else item for item in items)
 
     def __iter__(self) -> Iterator[Item]:
         """The rows that match, up to the limit, merged by time, and what is between them.
@@ -649,6 +670,7 @@ class InputReading:
         bauds = {} if self._baud else _bauds_of(group.inputs)
         yield from (BaudChange(port, baud) for port, baud in bauds.items())
         if group.is_pair:
+            self.on_input(" + ".join(one.name for one in group.inputs))
             items = merged(
                 Timed(self._first_ns[id(one)], partial(self._read, one)) for one in group.inputs
             )
@@ -677,8 +699,10 @@ class InputReading:
             yield item
 
     def _chained(self, inputs: Sequence[Input]) -> Iterator[Item]:
+        self.on_input(inputs[0].name)
         yield from self._read(inputs[0])
         for before, one in pairwise(inputs):
+            self.on_input(one.name)
             if self._baud is None and (new := _bauds_of([one])) != _bauds_of([before]):
                 yield from (BaudChange(port, baud) for port, baud in new.items())
             yield from self._read(one)

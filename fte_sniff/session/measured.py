@@ -1,43 +1,95 @@
-"""Measure recordings: models that observe a stream, and the public check() and stats()."""
+"""Measure recordings: count their streams table by table; the public functions that do it."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Generic
 
-from fte_sniff.analysis.model import RowModel
+from fte_sniff.analysis.whole import events, statistics
+from fte_sniff.analysis.whole.segments import Analysis, Counts, Part, Segments, summed
+from fte_sniff.analysis.whole.table import EMPTY, Table
 from fte_sniff.errors import RecordingWarning, printable
-from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.files import Paths, recordings_in
-from fte_sniff.session.inputs import InputReading, recording_input
+from fte_sniff.session.inputs import InputReading, ReadingCounts, recording_input
+from fte_sniff.session.jobs import mapped
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.rules import Verdict
-
-Model = TypeVar("Model", bound=RowModel)
-
-
-def observe(items: Iterable[Item], *models: RowModel) -> None:
-    """Let models observe a stream."""
-    for item in items:
-        for model in models:
-            if isinstance(item, Rows):
-                model.observe(item)
-            elif isinstance(item, PortEvent):
-                model.observe_events([item])
-            else:
-                model.observe_change(item)
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.whole.check import Verdict
 
 
-def check(paths: Paths, rules: str | Sequence[str]) -> list[Verdict]:
+def _count_both(table: Table) -> Counts:
+    return {**events.counted(table), **statistics.counted(table)}
+
+
+STATISTICS_AND_FINDINGS: Final = Analysis(_count_both, summed)
+"""What `statistics` and `find` need, counted together."""
+
+
+class Measurement(Generic[Part]):
+    """What an analysis counted so far, also after Ctrl-C."""
+
+    def __init__(self, analysis: Analysis[Part]) -> None:
+        self.analysis = analysis
+        self.also: Callable[[Table], None] = lambda _table: None
+        """Receives each table that is read here."""
+        self.total = analysis.count(EMPTY)
+
+    def read(
+        self, reading: InputReading, wanted: RowFilter | None = None, baud: int | None = None
+    ) -> None:
+        """Count all rows of a reading that has no filter.
+
+        Args:
+            reading: what to read.
+            wanted: selects the rows that are counted; all rows decide which command is answered.
+            baud: the baud of every port; None for that of the inputs.
+        """
+        matches = None if wanted is None else wanted.matches
+        needs_facts = wanted is not None and wanted.needs_facts
+        for items in reading.streams():
+            cutter = Segments(
+                baud=baud, test=matches, needs_facts=needs_facts, keep=self.analysis.keep
+            )
+            reading.on_input = cutter.begin
+            for item in items:
+                for table in cutter.push(item):
+                    self._count(table)
+            for table in cutter.finish():
+                self._count(table)
+
+    def _count(self, table: Table) -> None:
+        self.also(table)
+        self.add(self.analysis.count(table))
+
+    def add(self, part: Part) -> None:
+        """Add what was counted elsewhere."""
+        self.total = self.analysis.add([self.total, part])
+
+
+# The public functions
+
+
+def check(
+    paths: Paths,
+    rules: str | Sequence[str],
+    *,
+    baseline: Paths | None = None,
+    executor: Executor | None = None,
+) -> list[Verdict]:
     """The verdicts of rules about recordings, all together, in the order of the rules.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these.
         rules: a text such as `count(malformed) == 0`, see docs/check.md, or several.
+        baseline: recordings that rules such as `changed() == 0` compare with.
+        executor: reads the files, such as `dask.distributed.Client(...).get_executor()`; by
+            default they are read here, one after the other.
 
     Raises:
         FileError: a file cannot be read or is not a recording, or there is none.
@@ -46,30 +98,72 @@ def check(paths: Paths, rules: str | Sequence[str]) -> list[Verdict]:
     Warns:
         RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
-    from fte_sniff.analysis.rules import RuleCheck, parse_rule
+    from fte_sniff.analysis.whole.check import analysis_of, parse_rule, verdicts
 
-    listed = [rules] if isinstance(rules, str) else rules
-    return _measured(paths, RuleCheck([parse_rule(text) for text in listed]))[0].verdicts()
+    wanted = [parse_rule(text) for text in ([rules] if isinstance(rules, str) else rules)]
+    before = None if baseline is None else _counts_to_compare(baseline)
+    return verdicts(_measured(paths, analysis_of(wanted), executor)[0], wanted, before)
 
 
-def stats(paths: Paths) -> dict[str, Any]:
+def stats(paths: Paths, *, executor: Executor | None = None) -> dict[str, Any]:
     """The numbers of recordings, all together: the object of `stats --format json` (docs/stats.md).
+
+    Takes the paths and the executor of `check`, and raises FileError and warns as it does.
+    """
+    from fte_sniff.session.stats_json import statistics_json
+
+    return statistics_json(*_measured(paths, statistics.ANALYSIS, executor))
+
+
+def findings(paths: Paths) -> dict[str, Any]:
+    """What is wrong in recordings: the object of `findings --format json` (docs/findings.md).
 
     Takes the paths of `check`, and raises FileError and warns as it does.
     """
-    from fte_sniff.analysis.statistics import LineSetup, StatisticsSummary
-    from fte_sniff.session.stats_json import statistics_json
+    from fte_sniff.analysis.whole.findings import find
+    from fte_sniff.session.stats_json import findings_json
 
-    return statistics_json(*_measured(paths, StatisticsSummary(LineSetup())))
+    return findings_json(find(_measured(paths, events.ANALYSIS)[0]))
 
 
-def _measured(paths: Paths, model: Model) -> tuple[Model, InputReading]:
+def compare(before: Paths, after: Paths) -> dict[str, Any]:
+    """What changed between recordings: the object of `compare --format json` (docs/compare.md).
+
+    Takes the paths of `check` twice, and raises FileError and warns as it does.
+    """
+    from fte_sniff.analysis.whole.compare import compared
+    from fte_sniff.session.stats_json import comparison_json
+
+    counts = [_counts_to_compare(paths) for paths in (before, after)]
+    return comparison_json(compared(*counts), *counts)
+
+
+def _counts_to_compare(paths: Paths) -> Any:
+    from fte_sniff.analysis.whole.compare import ANALYSIS
+
+    return _measured(paths, ANALYSIS)[0]
+
+
+def _measured(
+    paths: Paths, analysis: Analysis[Part], executor: Executor | None = None
+) -> tuple[Part, InputReading]:
     reading = InputReading([recording_input(Recording(path)) for path in recordings_in(paths)])
-    for name, items in reading.streams():
-        model.begin(name)
-        observe(items, model)
+    measurement = Measurement(analysis)
+    groups = [[Path(one.name) for one in group.inputs] for group in reading.groups]
+    if executor is None:
+        measurement.read(reading)
+    for total, counts in mapped(partial(_of_group, analysis), groups, executor) if executor else ():
+        measurement.add(total)
+        reading.include(counts)
     for error in reading.unreadable:
         raise error
     for note in reading.notes:
         warnings.warn(printable(note), RecordingWarning, stacklevel=3)
-    return model, reading
+    return measurement.total, reading
+
+
+def _of_group(analysis: Analysis[Part], paths: Sequence[Path]) -> tuple[Part, ReadingCounts]:
+    measurement = Measurement(analysis)
+    reading = InputReading([recording_input(Recording(path.absolute())) for path in paths])
+    measurement.read(reading)
+    return measurement.total, reading.counts

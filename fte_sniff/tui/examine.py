@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
-from fte_sniff.analysis.findings import Finding, Findings
-from fte_sniff.analysis.model import StreamChange
+from fte_sniff.analysis.whole.events import counted, since
+from fte_sniff.analysis.whole.findings import Finding, find, ranked
+from fte_sniff.analysis.whole.segments import Segments, summed
 from fte_sniff.analysis.whole.store import STEP_ROWS, RowStore
+from fte_sniff.analysis.whole.table import EMPTY
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import Gap, PortEvent
-from fte_sniff.protocol.items import BaudChange
+from fte_sniff.protocol.rows import Item
 
 RECENT_NS: Final = 300_000_000_000
 """The last time of a capture, in which findings are looked for alone: what is rare in hours may
@@ -28,24 +30,35 @@ class Examiner:
     """Counts the rows of a store as they come, and looks for findings; used by one thread."""
 
     def __init__(self, store: RowStore) -> None:
-        self._store, self._findings = store, Findings.of_facts()
+        self._store, self._cutter, self._counts = store, Segments(most=1), counted(EMPTY)
         self._done = self._marks = 0
         """Rows and marks of the store that are counted."""
 
     def search(self, *, lives: bool) -> Examined:
         """Count what is new, and look for findings; `lives` is whether rows may follow."""
-        store, findings = self._store, self._findings
-        end, marks = store.known, store.marks[self._marks :]
-        self._marks += len(marks)
-        findings.observe_events([one.what for one in marks if isinstance(one.what, PortEvent)])
-        for start in range(self._done, end, STEP_ROWS):
-            stop = min(end, start + STEP_ROWS)
-            changes = [
-                StreamChange(one.index - start, one.what)
-                for one in store.marks
-                if start <= one.index < stop and isinstance(one.what, Gap | BaudChange)
-            ]
-            findings.observe(store.batch(start, stop), changes)
-        self._done, findings.grows = end, lives
-        found, _recent = findings.found_and_recent(RECENT_NS if lives else 0)
-        return Examined(found, findings.coverage(found))
+        for item in self._new():
+            for table in self._cutter.push(item):
+                self._counts = summed([self._counts, counted(table)])
+        counts = summed([self._counts, counted(self._cutter.rest())])
+        report = find(counts, grows=lives)
+        last_ns = report.extent["greatest t"]
+        if not lives or last_ns is None:
+            return Examined(report.found, report.coverage())
+        recent = find(since(counts, last_ns - RECENT_NS), grows=lives)
+        found = ranked([*report.found, *recent.found])
+        return Examined(found, replace(report, found=found).coverage())
+
+    def _new(self) -> Iterator[Item]:
+        """The rows and marks since the last search, in order."""
+        store, end = self._store, self._store.next
+        marks, self._marks = store.marks[self._marks :], len(store.marks)
+        for mark in marks:
+            yield from self._rows(min(mark.index, end))
+            yield mark.what
+        yield from self._rows(end)
+
+    def _rows(self, end: int) -> Iterator[Item]:
+        while self._done < end:
+            stop = min(end, self._done + STEP_ROWS)
+            rows, self._done = self._store.batch(self._done, stop), stop
+            yield rows

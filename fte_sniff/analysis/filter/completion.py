@@ -7,24 +7,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
-from fte_sniff.analysis.filter.parser import (
+from fte_sniff.analysis.filter.row_filter import (
+    COLUMN_OF_WORD,
     COMPARISONS,
-    OPERATOR_WORDS,
-    PATTERN_WORDS,
+    FUNCTIONS,
+    KEYWORDS,
+    PATTERNS,
     Token,
-    TokenType,
     tokens,
 )
-from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, quoted
+from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 
 _LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
-_OPENERS: Final = ("AND", "OR", "NOT", "WHERE", "(", "&&", "||", "!")
-_KEYWORDS: Final = OPERATOR_WORDS | {"NULL", "TRUE", "FALSE", "FROM", "WHERE"}
+_OPENERS: Final = ("AND", "OR", "NOT", "(")
 _KNOWN: Final = frozenset([*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
 _CALLS: Final = tuple(f"{name}(" for name in FUNCTIONS)
-_COMPARED_BY: Final = frozenset([*COMPARISONS, *PATTERN_WORDS])
+_COMPARED_BY: Final = frozenset([*COMPARISONS, *PATTERNS])
 _MILLISECONDS: Final = len("12:00:00.000")
 
 
@@ -87,8 +87,7 @@ def _literal(column: Column | None, value: str) -> str:
 
 
 def _is_known(token: Token) -> bool:
-    is_name = token.type is TokenType.NAME
-    return not is_name or token.word in _KEYWORDS or token.text.lower() in _KNOWN
+    return token.kind != "name" or token.word in KEYWORDS or token.text.lower() in _KNOWN
 
 
 def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
@@ -101,12 +100,12 @@ def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
         ]
         return _quoted_values(compared, t_ns) or same_type
     last = before[-1] if before else None
-    if last is None or last.operator in _OPENERS:
+    if last is None or last.word in _OPENERS:
         return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD, *_CALLS]
-    if last.type is TokenType.SYMBOL and last.text != ")":
+    if last.kind == "sign" and last.text != ")":
         return [*COLUMN_BY_NAME, *_CALLS]
     column = _column(last)
-    is_value = len(before) > 1 and before[-2].text in COMPARISONS
+    is_value = len(before) > 1 and before[-2].word in COMPARISONS
     return ("AND", "OR") if column is None or is_value else _operators(column)
 
 
@@ -128,7 +127,7 @@ def _compared_column(before: Sequence[Token]) -> Column | None:
         at -= 1
         if at < 0 or before[at].word != "IN":
             return None
-    elif at < 0 or before[at].operator not in _COMPARED_BY:
+    elif at < 0 or before[at].word not in _COMPARED_BY:
         return None
     at -= 1
     if at >= 0 and before[at].word == "NOT":
@@ -137,9 +136,7 @@ def _compared_column(before: Sequence[Token]) -> Column | None:
 
 
 def _column(token: Token) -> Column | None:
-    if token.type not in (TokenType.NAME, TokenType.QUOTED):
-        return None
-    return COLUMN_BY_NAME.get(token.text.lower())
+    return COLUMN_BY_NAME.get(token.text.lower()) if token.kind == "name" else None
 
 
 def _quoted_values(column: Column | None, t_ns: int | None) -> Sequence[str]:

@@ -1,55 +1,117 @@
-"""RowFilter: a compiled filter, applied to rows.
+"""The filter language: SQL conditions over the row columns.
 
-    motor = 1 AND rpm > 500             AND OR NOT, also && || !; == is =, <> is !=
-    kind IN ('speed', 'position')       words are checked; also "speed", and speed without quotes
-    malformed OR noise                  a word alone: the row's kind, direction, status or a fault
-    faults = 'noise'                    among its faults; != is not among them; IN is any of them
-    faults IS NULL                      no fault at all; also faults = ''
-    faults LIKE '%trunc%'               in the faults joined by commas
-    error = 0x0F, online & 0x01 = 0     hex and bits
-    raw LIKE '%aa 0_%'                  whole bytes: % is any of them, _ any one hex digit; spaces
-                                        and case of the hex do not matter
-    time >= '2026-01-31 12:00'          in the zone of `--zone` (UTC), or with one; numbers are
-                                        nanoseconds since 1970
-    time > '12:00:05'                   that time of any day: rows later on their own day
+    or          condition with OR ||, AND &&, NOT !, by rising precedence
+    comparison  value (= != < <= > >= ~ !~ | [NOT] LIKE ILIKE REGEXP | [NOT] IN (...)
+                | [NOT] BETWEEN low AND high | IS [NOT] NULL TRUE FALSE, DISTINCT FROM value)
+    value       numbers joined by | & + - * / %, and a minus in front
+    primary     number | 'text' | field | word | function(...) | ( or )
+
+A text takes its meaning from the column that it is compared with: a time, a time of day, a word of
+the contract, bytes. What cannot be compared is found by polars, which the condition is tried with.
 
 As in SQL, a comparison with a null is null, and the filter drops the row: `kind != 'speed'` drops
-damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
+damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it. Whole numbers have 64 bits: what
+could be larger is refused, by the ranges of fields and numbers.
 """
 
 from __future__ import annotations
 
+import operator
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import tzinfo
-from math import inf
-from typing import Final
+from difflib import get_close_matches
+from math import inf, isfinite
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
+import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.facts import PreviousFrames
-from fte_sniff.analysis.filter.parser import in_zone, parse
-from fte_sniff.analysis.model import StreamChange
-from fte_sniff.errors import FilterError, TranslatableText, printable
-from fte_sniff.protocol import (
-    COLUMNS,
-    KINDS,
-    ColumnType,
-    Fault,
-    PortEvent,
-    PortEventKind,
-    Row,
-    Status,
-    encode,
-    status_of,
-)
-from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import NO_FACT, Bools, Rows
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns, with_offset
+from fte_sniff.analysis.whole.relations import Change, last_of, row_before, runs_of, stream_keys
+from fte_sniff.errors import FilterError, TranslatableText, listed, printable
+from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
+from fte_sniff.protocol.columns import DERIVED, PREVIOUS
+from fte_sniff.protocol.items import BaudChange, Gap, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
+from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode, status_of
 
-_TIMES: Final = frozenset(one.name for one in COLUMNS if one.type is ColumnType.TIME)
+COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
+
+
+class Function(NamedTuple):
+    """A function of the language."""
+
+    of: Callable[..., pl.Expr]
+    """Makes its expression from those of the arguments."""
+    example: str
+    meaning: str
+
+
+FUNCTIONS: Final[Mapping[str, Function]] = {
+    "abs": Function(pl.Expr.abs, "abs(rpm) > 500", "without the sign"),
+    "coalesce": Function(
+        lambda first, second: first.fill_null(second),
+        "coalesce(rpm, 0) < 10",
+        "the second value where the first is null",
+    ),
+    "lower": Function(
+        lambda text: text.cast(pl.String).str.to_lowercase(),
+        "lower(port) LIKE '%usb%'",
+        "in lower case",
+    ),
+    "upper": Function(
+        lambda text: text.cast(pl.String).str.to_uppercase(),
+        "upper(port) LIKE '%USB%'",
+        "in upper case",
+    ),
+    "previous": Function(
+        lambda one: pl.col(PREVIOUS[one.meta.output_name()].name),
+        "abs(rpm - previous(rpm)) > 500",
+        "value in the motor's frame before",
+    ),
+}
+
+_OPERATORS: Final[Mapping[str, Callable[[Any, Any], pl.Expr]]] = {
+    "=": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": lambda left, right: left / _null_if_zero(right),
+    "%": lambda left, right: left % _null_if_zero(right),
+    "&": operator.and_,
+    "|": operator.or_,
+}
+_SAME: Final = {"==": "=", "<>": "!=", "&&": "AND", "||": "OR", "!": "NOT"}
+_MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
+COMPARISONS: Final = ("=", "!=", "<", "<=", ">", ">=")
+PATTERNS: Final = ("LIKE", "ILIKE", "~", "REGEXP", "RLIKE")
+_ARITHMETIC: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
+"""The operators of numbers by rising precedence."""
+
+_WORDS: Final = "AND|OR|NOT|IN|IS|BETWEEN|LIKE|ILIKE|REGEXP|RLIKE|NULL|TRUE|FALSE|DISTINCT|FROM"
+_TEXTS: Final = (ColumnType.TEXT, ColumnType.WORD, ColumnType.WORDS, ColumnType.HEX)
+KEYWORDS: Final = frozenset(_WORDS.split("|"))
+_TOKEN: Final = re.compile(
+    r"""\s*(?: (?P<number> (?: 0x[0-9a-f]+ | 0b[01]+ | (?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)? )(?!\w) )
+    | '(?P<text> (?:[^']|'')* )' | "(?P<quoted> [^"]* )" | `(?P<field> [^`]* )`
+    | (?P<name> [^\W\d]\w* ) | (?P<sign> && | \|\| | [=!<>]= | <> | !~ | [-=<>+*/%&|(),!~] )
+    | (?P<end> $ ) )""",
+    re.IGNORECASE | re.VERBOSE,
+)
+_TIME: Final = next(one.name for one in COLUMNS if one.type is ColumnType.TIME)
+_YEAR_2000_NS: Final = 946_684_800 * 10**9
+_MOST_TOKENS: Final = 600
+_MOST_CHARACTERS: Final = 8000
+_MOST_NESTED: Final = 25
+"""Polars evaluates conditions by recursion: this bounds its stack."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +120,7 @@ class RowFilter:
 
     text: str
     names: frozenset[str]
-    """Columns that it reads; `mask` needs no others."""
+    """Columns that it reads."""
     expression: pl.Expr = field(compare=False, repr=False)
     """True, false or null for every row of a `row_frame`."""
 
@@ -66,28 +128,24 @@ class RowFilter:
     def parse(cls, text: str, zone: tzinfo | None = None) -> RowFilter:
         """Compile a filter; raises FilterError with the mistake, its position, and the fix.
 
-        With a `zone`, the times in its `text` have the offset of it where they had none.
+        `zone` is that of times without one, by default UTC.
         """
-        found = parse(text)
-        if zone is not None and not _TIMES.isdisjoint(found.names):
+        expression = _Parser(text).parse()
+        if zone is not None and _TIME in expression.meta.root_names():
             return cls.parse(in_zone(text, zone))
-        try:
-            made = cls(text, found.names, found.expr)
-            made.matches(_TEST_ROWS)
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-            raise _refused(error) from None
+        made = cls(text, frozenset(expression.meta.root_names()), expression)
+        made.matches(_TEST_ROWS)
         return made
 
     @property
     def needs_facts(self) -> bool:
-        """Whether it reads a column that depends on other rows; see `analysis.facts`."""
+        """Whether it reads a column that depends on other rows."""
         return not DERIVED.isdisjoint(self.names)
 
     @property
     def advice(self) -> str:
         """What the user probably wants instead, one line; empty if nothing."""
-        motor = NAME_OF_ROLE[Role.MOTOR]
-        words = set(re.findall(r"[a-z_]+", self.text.lower()))
+        motor, words = NAME_OF_ROLE[Role.MOTOR], set(re.findall(r"[a-z_]+", self.text.lower()))
         if motor not in words or words & DERIVED or words.isdisjoint(_DAMAGED):
             return ""
         return TranslatableText(
@@ -97,22 +155,18 @@ class RowFilter:
             hint="motor_hint",
         )
 
-    def mask(self, frame: pl.DataFrame) -> pl.Series:
-        """Whether each row of a frame with `row_frame`'s columns passes; never null.
+    def matches(self, rows: Rows) -> Bools:
+        """Whether each row passes; a null does not.
 
         Raises FilterError if the filter cannot be computed for these rows.
         """
         try:
-            found = frame.select(passes=self.expression).to_series()
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-            raise _refused(error) from None
-        if len(found) != frame.height:  # polars evaluates a constant to one row
-            found = found.new_from_index(0, frame.height)
-        return found.fill_null(False)
-
-    def matches(self, rows: Rows) -> Bools:
-        """Whether each row passes; raises FilterError as `mask`."""
-        return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
+            return _passes(self.expression, rows)
+        except _REFUSED as error:
+            raise FilterError(
+                "filter: it cannot be computed ({why}); compare fields with plain values",
+                why=_reason(error),
+            ) from None
 
     def select(self, rows: Rows) -> Rows:
         """The rows that pass, in order, and the port events between them."""
@@ -123,6 +177,33 @@ class RowFilter:
         return StreamFilter(self)
 
 
+_REFUSED: Final = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
+"""What polars raises for an expression that it cannot compute."""
+
+
+def _passes(expression: pl.Expr, rows: Rows) -> Bools:
+    frame = row_frame(rows, expression.meta.root_names() or ("offset",))
+    # A constant would be one row.
+    found = frame.select((pl.repeat(True, pl.len()) & expression).fill_null(False))
+    return found.to_series().to_numpy()
+
+
+def _reason(error: BaseException) -> str:
+    return printable(str(error).split("\n", 1)[0][:120])
+
+
+class AnyChange(Protocol):
+    """A gap or change of speed before the row with an index."""
+
+    @property
+    def index(self) -> int:
+        """Of the first row after it."""
+
+    @property
+    def what(self) -> Gap | BaudChange:
+        """What it is."""
+
+
 class StreamFilter:
     """A filter of rows that come one after the other, and do not wait for later ones.
 
@@ -130,24 +211,25 @@ class StreamFilter:
     """
 
     def __init__(self, row_filter: RowFilter) -> None:
-        self._filter = row_filter
-        self._previous = PreviousFrames() if row_filter.needs_facts else None
+        self.filter = row_filter
+        self._before = NO_ROWS
+        """The last frame of every stream."""
 
-    def matches(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Bools:
-        """Whether each of the next rows passes; the changes are between them."""
-        if self._previous is not None and not (rows.previous != NO_FACT).any():
-            rows = self._previous.add(rows, changes)
-        return self._filter.matches(rows)
+    def matches(self, rows: Rows, changes: Iterable[AnyChange] = ()) -> Bools:
+        """Whether each of the next rows passes; the gaps are between them."""
+        if not self.filter.needs_facts:
+            return self.filter.matches(rows)
+        count, joined = len(self._before), Rows.concat([self._before, rows])
+        keys = stream_keys(joined)
+        gaps = [Change(count + one.index, one.what) for one in changes]
+        before = row_before(keys, runs_of(joined, gaps))
+        previous = np.where(before < 0, NO_FACT, joined.payloads[before])
+        self._before = joined.select(np.sort(last_of(keys)))
+        return self.filter.matches(joined.replace(previous=previous))[count:]
 
-    def select(self, rows: Rows, changes: Sequence[StreamChange] = ()) -> Rows:
+    def select(self, rows: Rows, changes: Iterable[AnyChange] = ()) -> Rows:
         """The rows that pass, in order, and the port events between them."""
         return rows.select(self.matches(rows, changes), rows.events)
-
-
-_DAMAGED: Final = frozenset(
-    {str(Status.MALFORMED), *(str(one) for one in Fault if status_of((one,)) is Status.MALFORMED)}
-)
-"""Words of filters for damaged rows."""
 
 
 ALERT_INTERVAL_S: Final = 1.0
@@ -158,7 +240,7 @@ class Alert:
     """Counts the rows that match a filter, and decides when to signal them."""
 
     def __init__(self, row_filter: RowFilter) -> None:
-        self._filter = row_filter.stream()
+        self._filter = StreamFilter(row_filter)
         self._due_s = -inf
         self.count = 0
         self.last: Row | None = None
@@ -202,20 +284,480 @@ class SilenceAlert:
         return bool(due)
 
 
-def _refused(error: BaseException) -> FilterError:
-    why = printable(str(error).split("\n", 1)[0][:120])
-    return FilterError(
-        "filter: it cannot be computed ({why}); compare fields with plain values", why=why
-    )
+_DAMAGED: Final = frozenset(
+    [str(Status.MALFORMED), *(str(one) for one in Fault if status_of((one,)) is Status.MALFORMED)]
+)
+"""Words of filters for damaged rows."""
 
 
-def _test_rows() -> Iterator[Row]:
+def _test_rows() -> Rows:
     """Rows of every kind with the lowest and highest values, and a row without values."""
+    found = [Row("port", 0, b"\0", None, (Fault.NOISE, Fault.LINE_ERROR), framed=False)]
     for kind in KINDS:
         for end in ("low", "high"):
             values = {field.name: getattr(field, end) for field in kind.fields}
-            yield Row("port", 0, encode(kind, values), 0)
-    yield Row("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR), framed=False)
+            found.append(Row("port", 0, encode(kind, values), 0))
+    return Rows.of(found)
 
 
-_TEST_ROWS: Final = Rows.of(_test_rows())
+_TEST_ROWS: Final = _test_rows()
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A part of a filter's text."""
+
+    kind: str
+    """`number`, `text`, `name`, `sign` or `end`."""
+    text: str
+    start: int
+    end: int
+    """Half-open range of its characters, with quotes."""
+
+    @property
+    def word(self) -> str:
+        """The operator or keyword in its first spelling; empty for numbers and texts."""
+        found = self.text.upper() if self.kind in ("name", "sign") else ""
+        return _SAME.get(found, found)
+
+
+def in_zone(text: str, zone: tzinfo) -> str:
+    """A filter whose times have the offset of a zone where they had none.
+
+    Raises FilterError for a time of any day, if the offset depends on the season.
+    """
+    parts, at = list[str](), 0
+    for token in tokens(text):
+        if token.kind == "text":
+            try:
+                parts += [text[at : token.start + 1], with_offset(token.text, zone)]
+            except ValueError:
+                what = f"the offset of '{printable(token.text)}' depends on the season"
+                raise mistake(text, token.start, what, "write it, as in '12:00:05+01:00'") from None
+            at = token.end - 1
+    return "".join([*parts, text[at:]])
+
+
+def mistake(text: str, at: int, what: str, fix: str = "") -> FilterError:
+    """A mistake in a filter, with its position."""
+    before, after = printable(text[max(0, at - 24) : at]), printable(text[at : at + 24])
+    return FilterError(
+        'filter: {what} at character {at} of "{excerpt}"' + (f"; {fix}" if fix else ""),
+        what=what,
+        at=at + 1,
+        excerpt=f"{before}-->{after}",
+    )
+
+
+def tokens(text: str) -> Sequence[Token]:
+    """The tokens of a filter; raises FilterError."""
+    return _Parser(text).tokens
+
+
+@dataclass(frozen=True, slots=True)
+class _Term:
+    """A part of a filter."""
+
+    expr: pl.Expr
+    start: int
+    column: Column | None = None
+    """The column, if it is just a field."""
+    literal: str | None = None
+    """The text, if it is one in quotes or a word, whose meaning depends on the column."""
+    is_word: bool = False
+    """Whether it is a word of the contract without quotes."""
+    is_condition: bool = False
+    bounds: tuple[int, int] | None = None
+    """The lowest and the highest value of a whole number; None for others."""
+
+
+class _Parser:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._index = self._nested = 0
+        self.tokens = self._tokenized()
+
+    def _tokenized(self) -> Sequence[Token]:
+        if len(self._text) > _MOST_CHARACTERS or not self._text.isascii():
+            self._check_text()
+        found, at = list[Token](), 0
+        while not found or found[-1].kind != "end":
+            match = _TOKEN.match(self._text, at)
+            if match is None or len(found) > _MOST_TOKENS:
+                many = match is not None
+                raise self._mistake(at, "too long" if many else "this has no meaning in a filter")
+            kind = str(match.lastgroup)
+            content, at = match[kind], match.end()
+            start = match.start(kind) - (kind in ("text", "quoted", "field"))
+            if kind in ("quoted", "field"):
+                kind = "name" if content.lower() in COLUMN_BY_NAME else "text"
+            found.append(Token(kind, content.replace("''", "'"), start, at))
+        return found
+
+    def _check_text(self) -> None:
+        if len(self._text) > _MOST_CHARACTERS:
+            raise self._mistake(0, f"more than {_MOST_CHARACTERS:,} characters are too many")
+        try:
+            self._text.encode()
+        except UnicodeEncodeError as error:
+            raise self._mistake(error.start, "this is not valid Unicode") from None
+
+    def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
+        return mistake(self._text, at, what, fix)
+
+    def _accept(self, *choices: str) -> str | None:
+        found = self.tokens[self._index].word
+        if found not in choices or not found:
+            return None
+        self._index += 1
+        return found
+
+    def _expect(self, choice: str) -> None:
+        if self._accept(choice) is None:
+            raise self._mistake(self._here, f"a '{choice}' is missing")
+
+    @property
+    def _here(self) -> int:
+        return self.tokens[self._index].start
+
+    # Conditions
+
+    def parse(self) -> pl.Expr:
+        """The whole filter."""
+        if self.tokens[0].kind == "end":
+            raise self._mistake(
+                0, "it is empty", "write a condition, as in motor = 1 AND rpm > 500"
+            )
+        found = self._condition(self._or())
+        if self.tokens[self._index].kind != "end":
+            raise self._mistake(
+                self._here, "this is out of place", "join conditions with AND or OR"
+            )
+        return found
+
+    def _or(self) -> _Term:
+        return self._chain("OR", lambda: self._chain("AND", self._not))
+
+    def _chain(self, joint: str, inner: Callable[[], _Term]) -> _Term:
+        """Conditions joined in pairs of pairs, which keeps the expression shallow."""
+        first = inner()
+        terms = [first]
+        while self._accept(joint):
+            terms.append(inner())
+        if len(terms) == 1:
+            return first
+        level = [self._condition(term) for term in terms]
+        join = operator.and_ if joint == "AND" else operator.or_
+        while len(level) > 1:
+            pairs = zip(level[::2], level[1::2], strict=False)
+            level = [join(*pair) for pair in pairs] + level[len(level) // 2 * 2 :]
+        return _Term(level[0], first.start, is_condition=True)
+
+    def _not(self) -> _Term:
+        start = self._here
+        if self._accept("NOT"):
+            return _Term(~self._condition(self._within(self._not)), start, is_condition=True)
+        return self._comparison()
+
+    def _within(self, inner: Callable[[], _Term]) -> _Term:
+        self._nested += 1
+        if self._nested > _MOST_NESTED:
+            raise self._mistake(self._here, "nested too deeply", "simplify it")
+        found = inner()
+        self._nested -= 1
+        return found
+
+    def _condition(self, term: _Term) -> pl.Expr:
+        """A condition; a word such as `noise` is true for rows that have it."""
+        if term.is_condition or (term.column and term.column.type is ColumnType.BOOL):
+            return term.expr
+        if not term.is_word or term.literal is None:
+            raise self._mistake(term.start, "a condition is missing", "compare it, as in motor = 1")
+        column = COLUMN_OF_WORD[term.literal]
+        own = pl.col(column.name)
+        is_list = column.type is ColumnType.WORDS
+        return own.list.contains(term.literal) if is_list else own.eq_missing(pl.lit(term.literal))
+
+    def _comparison(self) -> _Term:
+        left = self._value()
+        found = self._compared(left)
+        if found is None:
+            return left
+        if self._accept(*COMPARISONS):
+            self._index -= 1
+            raise self._mistake(self._here, "this is out of place", "join comparisons with AND")
+        try:
+            _passes(found, _TEST_ROWS)
+        except _REFUSED as error:
+            what = f"this cannot be compared ({_reason(error)})"
+            raise self._mistake(
+                left.start, what, "compare fields with values of their type"
+            ) from None
+        return _Term(found, left.start, is_condition=True)
+
+    def _compared(self, left: _Term) -> pl.Expr | None:
+        if symbol := self._accept(*COMPARISONS):
+            return self._compare(left, symbol, self._value())
+        if self._accept("IS"):
+            negated = self._accept("NOT")
+            found = self._is(left)
+            return ~found if negated else found
+        negated = self._accept("NOT", "!~")
+        if negated == "!~":
+            return ~self._like(left, "~", self._value())
+        if self._accept("IN"):
+            items = self._arguments()
+            found = pl.any_horizontal([self._compare(left, "=", one) for one in items])
+        elif self._accept("BETWEEN"):
+            low = self._value()
+            self._expect("AND")
+            found = self._compare(left, ">=", low) & self._compare(left, "<=", self._value())
+        elif symbol := self._accept(*PATTERNS):
+            found = self._like(left, symbol, self._value())
+        elif negated:
+            raise self._mistake(self._here, "IN, BETWEEN or LIKE is missing after NOT")
+        else:
+            return None
+        return ~found if negated else found
+
+    def _is(self, left: _Term) -> pl.Expr:
+        is_list = left.column is not None and left.column.type is ColumnType.WORDS
+        if self._accept("NULL"):
+            own = self._condition(left) if left.is_word else left.expr
+            return own.list.len() == 0 if is_list else own.is_null()
+        if word := self._accept("TRUE", "FALSE"):
+            return self._condition(left).eq_missing(pl.lit(word == "TRUE"))
+        if not self._accept("DISTINCT"):
+            raise self._mistake(
+                self._here, "NULL, TRUE, FALSE or DISTINCT FROM is missing after IS"
+            )
+        self._expect("FROM")
+        if self._accept("NULL"):
+            return ~left.expr.is_null()
+        right = self._value()
+        equal, unknown = self._compare(left, "=", right), left.expr.is_null()
+        return ~equal.fill_null(unknown & right.expr.is_null())
+
+    def _compare(self, left: _Term, symbol: str, right: _Term) -> pl.Expr:
+        if left.column is None and right.column is not None:
+            left, right, symbol = right, left, _MIRRORED.get(symbol, symbol)
+        column, text = left.column, right.literal
+        if symbol in ("=", "!=") and (left.is_condition or right.is_condition):
+            return _OPERATORS[symbol](self._condition(left), self._condition(right))
+        if text is None or column is None:
+            if column is not None and column.type is ColumnType.TIME and right.bounds is not None:
+                self._check_time(right)
+            if left.literal is not None or right.is_word:
+                term = right if right.is_word else left
+                raise self._mistake(term.start, "a text or word is not compared with a field here")
+            return _OPERATORS[symbol](left.expr, right.expr)
+        match column.type:
+            case ColumnType.TIME:
+                clock = clock_time(text)
+                t_ns = time_ns(text) if clock is None else clock.since_midnight_ns
+                if t_ns is None or abs(t_ns) >= 2**63:
+                    fix = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
+                    raise self._mistake(right.start, "this is not a time", fix)
+                own = left.expr if clock is None else left.expr % DAY_NS
+                return _OPERATORS[symbol](own, pl.lit(t_ns, pl.Int64))
+            case ColumnType.WORD | ColumnType.WORDS:
+                return self._compare_word(column, symbol, right)
+            case ColumnType.HEX:
+                return _OPERATORS[symbol](left.expr, pl.lit(self._hex(right, "")))
+            case ColumnType.TEXT:
+                return _OPERATORS[symbol](left.expr, pl.lit(text))
+        raise self._mistake(right.start, f"{column.name} is a number", "write it without quotes")
+
+    def _check_time(self, number: _Term) -> None:
+        if number.bounds is not None and number.bounds[1] < _YEAR_2000_NS:
+            fix = "write UTC as '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
+            raise self._mistake(number.start, "this would be a time before the year 2000", fix)
+
+    def _compare_word(self, column: Column, symbol: str, right: _Term) -> pl.Expr:
+        word = (right.literal or "").strip().lower()
+        own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
+        if symbol not in ("=", "!="):
+            raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
+        if is_list and not word:
+            found = own.list.len() == 0
+        elif word not in column.words:
+            what = f"{column.name} is never '{printable(word)}'"
+            raise self._mistake(
+                right.start, what, nearest(word, column.words) or _there_are(column.words)
+            )
+        else:
+            found = own.list.contains(word) if is_list else own == pl.lit(word)
+        return found if symbol == "=" else ~found
+
+    def _like(self, left: _Term, symbol: str, pattern: _Term) -> pl.Expr:
+        column = left.column
+        if column is not None and column.type not in _TEXTS:
+            raise self._mistake(left.start, f"{symbol} needs a text, and {column.name} is none")
+        text = left.expr.list.join(",") if column and column.type is ColumnType.WORDS else left.expr
+        if pattern.literal is None:
+            raise self._mistake(pattern.start, f"{symbol} needs a pattern in quotes")
+        is_hex = column is not None and column.type is ColumnType.HEX
+        found, ignores_case = pattern.literal, is_hex or symbol == "ILIKE"
+        if symbol in ("LIKE", "ILIKE"):
+            wanted = self._hex(pattern, "_") if is_hex else found
+            anything = "(?:..)*" if is_hex else ".*"
+            inner = re.escape(wanted).replace("_", ".").replace("%", anything)
+            found = f"^(?s:{inner})$"
+        return text.cast(pl.String).str.contains(f"(?i){found}" if ignores_case else found)
+
+    def _hex(self, literal: _Term, wildcards: str) -> str:
+        digits = "".join((literal.literal or "").split()).upper()
+        anything = "%|" if wildcards else ""
+        if not re.fullmatch(f"(?:{anything}[0-9A-F{wildcards}]{{2}})*", digits):
+            raise self._mistake(
+                literal.start, "these are not whole bytes", "write two digits a byte"
+            )
+        return digits
+
+    # Values
+
+    def _value(self, level: int = 0) -> _Term:
+        if level == len(_ARITHMETIC):
+            return self._primary()
+        left = self._value(level + 1)
+        while symbol := self._accept(*_ARITHMETIC[level]):
+            right = self._value(level + 1)
+            if left.literal is not None or right.literal is not None:
+                raise self._mistake(right.start, f"'{symbol}' joins numbers")
+            bounds = _bounds(symbol, left.bounds, right.bounds)
+            if bounds is not None and not -(2**63) <= bounds[0] <= bounds[1] < 2**63:
+                raise self._mistake(
+                    right.start, "this can be larger than 64 bits", "write a number as 1e18"
+                )
+            expr = _OPERATORS[symbol](left.expr, right.expr)
+            left = _Term(expr, left.start, bounds=bounds)
+        return left
+
+    def _arguments(self) -> list[_Term]:
+        self._expect("(")
+        found = [self._within(self._or)]
+        while self._accept(","):
+            found.append(self._within(self._or))
+        self._expect(")")
+        return found
+
+    def _primary(self) -> _Term:
+        token = self.tokens[self._index]
+        if self._accept("-"):
+            inner = self._within(self._primary)
+            if inner.literal is not None or inner.is_condition:
+                raise self._mistake(token.start, "'-' needs a number")
+            return _Term(-inner.expr, token.start, bounds=_bounds("-", (0, 0), inner.bounds))
+        if self._accept("("):
+            found = self._within(self._or)
+            self._expect(")")
+            return replace(found, start=token.start)
+        self._index += 1
+        name = token.text.lower()
+        match token.kind:
+            case "number":
+                number = self._number(token)
+                bounds = (number, number) if isinstance(number, int) else None
+                dtype = pl.Int64 if isinstance(number, int) else pl.Float64
+                return _Term(pl.lit(number, dtype), token.start, bounds=bounds)
+            case "text":
+                return _Term(pl.lit(token.text), token.start, literal=token.text)
+            case "name" if name in COLUMN_BY_NAME:
+                return self._field(COLUMN_BY_NAME[name], token.start)
+            case "name" if name in COLUMN_OF_WORD:
+                return _Term(pl.lit(name), token.start, literal=name, is_word=True)
+            case "name" if name in ("true", "false"):
+                return _Term(pl.lit(name == "true"), token.start, is_condition=True)
+            case "name" if name in FUNCTIONS:
+                return self._call(name, token.start)
+            case "name" if token.text.upper() not in KEYWORDS:
+                near = nearest(name, [*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
+                fix = near or _there_are(COLUMN_BY_NAME)
+                raise self._mistake(token.start, f"unknown name '{printable(token.text)}'", fix)
+        raise self._mistake(token.start, "here a field or a value is missing")
+
+    def _field(self, column: Column, start: int) -> _Term:
+        own, bounds = pl.col(column.name), None
+        if column.type is ColumnType.TIME:
+            own = own.cast(pl.Int64)
+        if column.type in (ColumnType.TIME, ColumnType.INT):
+            bits = min(column.bits - column.signed, 62)
+            bounds = (-(1 << bits) if column.signed else 0, 1 << bits)
+        return _Term(own, start, column, bounds=bounds)
+
+    def _number(self, token: Token) -> int | float:
+        value: int | float
+        if re.fullmatch(r"\d+|0[xb].*", token.text, re.IGNORECASE):
+            value = int(token.text, 0) if token.text[1:2].isalpha() else int(token.text)
+        else:
+            value = float(token.text)
+        if not isfinite(value) or (isinstance(value, int) and value >= 2**63):
+            raise self._mistake(token.start, "this number is too large")
+        return value
+
+    def _call(self, name: str, start: int) -> _Term:
+        items = self._arguments()
+        try:
+            if name == "previous" and items[0].column is None:
+                raise KeyError(name)
+            expr = FUNCTIONS[name].of(*(one.expr for one in items))
+        except (TypeError, KeyError):
+            raise self._mistake(
+                start, f"{name} takes other values", f"write {FUNCTIONS[name].example}"
+            ) from None
+        known = [one.bounds for one in items if one.bounds is not None]
+        ends = [abs(end) for bounds in known for end in bounds]
+        is_whole = len(known) == len(items)
+        return _Term(expr, start, bounds=(-max(ends), max(ends)) if is_whole else None)
+
+
+Bounds: TypeAlias = tuple[int, int] | None
+
+
+def _bounds(symbol: str, left: Bounds, right: Bounds) -> Bounds:
+    """The lowest and highest result of an operator on whole numbers."""
+    if left is None or right is None or symbol == "/":
+        return None
+    if symbol in "+-*":
+        ends = [getattr(operator, _NAMES[symbol])(one, other) for one in left for other in right]
+        return min(ends), max(ends)
+    most = max(abs(end) for end in (*left, *right))
+    return -(1 << most.bit_length()), (1 << most.bit_length()) - 1
+
+
+_NAMES: Final = {"+": "add", "-": "sub", "*": "mul"}
+
+
+def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
+    """A divisor that is null for 0: polars' infinity and NaN are greater than any number."""
+    return pl.when(divisor != 0).then(divisor)
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """`did you mean x?`, or an empty text if no choice is similar.
+
+    A role, such as `speed`, means the field of that role.
+    """
+    names, typed = list(choices), word.strip().lower()
+    near = [name for name in names if name == _FIELD_OF_ROLE.get(typed)]
+    near = near or [name for name in names if len(typed) > 1 and name.startswith(typed)]
+    near = near or [name for name in names if _abbreviates(typed, name)]
+    near = near or get_close_matches(typed, names, n=1)
+    return TranslatableText("did you mean {near}?", near=near[0]) if near else ""
+
+
+def _there_are(names: Iterable[str]) -> str:
+    return TranslatableText("there are {names}", names=listed(names))
+
+
+_FIELD_OF_ROLE: Final = {str(role): name for role, name in NAME_OF_ROLE.items()}
+"""What people call a field: `speed` is a kind of frame, and its field is `rpm`."""
+
+
+def _abbreviates(text: str, name: str) -> bool:
+    """Whether each word of the text leaves out letters of the name's word, as in `speed fb`."""
+    words, parts = re.split(r"[\s_.-]+", text), name.split("_")
+    return len(words) == len(parts) > 1 and all(
+        re.fullmatch(".*".join(map(re.escape, word)) + ".*", part)
+        for word, part in zip(words, parts, strict=True)
+    )

@@ -152,11 +152,17 @@ def runs_of(rows: Rows, changes: Iterable[Change] = (), before: Runs | None = No
 
 def row_before(keys: Ints, runs: Runs) -> Ints:
     """For each row, the row before it with the same key in its run; keys below 0 have none."""
-    order = np.lexsort((np.arange(len(keys)), keys, runs.number))
-    same = (np.diff(keys[order]) == 0) & (np.diff(runs.number[order]) == 0)
-    found = np.full(len(keys), NONE, np.int64)
+    found, at = np.full(len(keys), NONE, np.int64), np.flatnonzero(keys >= 0)
+    if not len(at):
+        return found
+    groups = runs.number[at] * (int(keys.max()) + 1) + keys[at]
+    # Numpy sorts numbers of 16 bits in linear time.
+    is_small = int(groups.max()) < 1 << 16
+    order = at[np.argsort(groups.astype(np.uint16) if is_small else groups, kind="stable")]
+    same = (keys[order[1:]] == keys[order[:-1]]) & (
+        runs.number[order[1:]] == runs.number[order[:-1]]
+    )
     found[order[1:][same]] = order[:-1][same]
-    found[keys < 0] = NONE
     return found
 
 
@@ -165,6 +171,14 @@ def stream_keys(rows: Rows) -> Ints:
     motors = np.where(NAMES_MOTOR[rows.kinds], rows.nums, 0).astype(np.int64)
     keys = (rows.port.astype(np.int64) * (NO_KIND + 1) + rows.kinds) * 256 + motors
     return np.where(rows.kinds == NO_KIND, NONE, keys)
+
+
+def last_of(keys: Ints, count: int = 1) -> Ints:
+    """The indices of the last ones, at most `count`, of each key that is not below 0."""
+    at = np.flatnonzero(keys >= 0)
+    order = np.argsort(keys[at], kind="stable")
+    own = keys[at][order]
+    return at[order[np.searchsorted(own, own, "right") - np.arange(len(own)) <= count]]
 
 
 def port_keys(rows: Rows) -> Ints:

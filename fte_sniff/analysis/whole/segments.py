@@ -8,8 +8,8 @@ of all rows, and counts add up, over the segments of a file, files, processes an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
-from typing import Final, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Final, Generic, TypeAlias, TypeVar
 
 import numpy as np
 import polars as pl
@@ -17,19 +17,23 @@ import polars as pl
 from fte_sniff.analysis.whole.relations import (
     DEADLINE_NS,
     Change,
+    last_of,
     port_keys,
     runs_of,
     stream_keys,
 )
 from fte_sniff.analysis.whole.table import EMPTY, RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import NO_TIME, Ints, Rows
+from fte_sniff.protocol.rows import NO_TIME, Ints, Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
-Item: TypeAlias = Rows | PortEvent | Gap | BaudChange
+Part = TypeVar("Part")
 
 SEGMENT_ROWS: Final = 1 << 18
 """Rows of a table, unless a test or the screen needs fewer."""
+
+FRAMES_BEFORE: Final = 3
+"""The last frames of a stream that events of later ones may depend on."""
 
 UNTIMED_ROWS: Final = 1200
 """Rows without a time that count as a second: those of a full line."""
@@ -44,6 +48,7 @@ class Segments:
         *,
         baud: int | None = None,
         test: RowTest | None = None,
+        needs_facts: bool = False,
         keep: Callable[[Table], Ints] | None = None,
     ) -> None:
         """Begin a stream without rows.
@@ -52,9 +57,11 @@ class Segments:
             most: rows from which on a table is complete.
             baud: of every port; None for that of the stream's `BaudChange`s.
             test: selects the rows that are counted; None for all.
+            needs_facts: whether the test reads facts.
             keep: the indices of further rows of a table that the next ones need.
         """
         self._most, self._test, self._keep = most, test, keep
+        self._needs_facts = needs_facts
         self._baud = baud
         self._before = EMPTY
         """The last table, with only the rows that the next one needs."""
@@ -82,6 +89,11 @@ class Segments:
             if isinstance(item, Gap) and item.kind is GapKind.SELECTED:
                 self._hidden_by.append(item.reason)
 
+    def rest(self) -> Table:
+        """The table of the rows that wait, as if the stream ended here; it may go on."""
+        table = self._joined()
+        return replace(table, stop=len(table.rows))
+
     def finish(self) -> Iterator[Table]:
         """End the stream; yields the rest."""
         yield from self._cut(final=True)
@@ -92,7 +104,7 @@ class Segments:
         if stop > table.start or final:
             table = replace(table, stop=stop)
             if self._test is not None:
-                table = table.narrowed(self._test)
+                table = table.narrowed(self._test, needs_facts=self._needs_facts)
             yield table
             self._before = self._needed(table)
             self._rows, self._count, self._changes, self._events = [], 0, [], []
@@ -168,8 +180,8 @@ def second_before(rows: Rows, end: int) -> int:
 def context_of(table: Table) -> Ints:
     """The indices of the rows that the relations of rows from `stop` on depend on, and of these.
 
-    The last second before it; the last frame of every stream and the last row with a time of every
-    port, of all rows and of those that are selected; and the first row of the run.
+    The last second before it; the last frames of every stream and rows with a time of every port,
+    of all rows and of those that are selected; and the first row of the run.
     """
     stop = table.stop
     rows, recent = table.rows.select(slice(0, stop)), second_before(table.rows, stop)
@@ -178,14 +190,8 @@ def context_of(table: Table) -> Ints:
     for some in (None, table.selected):
         at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])
         for keys in (stream_keys(rows), port_keys(rows)):
-            own = at[keys[at] >= 0]
-            needed.append(own[_last_of(keys[own])])
+            needed.append(at[last_of(keys[at], FRAMES_BEFORE)])
     return np.unique(np.concatenate(needed)).astype(np.int64)
-
-
-def _last_of(keys: Ints) -> Ints:
-    """The index of the last of each key."""
-    return len(keys) - 1 - np.unique(keys[::-1], return_index=True)[1]
 
 
 # Sums
@@ -209,7 +215,8 @@ def added(parts: Iterable[pl.DataFrame]) -> pl.DataFrame:
     frame = pl.concat(parts)
     names = [name for name in frame.columns if " " in name]
     keys = [name for name in frame.columns if name not in names]
-    return frame.group_by(keys, maintain_order=True).agg(map(_sum_of, names))
+    sums = [_sum_of(name) for name in names]
+    return frame.group_by(keys, maintain_order=True).agg(sums) if keys else frame.select(sums)
 
 
 def _sum_of(name: str) -> pl.Expr:
@@ -217,3 +224,29 @@ def _sum_of(name: str) -> pl.Expr:
     if word == "until":
         return pl.col(name).get(pl.col(f"greatest {of}").arg_max())
     return _ADDED[word](pl.col(name))
+
+
+Counts: TypeAlias = Mapping[str, pl.DataFrame]
+"""What is counted in a part of a stream, by name; each is added by `added`."""
+
+
+def summed(parts: Iterable[Counts]) -> dict[str, pl.DataFrame]:
+    """The counts of several parts, in the order of time, as those of one; empty without parts."""
+    total = dict[str, pl.DataFrame]()
+    for part in parts:
+        total = {name: added([total[name], own]) if total else own for name, own in part.items()}
+    return total
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis(Generic[Part]):
+    """What is counted in each table of a stream, and how such parts add up.
+
+    Made of functions with names, so that other processes and machines can count.
+    """
+
+    count: Callable[[Table], Part]
+    add: Callable[[Iterable[Part]], Part]
+    """Of parts in the order of time."""
+    keep: Callable[[Table], Ints] | None = None
+    """The indices of further rows of a table that the next ones need."""

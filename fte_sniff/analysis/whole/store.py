@@ -26,10 +26,10 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.whole.relations import FEEDBACK, Change, Runs, runs_of
-from fte_sniff.analysis.whole.segments import Item, Segments
+from fte_sniff.analysis.whole.segments import Segments
 from fte_sniff.analysis.whole.table import RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Rows
+from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
 MEMORY_ROWS: Final = 10_000_000

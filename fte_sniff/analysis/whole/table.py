@@ -30,10 +30,17 @@ from fte_sniff.analysis.whole.relations import (
 )
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
-from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, VALUE_FIELDS, Role, byte_time_ns
+from fte_sniff.protocol.spec import (
+    DEFAULT_BAUD,
+    MOTORS,
+    NAME_OF_ROLE,
+    VALUE_FIELDS,
+    Role,
+    byte_time_ns,
+)
 
 RowTest: TypeAlias = Callable[[Rows], Bools]
-"""Whether each row passes, such as `RowFilter.matches`; the rows have their facts."""
+"""Whether each row passes, such as `RowFilter.matches`."""
 
 MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
@@ -99,20 +106,21 @@ class Table:
         """All rows with their facts."""
         return with_facts(self.rows, self.runs, self.all_answers)
 
-    def narrowed(self, test: RowTest) -> Table:
+    def narrowed(self, test: RowTest, *, needs_facts: bool = True) -> Table:
         """The table of the rows that pass; whether a command is answered, all rows decide."""
-        passes = test(self.with_facts)
-        found = replace(self, selected=passes)
-        found.__dict__["all_answers"] = self.all_answers
-        found.__dict__["with_facts"] = self.with_facts
+        found = replace(self, selected=test(self.with_facts if needs_facts else self.rows))
+        for name in ("all_answers", "with_facts"):
+            if name in self.__dict__:
+                found.__dict__[name] = self.__dict__[name]
         return found
 
     @cached_property
     def frame(self) -> pl.DataFrame:
         """Its counted rows, with codes as in `Rows`.
 
-        Columns: `t_ns`, `port`, `kind`, `motor`, `direction`, `faults`, `length`, `source`, the
-        quantities, and what the row before decides, among those that are selected:
+        Columns: `t_ns`, `port`, `kind` (null if it names a motor that there is not), `motor`,
+        `direction`, `faults`, `length`, `source`, the quantities, and what the row before decides,
+        among those that are selected:
 
             run         number of the run
             end_ns      when the last byte ended
@@ -127,6 +135,7 @@ class Table:
         own = np.searchsorted(at, self.start)
         rows, runs = self.rows.select(at), self.runs.select(at)
         t_ns, kinds = rows.t_ns, rows.kinds
+        is_kind = (kinds != NO_KIND) & (~NAMES_MOTOR[kinds] | np.isin(rows.nums, MOTORS))
         ends_ns = np.where(rows.timed, t_ns + rows.length * self.byte_ns[at], NO_TIME)
         before = row_before(stream_keys(rows), runs)
         on_port = row_before(port_keys(rows), runs)
@@ -134,8 +143,8 @@ class Table:
         columns = {
             "t_ns": _times(t_ns),
             "port": pl.Series(rows.port),
-            "kind": _known(kinds, kinds != NO_KIND),
-            MOTOR: _known(rows.nums, NAMES_MOTOR[kinds]),
+            "kind": _known(kinds, is_kind),
+            MOTOR: _known(rows.nums, NAMES_MOTOR[kinds] & is_kind),
             "direction": pl.Series(rows.directions),
             "faults": pl.Series(rows.faults),
             "length": pl.Series(rows.length.astype(np.int64)),

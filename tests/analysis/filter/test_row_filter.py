@@ -6,15 +6,15 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
-import polars as pl
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
+from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import COLUMNS, KIND_BY_NAME, ColumnType, Fault, Row, Value, encode, record
+from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 from tests.support.faults import frame_faults
 
@@ -53,7 +53,7 @@ WITH_RPM = {"fast", "back", "pos", "fb", "flags"}
 
 
 def _wanted(text: str) -> set[str]:
-    mask = RowFilter.parse(text).mask(row_frame(Rows.of(list(ROWS.values()))))
+    mask = RowFilter.parse(text).matches(Rows.of(ROWS.values()))
     return {name for name, wanted in zip(ROWS, mask, strict=True) if wanted}
 
 
@@ -240,7 +240,6 @@ def test_a_byte_pattern_matches_only_at_byte_boundaries(
     rows = [Row("p", 0, raw, None, (Fault.NOISE,), framed=False) for raw in raws]
     wanted = RowFilter.parse(f"raw LIKE '{' '.join(tokens)}'")
     expected = [_matches(tokens, raw) for raw in raws]
-    assert wanted.mask(row_frame(Rows.of(rows))).to_list() == expected
     assert wanted.matches(Rows.of(rows)).tolist() == expected
 
 
@@ -262,13 +261,13 @@ def test_a_pattern_takes_special_characters_as_they_are(special: str) -> None:
 def test_no_rows_give_no_rows(text: str) -> None:
     wanted = RowFilter.parse(text)
     assert not wanted.select(NO_ROWS)
-    assert wanted.mask(row_frame(NO_ROWS)).to_list() == []
+    assert wanted.matches(NO_ROWS).tolist() == []
 
 
 def test_a_filter_reads_only_the_columns_it_names() -> None:
     wanted = RowFilter.parse("motor = 1 AND (noise OR raw LIKE 'AA%')")
     assert wanted.names == {"motor", "faults", "raw"}
-    assert wanted.mask(row_frame(Rows.of(list(ROWS.values())), wanted.names)).sum() == 1
+    assert wanted.matches(Rows.of(ROWS.values())).sum() == 1
 
 
 def test_the_help_names_every_field_and_its_examples_work() -> None:
@@ -356,13 +355,7 @@ CONDITIONS = st.recursive(
 def test_any_condition_follows_three_valued_logic(condition: tuple[str, Predicate]) -> None:
     text, predicate = condition
     expected = [predicate(record(row)) is True for row in ROWS.values()]
-    assert RowFilter.parse(text).mask(row_frame(Rows.of(list(ROWS.values())))).to_list() == expected
-
-
-def test_a_mask_is_never_null() -> None:
-    mask = RowFilter.parse("rpm > 0").mask(row_frame(Rows.of(list(ROWS.values()))))
-    assert mask.dtype == pl.Boolean()
-    assert mask.null_count() == 0
+    assert RowFilter.parse(text).matches(Rows.of(ROWS.values())).tolist() == expected
 
 
 def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
@@ -375,3 +368,12 @@ def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
     ]
     assert alert.count == 8
     assert alert.last == frames[2]
+
+
+def test_stream_knows_the_frame_before_and_not_what_comes_later() -> None:
+    rows = [_frame(at, "speed", motor=1, rpm=rpm) for at, rpm in enumerate((0, 600, 700, 0))]
+    stream = RowFilter.parse("abs(rpm - previous(rpm)) > 500 OR unanswered").stream()
+    found = [stream.matches(Rows.of(rows[at : at + 1])).tolist() for at in range(4)]
+    assert found == [[False], [True], [False], [True]]
+    gap = StreamChange(0, Gap(GapKind.PORT))
+    assert stream.matches(Rows.of(rows[1:2]), [gap]).tolist() == [False]

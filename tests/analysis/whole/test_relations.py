@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 
 from fte_sniff.analysis.whole.relations import AnswerState, motor_hints, row_before, stream_keys
-from fte_sniff.analysis.whole.segments import Item
 from fte_sniff.analysis.whole.table import Table
 from fte_sniff.protocol.items import Gap, GapKind
-from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import MOTORS, Direction
 from tests.analysis.captures import SECOND, captures, damage, frame, polled, table_of
 

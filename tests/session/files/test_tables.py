@@ -17,7 +17,7 @@ from polars.exceptions import ComputeError
 
 import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-from fte_sniff.analysis.facts import Facts
+from fte_sniff.analysis.whole.segments import segments
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
 from fte_sniff.protocol import Chunk, Fault, Framer, Row, record
 from fte_sniff.protocol.rows import Rows
@@ -45,8 +45,8 @@ def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
 
 def _rows(path: Path) -> list[Row]:
     """The rows with their facts."""
-    facts = Facts()
-    return [*facts.feed(Rows.of(read_rows(path))), *facts.interrupt()]
+    (table,) = segments([Rows.of(read_rows(path))])
+    return [*table.with_facts]
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)

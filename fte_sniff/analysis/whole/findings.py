@@ -18,37 +18,28 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import inf, log
-from typing import Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fte_sniff.analysis.events import (
-    DELAY_UNIT_NS,
-    GRADES,
-    RATIO_UNIT,
-    RUNNING,
-    Events,
-    Windows,
-    by_role,
-    least_of,
-)
-from fte_sniff.analysis.facts import DEADLINE_NS, MOST_HELD, Facts, first_feedback
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.model import Model, RowCount, RowModel
-from fte_sniff.errors import TranslatableText, listed
-from fte_sniff.protocol import (
-    FAULT_MEANINGS,
+from fte_sniff.analysis.whole.events import COLUMN_OF, RUNNING, Events, Windows, by_role, counted
+from fte_sniff.analysis.whole.relations import DEADLINE_NS, LATE, is_off_target
+from fte_sniff.analysis.whole.segments import Counts, summed
+from fte_sniff.analysis.whole.table import MOTOR, Table
+from fte_sniff.errors import Joint, TranslatableText, listed, printable
+from fte_sniff.protocol import FAULT_MEANINGS, PortEventKind
+from fte_sniff.protocol.rows import Bools, Ints
+from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
+    NAME_OF_ROLE,
     Direction,
     Fault,
-    Gap,
-    PortEvent,
-    PortEventKind,
+    Role,
+    motor_bit,
+    online_bit_text,
 )
-from fte_sniff.protocol.items import BaudChange
-from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, motor_bit, online_bit_text
 
 ALPHA: Final = 0.01
 """Bound on the probability of any false finding in a recording."""
@@ -82,6 +73,7 @@ class Cause(StrEnum):
     OFF_TARGET = "off_target"
     IRREGULAR_COMMANDS = "irregular_commands"
     JUMP = "jump"
+    UNLIKE_OTHERS = "unlike_others"
 
 
 _EXPLAINS: Final[Mapping[Cause, frozenset[Cause]]] = {
@@ -90,13 +82,14 @@ _EXPLAINS: Final[Mapping[Cause, frozenset[Cause]]] = {
     Cause.DAMAGE: frozenset(
         {
             *(Cause.DAMAGE, Cause.UNANSWERED, Cause.LATE, Cause.JUMP),
-            *(Cause.IRREGULAR_COMMANDS, Cause.SILENCE),
+            *(Cause.IRREGULAR_COMMANDS, Cause.SILENCE, Cause.UNLIKE_OTHERS),
         }
     ),
     Cause.OFFLINE: frozenset({Cause.SILENCE, Cause.UNANSWERED, Cause.OFF_TARGET}),
     Cause.ERROR_FLAG: frozenset({Cause.OFF_TARGET}),
     Cause.IRREGULAR_COMMANDS: frozenset({Cause.UNANSWERED, Cause.LATE}),
     Cause.OFF_TARGET: frozenset({Cause.JUMP}),
+    Cause.LATE: frozenset({Cause.UNLIKE_OTHERS}),
 }
 """Causes whose findings in the same span are consequences of a cause."""
 
@@ -152,7 +145,7 @@ class _Span(NamedTuple):
     score: float
 
 
-def _divergence(share: float, expected: float) -> float:
+def divergence(share: float, expected: float) -> float:
     """Kullback-Leibler divergence of two shares of bad windows."""
     inside = share * log(share / expected) if share > 0 else 0.0
     return inside + ((1 - share) * log((1 - share) / (1 - expected)) if share < 1 else 0.0)
@@ -194,7 +187,7 @@ def _score(sums: Ints, start: int, end: int) -> float:
     share, expected = inside / total, (end - start) / (len(sums) - 1)
     if share <= expected or inside < _LEAST_WINDOWS:
         return 0.0
-    return total * _divergence(share, expected)
+    return total * divergence(share, expected)
 
 
 def _extended(sums: Ints, bad: Bools, span: _Span) -> _Span:
@@ -381,247 +374,41 @@ def _examined(
         )
 
 
-_WHAT: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback"}
-"""Columns of the windows of ports, by direction."""
-
-
 def _port_in(events: Events, senders: Direction, first_ns: int, last_ns: int) -> str:
     """The port with frames of a direction in a span; empty if there are several, or none."""
     found = []
     for port, windows in events.ports.items():
         starts = windows.starts_ns
         near = (starts <= last_ns) & (starts + windows.width_ns > first_ns)
-        if windows.count(_WHAT[senders])[near].any():
+        if windows.count(COLUMN_OF[senders])[near].any():
             found.append(port)
     return found[0] if len(found) == 1 else ""
 
 
-class _Opening(Model):
-    """The first rows, whose facts depend on rows before them that another model may have."""
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The findings in a table, and what was examined."""
 
-    def __init__(self) -> None:
-        self.rows = NO_ROWS
-        """The rows that are not counted, and those after them that decide their facts."""
-        self.count = 0
-        """The number of those that are not counted."""
-        self.is_open = True
-        self._decided = NO_ROWS
-        """Those whose facts are decided, while it is open."""
+    found: Sequence[Finding]
+    """Best first."""
+    extent: Mapping[str, Any]
+    """`sum rows`, `sum frames`, `sum timed`, and the times `least t` and `greatest t`."""
+    not_covered: Mapping[str, TranslatableText]
+    """By cause, why it could not be examined."""
+    counts: Mapping[Cause, int]
+    """By cause, the rows that bear an event alone, whether or not they are in a finding."""
 
-    def add(self, rows: Rows, known: Rows) -> Rows:
-        """Add the next rows, and those that are decided now; returns those to count."""
-        self.rows = _joined(self.rows, rows)
-        self._decided = known = _joined(self._decided, known)
-        # No command before the first feedback is unanswered, unless rows before have feedback.
-        feedback = min(first_feedback(self.rows), MOST_HELD)
-        count = max(_end_of_second(self.rows, 0), feedback)
-        end = _end_of_second(self.rows, count)
-        self.is_open = end >= len(self.rows) or len(known) < count
-        if self.is_open:
-            self.count = len(self.rows)
-            return NO_ROWS
-        self.rows, self.count, self._decided = self.rows[: end + 1], count, NO_ROWS
-        return known[count:]
-
-    def after(self, before: Rows) -> _Opening:
-        """The opening of more rows, which begin with others."""
-        found = self.copy()
-        found.rows, found.count = _joined(before, self.rows), len(before) + self.count
-        return found
-
-    def with_facts(self, facts: Facts, waiting: int) -> Rows:
-        """The rows that `facts` lets wait, and those that are not counted, with their facts."""
-        return _joined(facts.feed(self.rows), facts.interrupt())[: waiting + self.count]
-
-
-def _joined(*parts: Rows) -> Rows:
-    return Rows.concat([one for one in parts if len(one)] or [NO_ROWS])
-
-
-def _end_of_second(rows: Rows, start: int) -> int:
-    """The first index of rows that no fact of the row at `start` depends on."""
-    later = rows.t_ns[start:]
-    timed = later[later != NO_TIME]
-    if len(timed):
-        beyond = np.flatnonzero(later > timed[0] + DEADLINE_NS)
-        if len(beyond):
-            return start + min(int(beyond[0]), MOST_HELD)
-    return start + min(len(later), MOST_HELD)
-
-
-class Findings(RowModel):
-    """Looks for spans in which something is wrong."""
-
-    CAUSES: Final = tuple(map(str, Cause))
-    """The causes that it knows."""
-
-    def __init__(self) -> None:
-        self.total = RowCount()
-        self.frames = 0
-        self._events = Events()
-        self._facts: Facts | None = Facts(previous=False)
-        self._waiting = 0
-        """Rows whose facts are not decided."""
-        self._opening = _Opening()
-        self.grows = False
-        """Whether more rows are expected: a lost port may be found again."""
-
-    @classmethod
-    def of_facts(cls) -> Self:
-        """For rows that have their facts already, such as those of a store."""
-        found = cls()
-        found._facts = None
-        return found
-
-    def observe_change(self, change: Gap | BaudChange) -> None:
-        """Apply a change before the next rows."""
-        if isinstance(change, Gap) and self._facts is not None:
-            known, self._waiting = self._facts.interrupt(change), 0
-            if not self._opening.is_open:
-                self._events.observe(known)
-            self._opening.is_open = False
-        self._events.observe_change(change)
-
-    def _observe(self, rows: Rows) -> None:
-        self.total.observe(rows)
-        self.frames += int(rows.framed.sum())
-        self._count(rows)
-
-    def _count(self, rows: Rows) -> None:
-        if self._facts is None:
-            self._events.observe(rows)
-            return
-        known = self._facts.feed(rows)
-        self._waiting += len(rows) - len(known)
-        if self._opening.is_open:
-            known = self._opening.add(rows, known)
-        self._events.observe(known)
-
-    def observe_events(self, events: Sequence[PortEvent]) -> None:
-        """Add port events."""
-        self._events.observe_events(events)
-
-    def merge(self, later: Self) -> None:
-        """Add the rows that follow, as if they had been observed here."""
-        self.total.merge(later.total)
-        self.frames += later.frames
-        if self._facts is not None and later._facts is not None:
-            if later._opening.is_open:
-                self._count(later._opening.rows)
-            else:
-                self._follow(later._opening, later._facts, later._waiting)
-        self._events.merge(later._events)
-
-    def _follow(self, opening: _Opening, facts: Facts, waiting: int) -> None:
-        """Continue with the facts of the rows that follow, of which all but some are counted."""
-        if self._opening.is_open:
-            self._opening = opening.after(self._opening.rows)
-        elif self._facts is not None:
-            self._events.observe(opening.with_facts(self._facts, self._waiting))
-        self._facts, self._waiting = facts.copy(), waiting
-
-    @property
-    def events(self) -> Events:
-        """The events of all rows; rows may follow."""
-        if self._facts is None:
-            return self._events
-        found = Events()
-        found.observe(self._opening.with_facts(Facts(previous=False), 0))
-        found.merge(self._events)
-        if not self._opening.is_open:
-            found.observe(self._facts.copy().interrupt())
-        return found
-
-    def found(self, alpha: float = ALPHA) -> list[Finding]:
-        """The findings, best first; rows may follow."""
-        return self._found_in(self.events, alpha)
-
-    def recent(self, since_ns: int, alpha: float = ALPHA) -> list[Finding]:
-        """The findings in the rows from a time on; rows may follow."""
-        return self._found_in(self.events.since(since_ns), alpha)
-
-    def found_and_recent(self, recent_ns: int) -> tuple[list[Finding], list[Finding]]:
-        """The findings about all rows and their last time, and those about that time alone.
-
-        What is rare in hours may stand out in the last minutes, and the other way round. With a
-        time of 0 there are only those about all rows. More rows may follow.
-        """
-        found = self.found()
-        last_ns = self.total.last_ns
-        if not recent_ns or last_ns is None:
-            return found, []
-        recent = self.recent(last_ns - recent_ns)
-        return _ranked([*found, *recent]), recent
-
-    def _found_in(self, events: Events, alpha: float) -> list[Finding]:
-        if self.total.times is None or not self.frames:
-            return []
-        lost = list(_lost_ports(events, self.total.times[1], grows=self.grows))
-        return _ranked([*lost, *_all_of(events, alpha)])
-
-    def not_covered(self) -> dict[str, TranslatableText]:
-        """By cause, why it could not be examined."""
-        if not self.total.rows:
-            return dict.fromkeys(self.CAUSES, TranslatableText("the input has no rows"))
-        if not self.frames:
-            text = TranslatableText("no row is a frame; is the baud rate right?")
-            return dict.fromkeys(self.CAUSES, text)
-        if self.total.first_ns is None:
-            return dict.fromkeys(self.CAUSES, TranslatableText("no row has a time; try --start"))
-        return dict(_uncovered(self.events))
-
-    def counts(self) -> dict[Cause, int]:
-        """By cause, the rows that bear an event alone, whether or not they are in a finding.
-
-        Commands to several motors count once for each of them that did not answer.
-        """
-        events = self.events
-        windows = events.windows
-        found = {
-            Cause.DAMAGE: sum(int(one.count("damaged").sum()) for one in events.ports.values()),
-            Cause.ERROR_FLAG: int(windows.count("any raised").sum()),
-            Cause.OFFLINE: int(windows.count("any offline").sum()),
-            Cause.UNANSWERED: sum(int(windows.count(f"missed {one}").sum()) for one in MOTORS),
-        }
-        missing = dict(_uncovered(events))
-        return {cause: count for cause, count in found.items() if cause not in missing}
-
-    def _not_findings(self) -> Iterator[TranslatableText]:
-        """What is counted, although it makes no finding."""
-        found, counts = self.counts(), list[TranslatableText]()
-        if count := found.get(Cause.DAMAGE):
-            share = f"{100 * count / self.total.rows:.2g}"
-            text = TranslatableText(
-                "malformed rows {count:,} ({percent} %)", count=count, percent=share
-            )
-            counts.append(text)
-        if count := found.get(Cause.ERROR_FLAG):
-            counts.append(TranslatableText("frames with an ERROR flag {count:,}", count=count))
-        if count := found.get(Cause.OFFLINE):
-            counts.append(
-                TranslatableText("frames that lack a bit of ONLINE {count:,}", count=count)
-            )
-        if count := found.get(Cause.UNANSWERED):
-            counts.append(TranslatableText("commands without an answer {count:,}", count=count))
-        if counts:
-            yield TranslatableText(
-                "too few, or too even over time, for a finding: {counts}", counts=listed(counts)
-            )
-
-    def coverage(self, found: Sequence[Finding]) -> list[TranslatableText]:
+    def coverage(self) -> list[TranslatableText]:
         """What was examined and counted, where nothing was found; what could not be, and why."""
-        missing = self.not_covered()
-        covered = [cause for cause in self.CAUSES if cause not in missing]
-        texts: list[TranslatableText] = []
+        missing, texts = self.not_covered, list[TranslatableText]()
+        covered = [cause for cause in Cause if cause not in missing]
         if not covered:
             why = next(iter(missing.values()))
             return [TranslatableText("nothing could be examined: {why}", why=why)]
-        if not found:
-            rows, causes = self.total.rows, listed(covered)
+        if not self.found:
+            text = "no findings in {rows:,} rows; examined: {causes}"
             texts.append(
-                TranslatableText(
-                    "no findings in {rows:,} rows; examined: {causes}", rows=rows, causes=causes
-                )
+                TranslatableText(text, rows=self.extent["sum rows"], causes=listed(covered))
             )
             texts += self._not_findings()
         for why in dict.fromkeys(missing.values()):
@@ -629,12 +416,80 @@ class Findings(RowModel):
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))
         return texts
 
+    def _not_findings(self) -> Iterator[TranslatableText]:
+        """What is counted, although it makes no finding."""
+        counts = [
+            TranslatableText(_COUNTED_AS[cause], count=count)
+            for cause, count in self.counts.items()
+            if count
+        ]
+        if counts:
+            text = "too few, or too even over time, for a finding: {counts}"
+            yield TranslatableText(text, counts=listed(counts))
+
+
+_COUNTED_AS: Final = {
+    Cause.DAMAGE: "malformed rows {count:,}",
+    Cause.ERROR_FLAG: "frames with an ERROR flag {count:,}",
+    Cause.OFFLINE: "frames that lack a bit of ONLINE {count:,}",
+    Cause.UNANSWERED: "commands without an answer {count:,}",
+}
+
+
+def find(counts: Counts, alpha: float = ALPHA, *, grows: bool = False) -> Report:
+    """Look for the spans in which something is wrong, in what `events.counted` counted.
+
+    `grows` is whether rows may follow.
+    """
+    events = Events(counts)
+    extent, why = events.extent, TranslatableText("")
+    if not extent["sum rows"]:
+        why = TranslatableText("the input has no rows")
+    elif not extent["sum frames"]:
+        why = TranslatableText("no row is a frame; is the baud rate right?")
+    elif not extent["sum timed"]:
+        why = TranslatableText("no row has a time; try --start")
+    if why:
+        return Report([], extent, dict.fromkeys(map(str, Cause), why), {})
+    lost = list(_lost_ports(events, extent["greatest t"], grows=grows))
+    missing = dict(_uncovered(events))
+    found = [*lost, *(one for one in _all_of(events, alpha) if one.cause not in missing)]
+    return Report(ranked(found), extent, missing, _counts(events, missing))
+
+
+def find_in(tables: Iterable[Table], *, grows: bool = False) -> Report:
+    """`find` in tables, of which there is at least one."""
+    return find(summed(map(counted, tables)), grows=grows)
+
+
+def _counts(events: Events, missing: Mapping[str, object]) -> dict[Cause, int]:
+    windows = events.windows
+    found = {
+        Cause.DAMAGE: sum(int(one.count("damaged").sum()) for one in events.ports.values()),
+        Cause.ERROR_FLAG: int(windows.count("any raised").sum()),
+        Cause.OFFLINE: int(windows.count("any offline").sum()),
+        Cause.UNANSWERED: sum(int(windows.count(f"missed {one}").sum()) for one in MOTORS),
+    }
+    return {cause: count for cause, count in found.items() if cause not in missing}
+
+
+def hidden_text(filters: Iterable[str]) -> TranslatableText:
+    """Why a recording with the rows that some filters selected cannot be examined."""
+    return TranslatableText(
+        "the recording has only the rows for which this held: {filter}",
+        filter=listed(map(printable, dict.fromkeys(filters)), Joint.AND),
+    )
+
 
 def _uncovered(events: Events) -> Iterator[tuple[str, TranslatableText]]:
+    if events.hidden_by:
+        text = hidden_text(events.hidden_by)
+        yield from ((str(one), text) for one in Cause if one is not Cause.PORT)
+        return
     windows, senders = events.windows, _ports_with(events, "commands")
     commands = sum(int(windows.count(f"commands {motor}").sum()) for motor in MOTORS)
     feedback = int(windows.count("feedback").sum())
-    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET)
+    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET, Cause.UNLIKE_OTHERS)
     if not commands:
         text = TranslatableText("no command awaits an answer")
         yield from ((str(one), text) for one in answers)
@@ -670,10 +525,11 @@ def _all_of(events: Events, alpha: float) -> Iterator[Finding]:
     for port, windows in events.ports.items():
         for series in _port_series(port, windows, several=several):
             yield from _examined(events, windows, series, alpha)
-    uncovered = dict(_uncovered(events))
-    for series in _motor_series(events.windows):
-        if series.cause not in uncovered:
-            yield from _examined(events, events.windows, series, alpha)
+    for series in _motor_series(events):
+        yield from _examined(events, events.windows, series, alpha)
+    for motor in MOTORS:
+        yield from _slower(events, motor)
+        yield from _more_damaged(events, motor)
 
 
 def _lost_ports(events: Events, last_ns: int, *, grows: bool) -> Iterator[Finding]:
@@ -735,7 +591,7 @@ def _damage(windows: Windows, port: str, own_port: str, motor: int | None = None
         fault = _prevailing(windows, seen, "fault", FAULT_MEANINGS, 0.0)
         direction = _prevailing(windows, seen, "damaged", Direction)
         text = TranslatableText("{events} of {rows} rows are damaged; {usual}", **seen.numbers)
-        bursts = seen.events - int(windows.count(f"burst {port}")[seen.own].sum())
+        bursts = seen.events - int(windows.count("burst")[seen.own].sum())
         if motor is not None:
             text = TranslatableText("motor {motor}: {text}", motor=motor, text=text)
         elif 2 * bursts <= seen.events:
@@ -772,18 +628,16 @@ def _sentence(form: str, shown: str, **values: object) -> _Describe:
     return describe
 
 
-def _motor_series(windows: Windows) -> Iterator[_CauseCounts]:
+def _motor_series(events: Events) -> Iterator[_CauseCounts]:
+    windows = events.windows
     for motor in MOTORS:
         yield _unanswered(windows, motor)
-        yield from _late(windows, motor)
+        yield from _late(events, motor)
         yield from _flags(windows, motor)
         yield from _off_target(windows, motor)
         yield from _jumps(windows, motor)
         yield from _silences(windows, motor)
     yield from _irregular(windows)
-
-
-_MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 
 
 def _unanswered(windows: Windows, motor: int) -> _CauseCounts:
@@ -796,9 +650,12 @@ def _unanswered(windows: Windows, motor: int) -> _CauseCounts:
             rows=f"{seen.rows:,}",
             usual=TranslatableText("usually all") if seen.usual < 0.0005 else share,
         )
-        own_filter = f"{_MOTOR} = {motor}"
+        if seen.events == int(windows.count(f"asked {motor}").sum()):
+            form = "motor {motor} answered none of {rows} commands; other motors answered"
+            text = TranslatableText(form, motor=motor, rows=f"{seen.rows:,}")
+        own_filter = f"{MOTOR} = {motor}"
         if windows.count(f"free {motor}")[seen.own].any():
-            own_filter = f"({own_filter} OR {_MOTOR} IS NULL)"
+            own_filter = f"({own_filter} OR {MOTOR} IS NULL)"
         return text, f"unanswered AND {own_filter}"
 
     missed, asked = _Counted.of(windows, f"missed {motor}"), windows.count(f"asked {motor}")
@@ -807,36 +664,116 @@ def _unanswered(windows: Windows, motor: int) -> _CauseCounts:
     )
 
 
-def _late(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
+def _late(events: Events, motor: int) -> Iterator[_CauseCounts]:
     for kind in KINDS:
-        names = [f"delay {motor} {kind.name} {grade}" for grade in range(GRADES)]
-        grades = np.array([windows.count(name) for name in names])
-        total = grades.sum(axis=1)
-        if total.sum() < _LEAST_EVENTS:
+        rows = events.windows.count(f"timed {motor} {kind.name}")
+        usual_ns = events.usual.get((motor, kind.name))
+        if usual_ns is None or rows.sum() < _LEAST_EVENTS:
             continue
-        median = int(np.searchsorted(np.cumsum(total), total.sum() / 2))
-        for grade in range(median + 2, min(median + 8, GRADES)):
-            if not total[grade:].sum():
-                continue
-            limit, usual_ms = (least_of(one) * DELAY_UNIT_NS / 1e6 for one in (grade, median))
-            describe = _sentence(
-                "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
-                " usually about {usual_ms} ms",
-                f"answer_ms >= {limit:g} AND kind = '{kind.name}' AND {_MOTOR} = {motor}",
-                motor=motor,
-                kind=kind.name,
-                limit=f"{limit:g}",
-                usual_ms=f"{usual_ms:.2g}",
-            )
-            yield _CauseCounts(
-                Cause.LATE,
-                _Counted.of(windows, *names[grade:]),
-                grades.sum(axis=0),
-                describe,
-                motor=motor,
-                kind=kind.name,
-                least_share=0.05,
-            )
+        limit = LATE * usual_ns / 1e6
+        describe = _sentence(
+            "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
+            " usually about {usual_ms} ms",
+            f"answer_ms >= {limit:.3g} AND kind = '{kind.name}' AND {MOTOR} = {motor}",
+            motor=motor,
+            kind=kind.name,
+            limit=f"{limit:.3g}",
+            usual_ms=f"{usual_ns / 1e6:.2g}",
+        )
+        yield _CauseCounts(
+            Cause.LATE,
+            _Counted.of(events.windows, f"late {motor} {kind.name}"),
+            rows,
+            describe,
+            motor=motor,
+            kind=kind.name,
+            least_share=0.05,
+        )
+
+
+# A motor that is unlike the others all the time
+
+UNLIKE: Final = 2.0
+"""A motor is unlike the others if it is slower, or has more damage, by at least this factor."""
+
+_LEAST_SLOWER_NS: Final = 2_000_000
+"""How much slower it is at least."""
+
+
+def _slower(events: Events, motor: int) -> Iterator[Finding]:
+    """A motor whose median delay is at least twice that of each other one."""
+    windows = events.windows
+    for kind in KINDS:
+        own = events.usual.get((motor, kind.name))
+        others = [
+            ns for (of, name), ns in events.usual.items() if name == kind.name and of != motor
+        ]
+        rows = int(windows.count(f"timed {motor} {kind.name}").sum())
+        if own is None or not others or rows < _LEAST_EVENTS:
+            continue
+        if own < max(UNLIKE * max(others), max(others) + _LEAST_SLOWER_NS):
+            continue
+        text = TranslatableText(
+            "motor {motor} answers {kind} after {own} ms (median), the others after {others} ms",
+            motor=motor,
+            kind=kind.name,
+            own=f"{own / 1e6:.2g}",
+            others=f"{max(others) / 1e6:.2g}",
+        )
+        shown = f"answer_ms >= {UNLIKE * max(others) / 1e6:.3g} AND kind = '{kind.name}'"
+        counted = _Counted.of(windows, f"timed {motor} {kind.name}")
+        yield _throughout(events, motor, counted, text, f"{shown} AND {MOTOR} = {motor}", kind.name)
+
+
+def _more_damaged(events: Events, motor: int) -> Iterator[Finding]:
+    """A motor with at least twice the share of damaged rows of each other one."""
+    for port, windows in events.ports.items():
+        damaged = {one: int(windows.count(f"damaged {one}").sum()) for one in MOTORS}
+        rows = {one: int(windows.count(f"rows {one}").sum()) for one in MOTORS}
+        shares = {one: damaged[one] / rows[one] for one in MOTORS if rows[one] >= _LEAST_EVENTS}
+        others = max((share for one, share in shares.items() if one != motor), default=None)
+        if others is None or motor not in shares or damaged[motor] < _LEAST_EVENTS:
+            continue
+        inside, expected = damaged[motor] / sum(damaged.values()), rows[motor] / sum(rows.values())
+        score = sum(damaged.values()) * divergence(inside, expected)
+        if shares[motor] < UNLIKE * others or score < log(_SERIES / ALPHA):
+            continue
+        text = TranslatableText(
+            "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %",
+            motor=motor,
+            own=f"{100 * shares[motor]:.2g}",
+            others=f"{100 * others:.2g}",
+        )
+        counted = _Counted.of(windows, f"damaged {motor}")
+        shown = f"malformed AND motor_hint = {motor}"
+        one = _throughout(events, motor, counted, text, shown)
+        yield replace(one, port=port, rows=rows[motor], usual=round(others, 6), score=score)
+
+
+def _throughout(
+    events: Events,
+    motor: int,
+    counted: _Counted,
+    text: TranslatableText,
+    shown: str,
+    kind: str | None = None,
+) -> Finding:
+    first_ns, last_ns = int(counted.first_ns.min()), int(counted.last_ns.max())
+    port, count = _port_in(events, Direction.FEEDBACK, first_ns, last_ns), int(counted.events.sum())
+    return Finding(
+        Cause.UNLIKE_OTHERS,
+        port,
+        motor,
+        kind,
+        first_ns,
+        last_ns,
+        count,
+        count,
+        0.0,
+        text,
+        shown,
+        float(count),
+    )
 
 
 def _flags(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
@@ -855,7 +792,7 @@ def _flags(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
             motor=motor,
             bits=f"{bits:02X}",
         )
-        return text, f"{_MOTOR} = {motor} AND {errors} != 0"
+        return text, f"{MOTOR} = {motor} AND {errors} != 0"
 
     of_online = _sentence(
         "{bit} was 0 in {events} of {rows} frames; {usual}",
@@ -904,7 +841,7 @@ def _silences(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
             motor=motor,
             seconds=f"{seconds / 1e9:.0f}",
         )
-        return text, f"{_MOTOR} = {motor}"
+        return text, f"{MOTOR} = {motor}"
 
     # It begins with the last feedback, unless the host paused meanwhile; and ends with the next.
     near = (width + 1) * windows.width_ns
@@ -954,15 +891,11 @@ def _off_target(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
         exposed = settled & known & ~mixed & asked
         if not exposed.any():
             continue
-        top, bottom = _recent(high, asked, _SETTLES), -_recent(-low, asked, _SETTLES)
-        size = np.maximum(np.abs(top), np.abs(bottom))
-        near = np.maximum(size // 4, _TOLERANCE[role])
-        off = exposed & ((least > top + near) | (greatest < bottom - near))
-        if role is Role.POSITION:
-            off &= greatest - least <= _TOLERANCE[role]
+        targets = -_recent(-low, asked, _SETTLES), _recent(high, asked, _SETTLES)
+        off = exposed & is_off_target((least, greatest), targets, role)
         describe = _sentence(
             "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}",
-            f"{_MOTOR} = {motor}",
+            f"{MOTOR} = {motor}",
             motor=motor,
             value=TranslatableText(role),
         )
@@ -979,20 +912,15 @@ def _off_target(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
         )
 
 
-_TOLERANCE: Final = {Role.SPEED: 15, Role.POSITION: 50}
-"""How near a value is to its target at least, RPM and pulses."""
-
-
 def _jumps(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
     for role in (Role.SPEED, Role.POSITION):
-        names = [f"jump {role} {motor} {grade}" for grade in range(GRADES)]
-        counted = _Counted.of(windows, *names)
+        counted = _Counted.of(windows, f"jump {role} {motor}")
         if not counted.events.any():
             continue
         describe = _sentence(
             "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
             " bytes changed on the line",
-            f"{_MOTOR} = {motor}",
+            f"{MOTOR} = {motor}",
             motor=motor,
             value=TranslatableText(role),
         )
@@ -1009,46 +937,32 @@ def _jumps(windows: Windows, motor: int) -> Iterator[_CauseCounts]:
 
 
 def _irregular(windows: Windows) -> Iterator[_CauseCounts]:
-    """Periods of commands that differ from the one before by half an octave, or by one."""
-    prefix = "ratio "
-    streams = {
-        name[len(prefix) :].rpartition(" ")[0]
-        for name in windows.names()
-        if name.startswith(prefix)
-    }
-    for stream in sorted(streams):
-        names = [f"{prefix}{stream} {grade}" for grade in range(GRADES)]
-        number, name = stream.split(" ", 1)
-        kind = next(one for one in KINDS if one.name == name)
-        motor = int(number) if kind.names_motor else None
-        shown = f"kind = '{name}'"
-        if motor is None:
+    """Periods of commands that differ from the one before."""
+    for kind in KINDS:
+        for motor in MOTORS if kind.names_motor else MOTORS[:1]:
+            rows = windows.count(f"period {motor} {kind.name}")
+            shown, whose = f"kind = '{kind.name}'", ""
+            if kind.names_motor:
+                shown, whose = f"{shown} AND {MOTOR} = {motor}", "motor {motor}: "
             describe = _sentence(
-                "{events} of {rows} periods of {kind} commands differ from the one before; {usual}",
-                shown,
-                kind=name,
-            )
-        else:
-            describe = _sentence(
-                "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one"
+                f"{whose}{{events}} of {{rows}} periods of {{kind}} commands differ from the one"
                 " before; {usual}",
-                f"{shown} AND {_MOTOR} = {motor}",
-                kind=name,
+                shown,
+                kind=kind.name,
                 motor=motor,
             )
-        for octaves in (0.5, 1.0):
             yield _CauseCounts(
                 Cause.IRREGULAR_COMMANDS,
-                _Counted.of(windows, *names[int(octaves * RATIO_UNIT) :]),
-                _Counted.of(windows, *names).events,
+                _Counted.of(windows, f"irregular {motor} {kind.name}"),
+                rows,
                 describe,
-                motor=motor,
-                kind=name,
+                motor=motor if kind.names_motor else None,
+                kind=kind.name,
                 least_share=0.1,
             )
 
 
-def _ranked(found: list[Finding]) -> list[Finding]:
+def ranked(found: list[Finding]) -> list[Finding]:
     """One finding of each cause in a span, without those that another explains, best first."""
     kept: list[Finding] = []
     for one in sorted(found, key=lambda one: -one.score):

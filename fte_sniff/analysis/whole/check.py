@@ -1,0 +1,681 @@
+"""Measures of rows, rules that compare them with numbers, and verdicts.
+
+    rule      measure ( == | != | < | <= | > | >= ) number
+    measure   name ( [argument] [, filter] )
+
+`counted` counts the tables of a stream for some rules; such parts add up (`summed`), and `verdicts`
+judges the sum. A measure is two functions: what it counts in the rows of a table that the rule's
+filter selects, and its value; a new one is an entry of `MEASURES`.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
+from fte_sniff.analysis.whole import compare, events
+from fte_sniff.analysis.whole.durations import Durations, binned
+from fte_sniff.analysis.whole.findings import Cause, Finding, find, hidden_text
+from fte_sniff.analysis.whole.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.whole.segments import Analysis, Counts
+from fte_sniff.analysis.whole.segments import summed as summed_counts
+from fte_sniff.analysis.whole.table import EMPTY, MOTOR, Table
+from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType
+from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Row, Rows
+from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Direction, Role, motor_bit
+
+OPERATORS: Final[Mapping[str, Callable[[Any, float], Any]]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+
+FIELDS: Final = [
+    column.name for column in COLUMNS if column.type in (ColumnType.INT, ColumnType.REAL)
+]
+"""The fields that are measured."""
+
+MOST_SHOWN: Final = 1000
+"""Rows that show a violation and are kept."""
+
+_PERCENTILES: Final = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One comparison of a measure with a number; made by `parse_rule`."""
+
+    name: str
+    """What the user calls it; text from outside."""
+    expect: str
+    """As written: `count(malformed) == 0`."""
+    measure: str
+    """A key of `MEASURES`."""
+    argument: str
+    """A percentile, a field, a motor or a cause; empty if there is none."""
+    filter_text: str
+    """The filter that selects rows, or commands; empty for all."""
+    operator: str
+    """A key of `OPERATORS`."""
+    number: float
+    may_be_uncovered: bool = False
+    """Whether the check may succeed without a value of the measure."""
+
+    def violated_by(self, values: Any) -> Bools:
+        """Which values do not fulfil the rule."""
+        found: Bools = ~np.asarray(OPERATORS[self.operator](np.asarray(values), self.number))
+        return found
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether values that are too large violate it."""
+        return self.operator in ("==", "<=", "<")
+
+    @property
+    def most(self) -> int:
+        """The largest count that fulfils it, if large ones do not."""
+        return math.ceil(self.number) - 1 if self.operator == "<" else math.floor(self.number)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured value and the number; empty without one."""
+        column = COLUMN_BY_NAME.get(self.argument)
+        return (column and column.unit) or MEASURES[self.measure].unit
+
+
+# What is counted
+
+_NONE: Final[Ints] = np.zeros(0, np.int64)
+
+
+class Counted(NamedTuple):
+    """What a measure counted in a table."""
+
+    counts: Counts
+    rows: Ints = _NONE
+    """The indices of rows that show a violation."""
+
+
+@dataclass(frozen=True, slots=True)
+class RulePart:
+    """What was counted for a rule."""
+
+    counts: Counts
+    rows: Rows
+    """The first rows, by time, that show a violation."""
+    files: tuple[str, ...]
+    """The inputs of these rows."""
+
+
+Part: TypeAlias = tuple[Counts, list[RulePart]]
+"""What was counted for all rules: the extent of the rows, and a part for each rule."""
+
+
+def counted(table: Table, rules: Sequence[Rule]) -> Part:
+    """Count the own rows of a table for some rules."""
+    own, t_ns = table.counted, table.rows.t_ns[table.counted]
+    t_ns = t_ns[t_ns != NO_TIME]
+    ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
+    masks = {rule.filter_text: selected(table, rule.filter_text) for rule in rules}
+    extent = {
+        "extent": _numbers(
+            {
+                "sum rows": len(own),
+                "sum timed": len(t_ns),
+                "least t": ends[0],
+                "greatest t": ends[1],
+            }
+        ),
+        "hidden": pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique(),
+    }
+    return extent, [_part(table, masks[rule.filter_text], rule) for rule in rules]
+
+
+def selected(table: Table, filter_text: str) -> Bools:
+    """The rows of a table, with those around its own, that a filter selects."""
+    found = np.ones(len(table.rows), np.bool_)
+    if filter_text:
+        wanted = RowFilter.parse(filter_text)
+        found = wanted.matches(table.with_facts if wanted.needs_facts else table.rows)
+    return found if table.selected is None else found & table.selected
+
+
+def _part(table: Table, matches: Bools, rule: Rule) -> RulePart:
+    counts, at = MEASURES[rule.measure].counted(table, matches, rule)
+    at = at[np.argsort(table.rows.t_ns[at], kind="stable")][: _kept(rule)]
+    files = tuple(table.sources[code] for code in table.source[at].tolist())
+    return RulePart(counts, table.rows.select(at), files)
+
+
+def _kept(rule: Rule) -> int:
+    counts = MEASURES[rule.measure].counts_events and rule.is_limit
+    return min(max(0, rule.most) + 1, MOST_SHOWN) if counts else 1
+
+
+def summed(parts: Iterable[Part], rules: Sequence[Rule]) -> Part:
+    """The parts of a stream, in the order of time, as one."""
+    total = counted(EMPTY, rules)
+    for extent, own in parts:
+        pairs = zip(total[1], own, rules, strict=True)
+        total = summed_counts([total[0], extent]), [_added(*pair) for pair in pairs]
+    return total
+
+
+def _added(one: RulePart, other: RulePart, rule: Rule) -> RulePart:
+    rows, files = Rows.concat([one.rows, other.rows]), (*one.files, *other.files)
+    order = np.argsort(rows.t_ns, kind="stable")[: _kept(rule)]
+    counts = summed_counts([one.counts, other.counts])
+    return RulePart(counts, rows.select(order), tuple(files[at] for at in order.tolist()))
+
+
+def needed(table: Table, rules: Sequence[Rule]) -> Ints:
+    """The rows of a table that later tables need: the last one that each filter selects."""
+    texts = {rule.filter_text for rule in rules if rule.measure == "max_gap"}
+    timed, found = table.rows.timed[: table.stop], [_NONE]
+    for text in texts:
+        found.append(np.flatnonzero(selected(table, text)[: table.stop] & timed)[-1:])
+    return np.concatenate(found)
+
+
+def analysis_of(rules: Sequence[Rule]) -> Analysis[Part]:
+    """The analysis for some rules."""
+    return Analysis(
+        partial(counted, rules=rules), partial(summed, rules=rules), partial(needed, rules=rules)
+    )
+
+
+def _numbers(values: Mapping[str, int | float | None], kind: Any = pl.Int64) -> pl.DataFrame:
+    return pl.DataFrame(
+        {name: [value] for name, value in values.items()}, dict.fromkeys(values, kind)
+    )
+
+
+# The measures
+
+
+def _matching(table: Table, matches: Bools, rule: Rule) -> Counted:
+    at = table.counted[matches[table.counted]]
+    return Counted({"rows": _numbers({"sum matches": len(at)})}, at if rule.is_limit else _NONE)
+
+
+def _matches(counts: Counts) -> int:
+    return int(counts["rows"]["sum matches"][0])
+
+
+def _count(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    return _matches(counts)
+
+
+def _share(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    return _matches(counts) / int(extent["sum rows"])
+
+
+def _rate(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    """Matching rows per second; NaN if the duration is unknown or 0."""
+    seconds = _duration(counts, extent, rule)
+    return _matches(counts) / seconds if seconds else math.nan if _matches(counts) else 0
+
+
+def _duration(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    known = extent["sum timed"] > 1
+    return (extent["greatest t"] - extent["least t"]) / 1e9 if known else None
+
+
+def _nothing(table: Table, matches: Bools, rule: Rule) -> Counted:
+    return Counted({})
+
+
+def _gaps(table: Table, matches: Bools, rule: Rule) -> Counted:
+    """The longest time without a matching row in a run, also before its first and after its last.
+
+    Runs in which a port is lost count only between two matching rows.
+    """
+    rows, runs = table.rows, table.runs.number
+    timed = np.flatnonzero(rows.timed[: table.stop])
+    if table.selected is not None:
+        timed = timed[table.selected[timed]]
+    ends = np.diff(runs[timed], prepend=-1, append=2**62) != 0
+    ends = (ends[:-1] | ends[1:]) & ~table.runs.lost[timed]
+    at = timed[matches[timed] | ends]
+    gaps = np.diff(rows.t_ns[at])
+    gaps[(np.diff(runs[at]) != 0) | (at[1:] < table.start)] = 0
+    count = int(matches[timed[timed >= table.start]].sum())
+    numbers = _numbers({"sum matches": count, "greatest gap": int(gaps.max(initial=0))})
+    return Counted({"rows": numbers}, at[:-1][rule.violated_by(gaps / 1e9) & (gaps > 0)])
+
+
+def _max_gap(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    return float(counts["rows"]["greatest gap"][0]) / 1e9 if _matches(counts) > 1 else None
+
+
+def _values(table: Table, matches: Bools, rule: Rule) -> Counted:
+    of_rows, rows = COLUMN_BY_NAME[rule.argument].of_rows, table.with_facts
+    at = table.counted[matches[table.counted]]
+    values, known, _ = of_rows(rows) if of_rows else (matches, None, None)
+    at = at if known is None else at[known[at]]
+    own, some = values[at].astype(np.float64), len(at) > 0
+    numbers = {
+        "sum count": len(at),
+        "sum value": float(own.sum()),
+        "least value": float(own.min()) if some else None,
+        "greatest value": float(own.max()) if some else None,
+    }
+    return Counted({"rows": _numbers(numbers, pl.Float64)}, at[rule.violated_by(own)])
+
+
+def _value(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    """The smallest or greatest value of a field, or its mean."""
+    found = counts["rows"].row(0, named=True)
+    if not found["sum count"]:
+        return None
+    if rule.measure == "mean":
+        return float(found["sum value"] / found["sum count"])
+    return float(found["least value" if rule.measure == "min" else "greatest value"])
+
+
+def _commands(table: Table, matches: Bools) -> pl.DataFrame:
+    """The answers of the commands that a filter selects."""
+    found = table.answers
+    return found.filter(pl.Series(matches[found["command"].to_numpy()], dtype=pl.Boolean))
+
+
+def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
+    own = _commands(table, matches)
+    counts = own.group_by("state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
+    missed = own.filter(pl.col("state") == AnswerState.UNANSWERED)["command"].to_numpy()
+    return Counted({"answers": counts}, missed if rule.is_limit else _NONE)
+
+
+def _unanswered(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    """The commands without an answer; None if feedback never came before them."""
+    states = dict(counts["answers"].iter_rows())
+    decided = AnswerState.ANSWERED in states or AnswerState.UNANSWERED in states
+    is_uncovered = AnswerState.UNCOVERED in states and not decided
+    return None if is_uncovered else states.get(AnswerState.UNANSWERED, 0)
+
+
+def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
+    own = _commands(table, matches).drop_nulls("delay_ns")
+    late = own["command"].to_numpy()[rule.violated_by(own["delay_ns"].to_numpy() / 1e6)]
+    all_ = own.with_columns(of=pl.lit(""))
+    return Counted(binned("delays", all_, ["of"], "delay_ns", "end_ns"), late)
+
+
+def _delay(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    """Milliseconds from a command to its answer."""
+    found = Durations.of(counts, "delays")
+    percent = _PERCENTILES[rule.argument]
+    value = found.longest_ns if percent == 100 else found.percentile_ns(percent)
+    return None if value is None else value / 1e6
+
+
+def _online_times(table: Table, matches: Bools, rule: Rule) -> Counted:
+    """How long a motor was online: a byte holds until the next feedback of its run."""
+    rows, motor, stop = table.rows, int(rule.argument), table.stop
+    feedback = np.flatnonzero(FEEDBACK[rows.kinds[:stop]])
+    if table.selected is not None:
+        feedback = feedback[table.selected[feedback]]
+    is_on = values_at(rows, NAME_OF_ROLE[Role.ONLINE], feedback) >> motor_bit(motor) & 1 == 1
+    timed = rows.timed[feedback]
+    at, held = feedback[timed], is_on[timed]
+    runs, spans = table.runs.number[at], np.maximum(np.diff(rows.t_ns[at]), 0)
+    spans[(np.diff(runs) != 0) | (at[1:] < table.start)] = 0
+    own = feedback >= table.start
+    numbers = {
+        "sum on_ns": int(spans[held[:-1]].sum()),
+        "sum ns": int(spans.sum()),
+        "sum on": int(is_on[own].sum()),
+        "sum frames": int(own.sum()),
+        "sum own": int((rows.nums[feedback[own]] == motor).sum()),
+    }
+    return Counted({"rows": _numbers(numbers)}, feedback[own & ~is_on])
+
+
+def _online(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    """The share of time in which a motor was online."""
+    found = counts["rows"].row(0, named=True)
+    if not found["sum own"]:
+        return None
+    by_time = found["sum ns"] > 0
+    return float(
+        found["sum on_ns"] / found["sum ns"] if by_time else found["sum on"] / found["sum frames"]
+    )
+
+
+def _events(table: Table, matches: Bools, rule: Rule) -> Counted:
+    return Counted(events.counted(table))
+
+
+def _findings(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    found = findings_of(counts, rule)
+    return None if found is None else len(found)
+
+
+def findings_of(counts: Counts, rule: Rule) -> list[Finding] | None:
+    """The findings that a rule counts, best first; None if they could not be examined."""
+    cause, _, motor = rule.argument.partition(",")
+    report = find(counts)
+    if cause in report.not_covered or len(report.not_covered) == len(Cause):
+        return None
+    return [
+        one
+        for one in report.found
+        if cause in ("", one.cause) and motor in ("", str(one.motor or motor))
+    ]
+
+
+def _compared(table: Table, matches: Bools, rule: Rule) -> Counted:
+    return Counted(compare.counted(table))
+
+
+def _changed(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+    raise AssertionError("verdicts compares with the baseline")
+
+
+class Measure(NamedTuple):
+    """A measure of the language."""
+
+    counted: Callable[[Table, Bools, Rule], Counted]
+    value: Callable[[Counts, Mapping[str, Any], Rule], float | None]
+    example: str
+    needs: str
+    """What it needs to have a value: `a row`."""
+    unit: str = ""
+    argument: str = ""
+    """The pattern of the first argument; empty if it takes only a filter."""
+    counts_events: bool = False
+    """Whether its value is a number of rows that show a violation."""
+    needs_all: bool = False
+    """Whether rows that a filter hid would decide it."""
+    like: str = ""
+    """A filter for rows like those that show a violation; the rule's operator and number follow
+    where it ends with a space."""
+
+
+def _any(words: Iterable[object]) -> str:
+    return "|".join(map(str, words))
+
+
+_ROW: Final = "a row"
+_FIELDS: Final = _any(FIELDS)
+
+MEASURES: Final[Mapping[str, Measure]] = {
+    "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows", counts_events=True),
+    "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW),
+    "rate": Measure(_matching, _rate, "rate(feedback) >= 30", "two different times", "1/s"),
+    "max_gap": Measure(
+        _gaps,
+        _max_gap,
+        "max_gap(motor = 1) < 0.5",
+        "two matching rows with times",
+        "s",
+        needs_all=True,
+    ),
+    "delay": Measure(
+        _delays,
+        _delay,
+        "delay(p95) < 20",
+        "an answered command with times",
+        "ms",
+        _any(_PERCENTILES),
+        needs_all=True,
+        like="answer_ms ",
+    ),
+    "unanswered": Measure(
+        _states,
+        _unanswered,
+        "unanswered() == 0",
+        "feedback before the commands",
+        "commands",
+        counts_events=True,
+        needs_all=True,
+        like="unanswered",
+    ),
+    "online": Measure(
+        _online_times,
+        _online,
+        "online(1) >= 0.99",
+        "feedback of the motor",
+        argument=_any(MOTORS),
+        needs_all=True,
+        like=str(Direction.FEEDBACK),
+    ),
+    "findings": Measure(
+        _events,
+        _findings,
+        "findings(unanswered, 3) == 0",
+        "rows with times that show the cause",
+        "findings",
+        rf"(?:{_any(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?|",
+        needs_all=True,
+    ),
+    "changed": Measure(
+        _compared,
+        _changed,
+        "changed(delay) == 0",
+        "--baseline, and rows on both sides that can be compared",
+        "changes",
+        rf"(?:{_any(compare.MEASURES)})|",
+        needs_all=True,
+    ),
+    **{
+        name: Measure(
+            _values,
+            _value,
+            f"{name}(rpm) <= 300",
+            "a matching row with the field",
+            "",
+            _any(FIELDS),
+        )
+        for name in ("min", "max", "mean")
+    },
+    "duration": Measure(
+        _nothing, _duration, "duration() >= 60", "two rows with times", "s", "(?=$)"
+    ),
+}
+"""The measures of the language."""
+
+
+# Rules
+
+_RULE: Final = re.compile(
+    r"\s*(\w+)\s*\((.*)\)\s*([=!<>]=|<|>)\s*([-+]?(?:0x[0-9a-f]+|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?))\s*",
+    re.IGNORECASE | re.DOTALL,
+)
+
+
+def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
+    """Parse a rule, by default named like its text; raises InputTextError with the fix."""
+    match = _RULE.fullmatch(expect)
+    if match is None:
+        raise InputTextError(
+            f"{quoted(expect)} is not a rule; write a measure, a comparison and a number without a"
+            " unit, as in count(malformed) == 0"
+        )
+    measure, inner, symbol, number = match.groups()
+    if measure not in MEASURES:
+        fix = nearest(measure, MEASURES) or f"the measures are {', '.join(MEASURES)}"
+        raise InputTextError(f"{quoted(measure)} is not a measure; {fix}")
+    kind, argument, filter_text = MEASURES[measure], "", inner.strip()
+    if kind.argument:
+        parts = re.fullmatch(rf"\s*({kind.argument})\s*(?:,(.*))?", inner, re.DOTALL)
+        takes_filter = measure in ("delay", "min", "max", "mean")
+        if parts is None or (parts[2] is not None and not takes_filter):
+            raise InputTextError(f"{quoted(inner)} does not fit {measure}; write {kind.example}")
+        argument, filter_text = re.sub(r"\s", "", parts[1]), (parts[2] or "").strip()
+    elif not filter_text and measure != "unanswered":
+        raise InputTextError(f"{measure} needs a filter; write {kind.example}")
+    value = float(int(number, 0)) if "x" in number.lower() else float(number)
+    if not math.isfinite(value):
+        raise InputTextError(f"{quoted(number)} is too large; write {kind.example}")
+    if filter_text:
+        RowFilter.parse(filter_text)
+    return Rule(
+        name or expect, expect, measure, argument, filter_text, symbol, value, may_be_uncovered
+    )
+
+
+def rules_of_toml(text: str, source: str) -> list[Rule]:
+    """The rules of a TOML text with `[[rule]]` tables; `source` names it in errors.
+
+    Raises InputTextError: which rule is invalid, and what was probably meant.
+    """
+    example = 'write [[rule]], name = "no damage", expect = "count(malformed) == 0"'
+    try:
+        tables = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputTextError(f"{source}: is not valid TOML: {error}") from error
+    match tables:
+        case {"rule": [_, *_] as listed, **rest} if not rest:
+            return [_of_table(f"{source}: rule {at}", one) for at, one in enumerate(listed, 1)]
+    raise InputTextError(f"{source}: has no rules, or more than rules; {example}")
+
+
+def _of_table(where: str, table: object) -> Rule:
+    match table:
+        case {"name": str(name), "expect": str(expect), **rest} if name.strip():
+            match rest:
+                case {"may_be_uncovered": bool(allowed), **more} if not more:
+                    return rule_at(where, expect, name, may_be_uncovered=allowed)
+                case _ if not rest:
+                    return rule_at(where, expect, name)
+    raise InputTextError(
+        f"{where}: needs a name and expect, which are texts; may_be_uncovered = true may follow"
+    )
+
+
+def rule_at(where: str, expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
+    """`parse_rule` with errors that begin with the rule's place."""
+    try:
+        return parse_rule(expect, name, may_be_uncovered=may_be_uncovered)
+    except InputTextError as error:
+        raise InputTextError(f"{where}: {error}") from error
+
+
+# Verdicts
+
+
+class RuleResult(StrEnum):
+    """The result of a rule."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_COVERED = "not covered"
+    """The rows that the measure needs did not come."""
+
+
+class Verdict(NamedTuple):
+    """What a rule found."""
+
+    rule: Rule
+    value: float | None
+    """The measure, in the rule's unit; None if not covered, and for a rate in no time."""
+    result: RuleResult
+    row: Row | None = None
+    """The first row that violates a failed rule, if one row can show it."""
+    file: str = ""
+    """The input that the row is from."""
+    needs: str = ""
+    """What the measure needs to have a value, if the rows lack it."""
+    filter: str = ""
+    """A filter for rows like the one that is shown; empty for all."""
+    finding: Finding | None = None
+    """The best finding that a failed rule counts."""
+    change: str = ""
+    """The first change that a failed rule counts."""
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the check does not succeed because of this rule."""
+        uncovered = self.result is RuleResult.NOT_COVERED and not self.rule.may_be_uncovered
+        return uncovered or self.result is RuleResult.FAIL
+
+
+def verdicts(total: Part, rules: Sequence[Rule], baseline: Counts | None = None) -> list[Verdict]:
+    """By rule, in their order; `baseline` are the counts of `compare` to compare with."""
+    counts, parts = total
+    extent, hidden = counts["extent"].row(0, named=True), counts["hidden"]["hidden_by"].to_list()
+    found = []
+    for rule, part in zip(rules, parts, strict=True):
+        kind = MEASURES[rule.measure]
+        if not extent["sum rows"]:
+            found.append(Verdict(rule, None, RuleResult.NOT_COVERED, needs=_ROW))
+        elif hidden and kind.needs_all:
+            needs = f"all rows; {hidden_text(hidden)}"
+            found.append(Verdict(rule, None, RuleResult.NOT_COVERED, needs=needs))
+        elif rule.measure == "changed":
+            found.append(_verdict_of_changes(rule, part, baseline))
+        else:
+            found.append(_verdict(rule, part, extent))
+    return found
+
+
+def _verdict(rule: Rule, part: RulePart, extent: Mapping[str, Any]) -> Verdict:
+    kind = MEASURES[rule.measure]
+    value = kind.value(part.counts, extent, rule)
+    if value is None or math.isnan(value):
+        # Rows in no time have no rate: the rule fails with every comparison.
+        result = RuleResult.NOT_COVERED if value is None else RuleResult.FAIL
+        untimed = "; no row has a time, try --start" if not extent["sum timed"] else ""
+        return Verdict(rule, None, result, needs=kind.needs + untimed)
+    if not rule.violated_by(value).any():
+        return Verdict(rule, value, RuleResult.PASS)
+    finding = None
+    if rule.measure == "findings":
+        finding = next(iter(findings_of(part.counts, rule) or []), None)
+    failed = Verdict(rule, value, RuleResult.FAIL, finding=finding)
+    if not len(part.rows) or len(part.rows) < _kept(rule):
+        return failed._replace(filter=_filter_of(rule, None))
+    row = part.rows[_kept(rule) - 1]
+    return failed._replace(row=row, file=part.files[_kept(rule) - 1], filter=_filter_of(rule, row))
+
+
+def _verdict_of_changes(rule: Rule, part: RulePart, baseline: Counts | None) -> Verdict:
+    found = None if baseline is None else compare.compared(baseline, part.counts)
+    if found is None or not found.covers(rule.argument):
+        return Verdict(rule, None, RuleResult.NOT_COVERED, needs=MEASURES["changed"].needs)
+    changes = [one for one in found.changes if rule.argument in ("", one.measure)]
+    if not rule.violated_by(len(changes)).any():
+        return Verdict(rule, len(changes), RuleResult.PASS)
+    first = changes[0].text if changes else ""
+    return Verdict(rule, len(changes), RuleResult.FAIL, change=first)
+
+
+def _filter_of(rule: Rule, row: Row | None) -> str:
+    """The filter for rows as the one that violates a rule."""
+    like = MEASURES[rule.measure].like
+    if rule.argument in FIELDS and rule.measure != "mean":
+        like = f"{rule.argument} "
+    if like.endswith(" "):
+        like = f"{like}{_OPPOSITE[rule.operator]} {rule.number:.15g}"
+    parts = dict.fromkeys(
+        filter(None, (like, "" if rule.measure == "max_gap" else rule.filter_text))
+    )
+    motor = row and row.values.get(MOTOR)
+    if parts and motor is not None:
+        parts[f"{MOTOR} = {motor}"] = None
+    if row is not None and row.t_ns is None:
+        parts[f"offset = {row.offset}"] = None
+    if len(parts) == 1:
+        return next(iter(parts))
+    return " AND ".join(
+        f"({part})" if re.search(r"\bor\b|\|\|", part, re.IGNORECASE) else part for part in parts
+    )
+
+
+_OPPOSITE: Final = {"==": "!=", "!=": "=", "<=": ">", ">=": "<", "<": ">=", ">": "<="}

@@ -1,0 +1,118 @@
+"""Durations counted by bin, so that percentiles of parts add up; a bin has 0.05 % to 0.1 %.
+
+The number of a bin is the start of a float: its exponent and the next ten bits.
+
+    1,048,576 ns   0 10000010011 0000000000 000000...  the first of 1024 bins of an octave
+    1,049,601 ns   0 10000010011 0000000001 000000...  the next one, 1,024 ns wide
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from fte_sniff.analysis.whole.segments import Counts
+from fte_sniff.protocol.rows import Ints
+
+Floats: TypeAlias = "npt.NDArray[np.float64]"
+
+FINE: Final = 10
+"""Bits of a mantissa in the number of a bin: 1024 bins an octave."""
+
+COARSE: Final = 6
+"""As `FINE`, where the bins of many spans of time are kept: 64 an octave, of 1.1 %."""
+
+_MANTISSA: Final = 52
+
+NO_BINS: Final[Ints] = np.zeros(0, np.int64)
+
+
+def bins_of(durations_ns: Ints, bits: int = FINE) -> Ints:
+    """The bins of durations, 0 ns or longer."""
+    return durations_ns.astype(np.float64).view(np.int64) >> (_MANTISSA - bits)
+
+
+def middles(bins: Ints, bits: int = FINE) -> Floats:
+    """The middles of bins, nanoseconds."""
+    low = (bins << (_MANTISSA - bits)).view(np.float64)
+    high = ((bins + 1) << (_MANTISSA - bits)).view(np.float64)
+    return np.where(high - low > 1, (np.ceil(low) + np.ceil(high) - 1) / 2, np.ceil(low))
+
+
+def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: str) -> Counts:
+    """The durations of a column, of which negative ones are left out, by keys.
+
+    `until` are the times of their ends. The counts `NAME bins` have a row for each bin, `NAME
+    longest` one for each key.
+    """
+    own = frame.select(*keys, ns=ns, until=until).filter(pl.col("ns") >= 0)
+    own = own.with_columns(bin=pl.Series(bins_of(own["ns"].to_numpy()), dtype=pl.Int64))
+    return {
+        f"{name} bins": own.group_by(*keys, "bin").agg(pl.len().cast(pl.Int64).alias("sum count")),
+        f"{name} longest": own.group_by(*keys).agg(
+            pl.len().cast(pl.Int64).alias("sum count"),
+            pl.col("ns").sum().alias("sum ns"),
+            pl.col("ns").min().alias("least ns"),
+            pl.col("until").get(pl.col("ns").arg_max()).alias("until ns"),
+            pl.col("ns").max().alias("greatest ns"),
+        ),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Durations:
+    """Durations that were counted."""
+
+    count: int = 0
+    least_ns: int | None = None
+    longest_ns: int | None = None
+    longest_until_ns: int | None = None
+    """The end of the longest one; the first of several."""
+    bins: Ints = field(default_factory=lambda: NO_BINS)
+    """The bins that are not empty, rising."""
+    counts: Ints = field(default_factory=lambda: NO_BINS)
+    """The number of durations in each of them."""
+
+    @classmethod
+    def of(cls, counts: Counts, name: str, **keys: object) -> Durations:
+        """Those with some keys."""
+        longest = chosen(counts[f"{name} longest"], **keys).to_dicts()
+        if not longest:
+            return cls()
+        bins = chosen(counts[f"{name} bins"], **keys).group_by("bin").agg(pl.col("sum count").sum())
+        bins = bins.sort("bin")
+        best = max(longest, key=lambda one: one["greatest ns"])
+        return cls(
+            sum(one["sum count"] for one in longest),
+            min(one["least ns"] for one in longest),
+            best["greatest ns"],
+            best["until ns"],
+            bins["bin"].to_numpy(),
+            bins["sum count"].to_numpy(),
+        )
+
+    def percentile_ns(self, percent: float) -> float | None:
+        """A percentile, above 0 to 100, within 0.05 %; None without durations."""
+        if self.least_ns is None or self.longest_ns is None:
+            return None
+        rank = np.ceil(self.count * percent / 100)
+        at = int(np.searchsorted(np.cumsum(self.counts), rank))
+        middle = float(middles(self.bins[at : at + 1])[0])
+        return min(max(middle, float(self.least_ns)), float(self.longest_ns))
+
+    def between(self, low_ns: float, high_ns: float) -> int:
+        """The number of durations in the bins whose middle is in [`low_ns`, `high_ns`)."""
+        own = middles(self.bins)
+        return int(self.counts[(own >= low_ns) & (own < high_ns)].sum())
+
+
+def chosen(frame: pl.DataFrame, **keys: object) -> pl.DataFrame:
+    """The rows with these keys, of which None is null."""
+    if not keys:
+        return frame
+    return frame.filter(pl.col(name).eq_missing(pl.lit(value)) for name, value in keys.items())

@@ -1,0 +1,401 @@
+"""Events of trouble, counted by window of time: what `findings` searches for spans.
+
+A window has a power of two of nanoseconds, a second or more, so that there are at most
+`MOST_WINDOWS`. A column has a number for each window:
+
+    count   `missed 3`     commands of motor 3 without an answer
+    range   `target speed 3`, and of the times of events: the lowest and the highest value
+
+`counted` counts a table in the shortest windows; the counts of several tables add up. What is late
+is known only then, so the delays of answers are kept by bin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.whole.durations import COARSE, bins_of, chosen, middles
+from fte_sniff.analysis.whole.relations import (
+    ANSWERABLE,
+    FEEDBACK,
+    LATE,
+    NAMES_MOTOR,
+    AnswerState,
+    values_at,
+)
+from fte_sniff.analysis.whole.segments import Analysis, Counts, summed
+from fte_sniff.analysis.whole.table import Table
+from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol.rows import Bools, Ints, Rows, faults_in
+from fte_sniff.protocol.spec import (
+    KINDS,
+    MOTORS,
+    NAME_OF_ROLE,
+    Direction,
+    FrameKind,
+    Role,
+    motor_bit,
+)
+
+SHIFT: Final = 30
+"""The shortest window has 2 to this power of nanoseconds, about a second."""
+
+MOST_WINDOWS: Final = 1 << 14
+
+RUNNING: Final = 3
+"""Frames in a row with a flag from which on it is not a flipped bit."""
+
+IRREGULAR: Final = 0.5
+"""Octaves by which a period differs from the one before it, from which on it is irregular."""
+
+_LEAST_JUMP: Final = 64
+_ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
+OF_PORT: Final = (
+    PortEventKind.LINE_ERROR,
+    PortEventKind.OVERRUN,
+    PortEventKind.SILENT,
+    PortEventKind.SHARED,
+)
+"""Port events that are counted by window."""
+
+COLUMN_OF: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback"}
+"""The column of a port with the frames of a direction."""
+
+
+def by_role(role: Role, *, target: bool) -> list[FrameKind]:
+    """The kinds that name a motor and have a target, or a present value, of that role."""
+    direction = Direction.CONTROL if target else Direction.FEEDBACK
+    return [
+        kind
+        for kind in KINDS
+        if kind.direction is direction
+        and kind.names_motor
+        and any(one.role is role and one.name == kind.subject for one in kind.fields)
+    ]
+
+
+# Events that depend on the frames beside them; none of them spans a gap
+
+
+def running(flags: Ints, runs: Ints) -> Bools:
+    """Values in which a bit is set that at least `RUNNING` values in a row have."""
+    found = np.zeros(len(flags), np.bool_)
+    if len(flags) >= RUNNING:
+        beside = np.lib.stride_tricks.sliding_window_view(flags, RUNNING)
+        one_run = runs[RUNNING - 1 :] == runs[: 1 - RUNNING]
+        is_long = (np.bitwise_and.reduce(beside, axis=1) != 0) & one_run
+        for by in range(RUNNING):
+            found[by : by + len(is_long)] |= is_long
+    return found
+
+
+def jumps(values: Ints, runs: Ints) -> Bools:
+    """Values far from both neighbours, where these are near each other."""
+    first, middle, last = values[:-2], values[1:-1], values[2:]
+    off = np.minimum(np.abs(middle - first), np.abs(middle - last))
+    is_far = (off > _LEAST_JUMP) & (np.abs(last - first) <= off // 4) & (runs[2:] == runs[:-2])
+    return np.concatenate(([False], is_far, [False]))[: len(values)]
+
+
+def irregular(t_ns: Ints, runs: Ints) -> Bools:
+    """Whether the period before each time differs from the one before it."""
+    periods = np.maximum(np.diff(t_ns), 1).astype(np.float64)
+    changes = np.abs(np.log2(periods[1:] / periods[:-1])) >= IRREGULAR
+    changes &= runs[2:] == runs[:-2]
+    return np.concatenate(([False, False], changes))[: len(t_ns)]
+
+
+# Counting
+
+
+class _Counter:
+    """The columns of a table: for each name, its windows with events."""
+
+    def __init__(self, t_ns: Ints, own: Bools) -> None:
+        self.t_ns, self._own = t_ns, own
+        self._windows, self._at = np.unique(t_ns >> SHIFT, return_inverse=True)
+        self._found = list[tuple[str, str, Ints, Ints, Ints, Ints]]()
+
+    def add(self, name: str, at: Ints, values: Ints | None = None, port: str = "") -> None:
+        """Count rows by index; `values` of them, by default their times, make the range."""
+        own = self._own[at]
+        at, values = at[own], (self.t_ns[at] if values is None else values)[own]
+        if not len(at):
+            return
+        windows = self._at[at]
+        if (windows[1:] < windows[:-1]).any():
+            order = np.argsort(windows, kind="stable")
+            windows, values = windows[order], values[order]
+        starts = np.flatnonzero(np.append(True, windows[1:] != windows[:-1]))
+        counts = np.diff(starts, append=len(windows))
+        low, high = (one.reduceat(values, starts) for one in (np.minimum, np.maximum))
+        self._found.append((port, name, self._windows[windows[starts]], counts, low, high))
+
+    def frame(self, events: Sequence[tuple[str, str, int]]) -> pl.DataFrame:
+        """All columns; `events` are further ones, of which each has a port, name and time."""
+        parts = [
+            *self._found,
+            *(
+                (
+                    port,
+                    name,
+                    np.array([t_ns >> SHIFT]),
+                    np.ones(1, np.int64),
+                    *[np.array([t_ns])] * 2,
+                )
+                for port, name, t_ns in events
+            ),
+        ]
+        sizes = [len(part[2]) for part in parts]
+        columns: dict[str, Any] = {
+            key: pl.Series([part[number] for part in parts], dtype=pl.String).gather(
+                np.repeat(np.arange(len(parts)), sizes)
+            )
+            for number, key in enumerate(("port", "name"))
+        }
+        for number, key in enumerate(("window", "sum count", "least low", "greatest high"), 2):
+            values = [part[number] for part in parts]
+            columns[key] = np.concatenate([np.zeros(0, np.int64), *values]).astype(np.int64)
+        return pl.DataFrame(columns)
+
+
+def counted(table: Table) -> Counts:
+    """The counts of a table: `windows`, `delays`, `lost`, `extent` and `hidden`."""
+    timed = np.flatnonzero(table.rows.timed)
+    rows, runs = table.with_facts.select(timed), table.runs.number[timed]
+    is_own = (timed >= table.start) & (timed < table.stop)
+    counter = _Counter(rows.t_ns, is_own)
+    for code in np.unique(rows.port[is_own]).tolist():
+        _count_port(counter, rows, runs, np.flatnonzero(rows.port == code), rows.ports[code])
+    index = np.cumsum(table.rows.timed) - 1
+    delays = _count_answers(counter, table, index)
+    for motor in MOTORS:
+        _count_motor(counter, rows, runs, motor)
+    own = table.rows.select(slice(table.start, table.stop))
+    t_ns = own.t_ns[own.timed]
+    ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
+    events = [(one.port, str(one.kind), one.t_ns) for one in table.events]
+    lost = (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
+    return {
+        "windows": counter.frame([one for one in events if one[1] in OF_PORT]),
+        "delays": delays,
+        "lost": _frame(
+            ((port, t_ns, kind) for port, kind, t_ns in events if kind in lost),
+            port=pl.String,
+            t_ns=pl.Int64,
+            kind=pl.String,
+        ),
+        "extent": pl.DataFrame(
+            [(len(own), int(own.framed.sum()), len(t_ns), *ends)],
+            dict.fromkeys(
+                ("sum rows", "sum frames", "sum timed", "least t", "greatest t"), pl.Int64
+            ),
+            orient="row",
+        ),
+        "hidden": _frame(((one,) for one in table.hidden_by), hidden_by=pl.String),
+    }
+
+
+ANALYSIS: Final = Analysis(counted, summed)
+
+
+def _frame(rows: Any, **schema: Any) -> pl.DataFrame:
+    return pl.DataFrame([*rows], schema, orient="row").unique(maintain_order=True)
+
+
+def _count_port(counter: _Counter, rows: Rows, runs: Ints, own: Ints, port: str) -> None:
+    """Count the rows and the damage of a port."""
+
+    def add(name: str, which: Bools) -> None:
+        counter.add(name, own[which], port=port)
+
+    kinds, directions, hints = rows.kinds[own], rows.directions[own], rows.motor_hint[own]
+    is_damaged, faults = rows.is_malformed[own], rows.faults[own]
+    motors = np.where(is_damaged, hints, np.where(NAMES_MOTOR[kinds], rows.nums[own], 0))
+    add("rows", np.ones(len(own), np.bool_))
+    add("damaged", is_damaged)
+    for motor in MOTORS:
+        add(f"rows {motor}", motors == motor)
+        add(f"damaged {motor}", is_damaged & (motors == motor))
+    for code, direction in enumerate(Direction):
+        add(COLUMN_OF[direction], directions == code)
+        add(f"damaged {direction}", is_damaged & (directions == code))
+    for bits in np.unique(faults[is_damaged]).tolist():
+        add(f"fault {faults_in(bits)[0]}", is_damaged & (faults == bits))
+    after = np.append(False, is_damaged[1:] & is_damaged[:-1] & (runs[own][1:] == runs[own][:-1]))
+    add("burst", after[: len(own)])
+
+
+def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame:
+    """Count commands and answers; `index` is that among the rows with times. Returns delays."""
+    found = table.answers.filter(pl.col("cmd").is_in(ANSWERABLE)).drop_nulls("t_ns")
+    found = found.with_columns(at=pl.Series(index[found["command"].to_numpy()]))
+    for motor in MOTORS:
+        own = found.filter(pl.col("motor") == motor)
+        at, states = own["at"].to_numpy(), own["state"].to_numpy()
+        counter.add(f"commands {motor}", at)
+        counter.add(f"asked {motor}", at[states <= AnswerState.UNANSWERED])
+        counter.add(f"missed {motor}", at[states == AnswerState.UNANSWERED])
+    timed = found.drop_nulls("delay_ns")
+    return (
+        timed.select(
+            "motor",
+            "kind",
+            "t_ns",
+            window=pl.col("t_ns") // (1 << SHIFT),
+            bin=pl.Series(bins_of(timed["delay_ns"].to_numpy(), COARSE), dtype=pl.Int64),
+        )
+        .group_by("motor", "kind", "window", "bin")
+        .agg(
+            pl.len().cast(pl.Int64).alias("sum count"),
+            pl.col("t_ns").min().alias("least low"),
+            pl.col("t_ns").max().alias("greatest high"),
+        )
+    )
+
+
+def _count_motor(counter: _Counter, rows: Rows, runs: Ints, motor: int) -> None:
+    kinds, bit, is_named = rows.kinds, motor_bit(motor), NAMES_MOTOR[rows.kinds]
+    is_command = (rows.directions == [*Direction].index(Direction.CONTROL)) & (kinds < len(KINDS))
+    mine = rows.nums == motor
+    counter.add(f"free {motor}", np.flatnonzero(is_command & ~is_named))
+    anyone = np.flatnonzero(FEEDBACK[kinds])
+    feedback = anyone[mine[anyone]]
+    errors = values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback)
+    online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone)
+    counter.add(f"feedback {motor}", feedback)
+    if motor == MOTORS[0]:
+        counter.add("feedback", anyone)
+        counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
+    raised = running(errors, runs[feedback])
+    counter.add(f"raised {motor}", feedback[raised])
+    for one in range(8):
+        counter.add(f"raised {motor} bit {one}", feedback[raised & (errors >> one & 1 == 1)])
+    counter.add(f"offline {motor}", anyone[running(~online >> bit & 1, runs[anyone])])
+    counter.add("any raised", feedback[errors != 0])
+    for code, kind in enumerate(KINDS):
+        at = np.flatnonzero((kinds == code) & (mine | ~is_named))
+        if kind.direction is Direction.CONTROL and (kind.names_motor or motor == MOTORS[0]):
+            counter.add(f"period {motor} {kind.name}", at)
+            uneven = at[irregular(rows.t_ns[at], runs[at])]
+            counter.add(f"irregular {motor} {kind.name}", uneven)
+    for role in (Role.SPEED, Role.POSITION):
+        for word, is_target in (("target", True), ("present", False)):
+            for kind in by_role(role, target=is_target):
+                at = np.flatnonzero(mine & (kinds == KINDS.index(kind)))
+                values = values_at(rows, NAME_OF_ROLE[role], at)
+                counter.add(f"{word} {role} {motor}", at, values)
+                if not is_target:
+                    counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])
+
+
+def since(counts: Counts, t_ns: int) -> dict[str, pl.DataFrame]:
+    """The counts of the windows from a time on."""
+    recent = pl.col("window") >= t_ns >> SHIFT
+    later = {name: counts[name].filter(recent) for name in ("windows", "delays")}
+    return {**counts, **later, "lost": counts["lost"].filter(pl.col("t_ns") >= t_ns)}
+
+
+# Reading
+
+
+class Windows:
+    """The columns of a port, or of all motors, as arrays over the windows in which rows are."""
+
+    def __init__(self, columns: pl.DataFrame, keys: Ints, shift: int) -> None:
+        """`keys` are the starts of the windows, shifted by `shift`, rising."""
+        self.keys, self.shift = keys, shift
+        self._columns = columns.partition_by("name", as_dict=True, include_key=False)
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def starts_ns(self) -> Ints:
+        """The start of each window, rising."""
+        return self.keys << self.shift
+
+    @property
+    def width_ns(self) -> int:
+        """Nanoseconds of a window."""
+        return 1 << self.shift
+
+    def _of(self, name: str, column: str, default: int, ufunc: np.ufunc) -> Ints:
+        found = np.full(len(self), default, np.int64)
+        if (own := self._columns.get((name,))) is not None and len(self):
+            keys = own["window"].to_numpy() >> (self.shift - SHIFT)
+            at = np.minimum(np.searchsorted(self.keys, keys), len(self) - 1)
+            ufunc.at(found, at, own[column].to_numpy())
+        return found
+
+    def count(self, name: str) -> Ints:
+        """A column of counts."""
+        return self._of(name, "sum count", 0, np.add)
+
+    def range_of(self, name: str) -> tuple[Ints, Ints, Bools]:
+        """The lowest and the highest value by window, and which windows have one."""
+        low = self._of(name, "least low", 2**63 - 1, np.minimum)
+        high = self._of(name, "greatest high", -(2**63), np.maximum)
+        return low, high, high != -(2**63)
+
+
+class Events:
+    """The events of all causes in what was counted."""
+
+    def __init__(self, counts: Counts) -> None:
+        columns, self.hidden_by = counts["windows"], counts["hidden"]["hidden_by"].to_list()
+        self.extent: dict[str, Any] = counts["extent"].row(0, named=True)
+        rows = columns.filter(pl.col("name") == "rows")
+        keys, shift = np.unique(rows["window"].to_numpy()), SHIFT
+        while len(keys) > MOST_WINDOWS:
+            keys, shift = np.unique(keys >> 1), shift + 1
+        self.usual, late = _late(counts["delays"])
+        """By motor and kind of command, the median answer time, nanoseconds."""
+        own = pl.concat([chosen(columns, port="").drop("port"), late])
+        self.windows = Windows(own, keys, shift)
+        """What is about motors."""
+        self.ports = {
+            port: Windows(
+                chosen(columns, port=port).drop("port"),
+                np.unique(chosen(rows, port=port)["window"].to_numpy() >> (shift - SHIFT)),
+                shift,
+            )
+            for port in rows["port"].unique(maintain_order=True)
+        }
+        """What is about each port."""
+        self.lost = list(_lost(counts["lost"]))
+        """Ports that were lost: from when, and until when."""
+
+
+def _late(delays: pl.DataFrame) -> tuple[dict[tuple[int, str], float], pl.DataFrame]:
+    """The usual delays, and the columns of the answers that are late or not."""
+    usual, found = dict[tuple[int, str], float](), list[pl.DataFrame]()
+    names = ["name", "window", "sum count", "least low", "greatest high"]
+    for (motor, kind), own in delays.partition_by("motor", "kind", as_dict=True).items():
+        counts = own.group_by("bin").agg(pl.col("sum count").sum()).sort("bin")
+        total = counts["sum count"].cum_sum()
+        median = counts["bin"].to_numpy()[total.search_sorted(total[-1] / 2)]
+        usual_ns = float(middles(np.array([median]), COARSE)[0])
+        usual[int(motor), KINDS[kind].name] = usual_ns
+        # A bin further by an octave has twice the durations.
+        octaves = (1 << COARSE) * int(np.log2(LATE))
+        which = {"timed": own, "late": own.filter(pl.col("bin") >= median + octaves)}
+        for word, some in which.items():
+            name = pl.lit(f"{word} {motor} {KINDS[kind].name}").alias("name")
+            found.append(some.with_columns(name).select(names))
+    schema = {"name": pl.String, **dict.fromkeys(names[1:], pl.Int64)}
+    return usual, pl.concat([pl.DataFrame(schema=schema), *found])
+
+
+def _lost(events: pl.DataFrame) -> Iterator[tuple[str, int, int | None]]:
+    """Ports that were lost: from when, and until when; None if they were not found again."""
+    for own in events.sort("t_ns").partition_by("port", maintain_order=True):
+        rows = own.to_dicts()
+        for one, after in zip(rows, [*rows[1:], None], strict=True):
+            if one["kind"] == PortEventKind.LOST:
+                is_found = after is not None and after["kind"] == PortEventKind.FOUND_AGAIN
+                yield one["port"], one["t_ns"], after["t_ns"] if is_found and after else None

@@ -1,0 +1,323 @@
+"""Statistics of ports, streams, faults and motors, as the object of docs/stats.md.
+
+port     one wire: counts, utilization, silences, events
+stream   the frames of one kind, to or from one motor, on one port: rate, period, jitter, ranges
+fault    count, and first and last time
+motor    commands, answers, flags
+
+`counted` counts a table, `statistics` makes the numbers from the sum of such counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.whole.durations import Durations, binned, chosen
+from fte_sniff.analysis.whole.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.whole.segments import Analysis, Counts, summed
+from fte_sniff.analysis.whole.table import MOTOR, QUANTITIES, Table
+from fte_sniff.protocol import PortEventKind, iso_time
+from fte_sniff.protocol.rows import fault_bits, faults_in
+from fte_sniff.protocol.spec import (
+    DEFAULT_BAUD,
+    KINDS,
+    MOTORS,
+    NAME_OF_ROLE,
+    Direction,
+    Fault,
+    Role,
+    Status,
+    motor_bit,
+    status_of,
+)
+
+Json = dict[str, Any]
+
+COUNTED: Final = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
+"""Port events whose count means errors or bytes."""
+
+_EXTENT: Final = (
+    pl.len().cast(pl.Int64).alias("sum rows"),
+    pl.col("length").sum().alias("sum bytes"),
+    pl.col("t_ns").min().alias("least t"),
+    pl.col("t_ns").max().alias("greatest t"),
+)
+
+
+def counted(table: Table) -> Counts:
+    """The counts of a table."""
+    ports, sources = (pl.Series(one, dtype=pl.String) for one in (table.rows.ports, table.sources))
+    bauds = {**table.bauds, **dict.fromkeys(table.rows.used_ports), **table.bauds}
+    frame, answers = table.frame, table.answers
+    by_stream = ("port", "kind", MOTOR)
+    streams = frame.filter(pl.col("kind").is_not_null())
+    found = {
+        "rows": frame.group_by("source", "port", "faults", "direction").agg(_EXTENT),
+        "ports": frame.group_by("port").agg(
+            pl.col("step_ns").count().cast(pl.Int64).alias("sum steps"),
+            pl.col("step_ns").sum().alias("sum step_ns"),
+            (pl.col("end_ns") - pl.col("t_ns")).sum().alias("sum busy_ns"),
+            pl.col("used_ns").sum().alias("sum used_ns"),
+        ),
+        "streams": streams.group_by(by_stream).agg(
+            pl.len().cast(pl.Int64).alias("sum frames"),
+            pl.col("period_ns").count().cast(pl.Int64).alias("sum periods"),
+            pl.col("period_ns").sum().alias("sum period_ns"),
+            *(pl.col(name).min().cast(pl.Int64).alias(f"least {name}") for name in QUANTITIES),
+            *(pl.col(name).max().cast(pl.Int64).alias(f"greatest {name}") for name in QUANTITIES),
+        ),
+        **binned("silences", frame.filter(pl.col("idle_ns") > 0), ["port"], "idle_ns", "t_ns"),
+        **binned("periods", streams, by_stream, "period_ns", "t_ns"),
+        "answers": answers.group_by("motor", "state").agg(
+            pl.len().cast(pl.Int64).alias("sum commands")
+        ),
+        **binned("delays", answers, ["motor", "kind"], "delay_ns", "end_ns"),
+        "flags": _flags(table),
+        "events": _events(table),
+        "bauds": pl.DataFrame(
+            {"port": [*bauds], "last baud": [*bauds.values()]},
+            {"port": pl.String, "last baud": pl.Int64},
+        ),
+        "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}).unique(
+            maintain_order=True
+        ),
+        "hidden": pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique(),
+    }
+    return {name: _named(own, ports, sources) for name, own in found.items()}
+
+
+def _named(counts: pl.DataFrame, ports: pl.Series, sources: pl.Series) -> pl.DataFrame:
+    """Counts with the names of ports and inputs instead of their codes."""
+    for key, names in (("port", ports), ("source", sources)):
+        if key in counts.columns and counts[key].dtype != pl.String:
+            counts = counts.with_columns(names.gather(counts[key]).alias(key))
+    return counts
+
+
+def _flags(table: Table) -> pl.DataFrame:
+    """Feedback by motor and what it reports: `bit` 0 to 7 of ERROR, 8 for offline, -1 for any.
+
+    What is offline is about the motor's bit in feedback of any motor; `sum lost` is how often it
+    changed from set to not set.
+    """
+    rows, at = table.rows, np.flatnonzero(FEEDBACK[table.rows.kinds[: table.stop]])
+    if table.selected is not None:
+        at = at[table.selected[at]]
+    is_own = at >= table.start
+    errors, online = (values_at(rows, NAME_OF_ROLE[one], at) for one in (Role.ERRORS, Role.ONLINE))
+    found = list[tuple[int, int, int, int, int | None, int | None]]()
+    for motor in MOTORS:
+        mine = is_own & (rows.nums[at] == motor)
+        is_on = online >> motor_bit(motor) & 1 == 1
+        lost = np.append(False, is_on[:-1] & ~is_on[1:])[: len(at)] & is_own
+        bits = int(np.bitwise_or.reduce(errors[mine]))
+        reports = {bit: mine & (errors >> bit & 1 == 1) for bit in range(8) if bits >> bit & 1}
+        for bit, which in {-1: mine, **reports, 8: is_own & ~is_on}.items():
+            t_ns = rows.t_ns[at[which & rows.timed[at]]]
+            ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
+            found.append((motor, bit, int(which.sum()), int(lost.sum()) * (bit == 8), *ends))
+    names = ("motor", "bit", "sum frames", "sum lost", "least t", "greatest t")
+    return pl.DataFrame(found, dict.fromkeys(names, pl.Int64), orient="row")
+
+
+def _events(table: Table) -> pl.DataFrame:
+    names = ("sum count", "sum total", "least t", "greatest t")
+    found = [(one.port, str(one.kind), 1, one.count, one.t_ns, one.t_ns) for one in table.events]
+    schema = {"port": pl.String, "event": pl.String, **dict.fromkeys(names, pl.Int64)}
+    frame = pl.DataFrame(found, schema, orient="row")
+    return frame.group_by("port", "event", maintain_order=True).agg(
+        *(pl.col(name).sum() for name in names[:2]),
+        pl.col("least t").min(),
+        pl.col("greatest t").max(),
+    )
+
+
+ANALYSIS: Final = Analysis(counted, summed)
+
+
+# The numbers
+
+
+def statistics(counts: Counts, baud: int = DEFAULT_BAUD) -> Json:
+    """The numbers of what was counted; `baud` is that of ports for which none was named.
+
+    The keys of the object that depend on the inputs (`version`, `notes`, ...) are not in it.
+    """
+    rows, files = counts["rows"], list(_files(counts))
+    hidden = bool(len(counts["hidden"]))
+    times = [(one["first_time"], one["last_time"]) for one in files if one["rows"]]
+    in_order = all(
+        None not in (before, after) and before <= after
+        for (_, before), (after, _) in pairwise(times)
+    )
+    extent = _extent(rows)
+    ends_ns = rows["least t"].min(), rows["greatest t"].max()
+    return {
+        **extent,
+        "duration_s": None if ends_ns[0] is None else (ends_ns[1] - ends_ns[0]) / 1e9,  # type: ignore[operator]
+        "status": _statuses(rows),
+        "files": files,
+        "ports": [
+            _port(counts, port, baud if own is None else own)
+            for port, own in counts["bauds"].iter_rows()
+        ],
+        "motors": [_motor(counts, motor, known=in_order and not hidden) for motor in MOTORS],
+    }
+
+
+def _files(counts: Counts) -> Iterator[Json]:
+    for name in counts["sources"]["source"]:
+        if name:
+            yield {"name": name, **_extent(chosen(counts["rows"], source=name))}
+
+
+def _extent(rows: pl.DataFrame) -> Json:
+    return {
+        "rows": int(rows["sum rows"].sum()),
+        "bytes": int(rows["sum bytes"].sum()),
+        **_times(rows),
+    }
+
+
+def _times(counts: pl.DataFrame) -> Json:
+    return {
+        "first_time": _time(counts["least t"].min()),
+        "last_time": _time(counts["greatest t"].max()),
+    }
+
+
+def _time(t_ns: Any) -> str | None:
+    return None if t_ns is None else iso_time(int(t_ns))
+
+
+def _seconds(ns: float | None) -> float | None:
+    return None if ns is None else ns / 1e9
+
+
+def _having(rows: pl.DataFrame, faults: Iterable[int]) -> pl.DataFrame:
+    return rows.filter(pl.col("faults").is_in([*faults]))
+
+
+def _statuses(rows: pl.DataFrame) -> Json:
+    found, bits = {}, rows["faults"].unique().to_list()
+    for status in Status:
+        own = _having(rows, (one for one in bits if status_of(faults_in(one)) is status))
+        found[str(status)] = {
+            "rows": int(own["sum rows"].sum()),
+            "bytes": int(own["sum bytes"].sum()),
+        }
+    return found
+
+
+def _port(counts: Counts, port: str, baud: int) -> Json:
+    rows, used = (chosen(counts[name], port=port) for name in ("rows", "ports"))
+    sums = {name: int(used[name].sum()) for name in used.columns if name != "port"}
+    rate = sums["sum steps"] * 1e9 / sums["sum step_ns"] if sums["sum step_ns"] > 0 else None
+    silences = Durations.of(counts, "silences", port=port)
+    frames = dict(rows.group_by("direction").agg(pl.col("sum rows").sum()).iter_rows())
+    return {
+        "port": port,
+        "baud": baud,
+        **_extent(rows),
+        "rows_per_s": rate,
+        "line_use": None if rate is None else sums["sum busy_ns"] / sums["sum used_ns"],
+        "status": _statuses(rows),
+        "frames": {str(one): frames.get(code, 0) for code, one in enumerate(Direction)},
+        "faults": list(_faults(rows)),
+        "silences": {"count": silences.count, **_durations(silences)},
+        "events": [_event(one) for one in chosen(counts["events"], port=port).to_dicts()],
+        "streams": list(_streams(counts, port)),
+    }
+
+
+def _faults(rows: pl.DataFrame) -> Iterator[Json]:
+    """The faults that occurred; a row counts for each of its own."""
+    total = _extent(rows)
+    for fault in Fault:
+        bit = fault_bits([fault])
+        own = rows.filter(pl.col("faults") & bit != 0)
+        if len(own):
+            extent = _extent(own)
+            yield {
+                "fault": str(fault),
+                "status": str(status_of((fault,))),
+                **extent,
+                "rows_share": extent["rows"] / total["rows"],
+                "bytes_share": extent["bytes"] / total["bytes"] if total["bytes"] else 0.0,
+            }
+
+
+def _durations(found: Durations) -> Json:
+    return {
+        **{f"p{percent}_s": _seconds(found.percentile_ns(percent)) for percent in (50, 95, 99)},
+        "longest_s": _seconds(found.longest_ns),
+        "longest_until": _time(found.longest_until_ns),
+    }
+
+
+def _event(one: Mapping[str, Any]) -> Json:
+    return {
+        "event": one["event"],
+        "count": one["sum count"],
+        "total": one["sum total"] if one["event"] in COUNTED else None,
+        "first_time": _time(one["least t"]),
+        "last_time": _time(one["greatest t"]),
+    }
+
+
+def _streams(counts: Counts, port: str) -> Iterator[Json]:
+    for one in chosen(counts["streams"], port=port).sort("kind", MOTOR).iter_rows(named=True):
+        keys = {"port": port, "kind": one["kind"], MOTOR: one[MOTOR]}
+        periods = Durations.of(counts, "periods", **keys)
+        low, high = periods.percentile_ns(5), periods.percentile_ns(95)
+        known = periods.count > 1 and low is not None and high is not None
+        is_timed = one["sum period_ns"] > 0
+        yield {
+            "kind": KINDS[one["kind"]].name,
+            MOTOR: one[MOTOR],
+            "frames": one["sum frames"],
+            "frames_per_s": one["sum periods"] * 1e9 / one["sum period_ns"] if is_timed else None,
+            "period": _durations(periods),
+            "jitter_s": (high - low) / 1e9 if known else None,  # type: ignore[operator]
+            "values": {
+                name: {"least": one[f"least {name}"], "greatest": one[f"greatest {name}"]}
+                for name in QUANTITIES
+                if one[f"least {name}"] is not None
+            },
+        }
+
+
+def _motor(counts: Counts, motor: int, *, known: bool) -> Json:
+    """The numbers of a motor; what its answers are is null unless it is `known`."""
+    own = chosen(counts["answers"], motor=motor)
+    states = dict(own.select("state", "sum commands").iter_rows())
+    total, answered = sum(states.values()), states.get(AnswerState.ANSWERED, 0)
+    unanswered = states.get(AnswerState.UNANSWERED, 0)
+    is_covered = answered or unanswered or AnswerState.UNCOVERED not in states
+    delays = Durations.of(counts, "delays", motor=motor) if known else Durations()
+    flags = chosen(counts["flags"], motor=motor)
+    offline = chosen(flags, bit=8)
+    return {
+        MOTOR: motor,
+        "commands": total,
+        "feedback": int(chosen(flags, bit=-1)["sum frames"].sum()),
+        "answered": answered if known else None,
+        "unanswered": unanswered if known and is_covered else None,
+        "neither": total - answered - unanswered if known else None,
+        "delay": _durations(delays),
+        "error_bits": [
+            {"bit": bit, "frames": frames, **_times(chosen(flags, bit=bit))}
+            for bit, frames in flags.select("bit", "sum frames").sort("bit").iter_rows()
+            if frames and 0 <= bit < 8
+        ],
+        "offline": {
+            "frames": int(offline["sum frames"].sum()),
+            "times_lost": int(offline["sum lost"].sum()) if known else None,
+            **_times(offline),
+        },
+    }

@@ -1,0 +1,106 @@
+"""`fte-sniff compare`: what changed between two recordings, best first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from rich.text import Text
+
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.measuring import (
+    TextTable,
+    measure,
+    print_json,
+    print_lines,
+    text_or_json_option,
+)
+from fte_sniff.cli.options import grouped_command
+from fte_sniff.cli.settings import load_settings
+from fte_sniff.errors import UsageError, printable
+from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
+from fte_sniff.i18n import _, set_language
+from fte_sniff.protocol import Status
+from fte_sniff.protocol.columns import LOOKS
+from fte_sniff.session.stats_json import comparison_json
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.whole.compare import Comparison, Number
+
+
+@grouped_command(name="compare", short_help="What changed between two recordings, best first.")
+@input_options(filters=False)
+@text_or_json_option
+def command(query: InputQuery, form: str) -> None:
+    """Compare two recordings, BEFORE and AFTER: two days, two firmwares, two robots.
+
+    Rates and periods, answer times, unanswered commands, damage, flags, ranges of values, silences
+    and findings; what changed by more than chance is named, the largest change first. Each side is
+    a file, a folder of recordings, or a pattern such as 'monday/*.mcap'.
+
+    \b
+    fte-sniff compare samples/clean.mcap samples/motor3.mcap
+    fte-sniff compare monday/ tuesday/ --format json
+    """
+    from fte_sniff.analysis.whole.compare import ANALYSIS, compared
+
+    if len(query.files) != 2 or STDIN in query.files:
+        raise UsageError(
+            "compare needs two sides, BEFORE and AFTER; several files of a side are a folder, or a"
+            " pattern in quotes, as in 'monday/*.mcap'"
+        )
+    check_inputs(query.files)
+    sides = [measure(replace(query, files=(file,)), ANALYSIS) for file in query.files]
+    (before, _before), (after, _after) = sides
+    found = compared(before, after)
+    if form == "json":
+        print_json(comparison_json(found, before, after))
+    else:
+        set_language(load_settings(None).language(None))
+        print_lines(partial(comparison_lines, found))
+    for __, measured in sides:
+        measured.finish()
+
+
+_ALWAYS: Final = ("period", "delay", "delay_p99", "unanswered", "damage")
+"""Measures whose numbers are shown whether or not they changed."""
+
+
+def comparison_lines(found: Comparison, width: int | None) -> Iterator[Text]:
+    """What changed, then the numbers of both sides in at most `width` cells."""
+    for number, change in enumerate(found.changes, 1):
+        yield Text(f"{number}. {printable(_(change.text))}", overflow="fold")
+    if not found.changes and found.numbers:
+        yield Text("no change that is more than chance and large enough to matter")
+    for text in found.not_compared:
+        yield Text(f"not compared: {printable(_(text))}", overflow="fold")
+    shown = [one for one in found.numbers if one.score or one.measure in _ALWAYS]
+    if shown:
+        yield Text()
+        yield from number_table(shown).lines(width)
+
+
+def number_table(numbers: list[Number]) -> TextTable:
+    """A line for each number of both sides; those that changed are marked."""
+    table = TextTable(["measure", "before", "after"])
+    for one in numbers:
+        status = Status.SUSPECT if one.score else Status.OK
+        names = (one.measure, one.kind, one.motor)
+        name = " ".join(str(part) for part in names if part is not None)
+        cells = [printable(name), _value(one, one.before), _value(one, one.after)]
+        table.append(cells, LOOKS[status].style if one.score else "", f"{LOOKS[status].mark} ")
+    return table
+
+
+def _value(one: Number, value: float | None) -> str:
+    if value is None:
+        return UNKNOWN
+    if one.measure in ("values", "findings"):
+        return f"{value:g}"
+    if one.measure == "rate":
+        return rate_text(value)
+    if one.measure in ("unanswered", "damage", "error_flag", "offline", "silence"):
+        return share_text(value)
+    return span_text(value * 1e9)
