@@ -169,6 +169,10 @@ def _indexed(stream: BinaryIO) -> Contents | None:
                 return None
     except (McapError, struct.error, ValueError, OverflowError):
         return None
+    # Bytes that were removed and inserted between may have shifted chunks.
+    file = _Bytes(descriptor, size)
+    if any(_head_at(file, one.start) != (Opcode.CHUNK, one.stop) for one in found.chunks):
+        return None
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
         return None

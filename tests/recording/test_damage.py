@@ -214,6 +214,19 @@ def test_many_damages_invent_nothing(way: str, tmp_path: Path) -> None:
     holds()
 
 
+def test_chunks_that_are_shifted_behind_a_whole_index_are_read(tmp_path: Path) -> None:
+    one = recorded("one port")
+    (first, _), (last, end) = [*one.chunks][2], [*one.chunks][6]
+    altered = bytearray(one.content)
+    altered[end - 30 : end - 30] = bytes(7)
+    del altered[first + 60 : first + 67]
+    assert len(altered) == len(one.content)
+    rows = check(one, bytes(altered), tmp_path / "x.mcap", EVERYTHING, True).rows
+    assert len(rows) == len(one.rows) - len(one.chunks[first, [*one.chunks][2][1]]) - len(
+        one.chunks[last, end]
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_of_900_random_damages_none_costs_an_untouched_chunk(way: str, tmp_path: Path) -> None:
