@@ -10,7 +10,7 @@ from datetime import UTC
 from functools import partial
 from pathlib import Path
 from time import monotonic_ns
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias, cast
 
 from rich.text import Text
 from textual import on
@@ -508,10 +508,16 @@ class SniffApp(App[None]):
     @property
     def _is_slow(self) -> bool:
         """Whether the terminal has not yet drawn what was written."""
-        output = getattr(self._driver, "output", None)
+        output = self._output
         return output is not None and bool(output.is_slow)
 
+    @property
+    def _output(self) -> Any:
+        return getattr(self._driver, "output", None)
+
     def _on_clock(self) -> None:
+        if self._output is not None and self._output.is_gone:
+            cast(Any, self._driver).hang_up()
         if not self.view.at_rest or self._searched != self.view.store.known:
             self.tick()
         else:

@@ -5,7 +5,9 @@ This is the only module that uses what Textual does not document.
 
 from __future__ import annotations
 
-import io
+import os
+import select
+import signal
 import sys
 from contextlib import suppress
 from time import monotonic
@@ -19,38 +21,54 @@ CLOSE_WITHIN_S: Final = 2.0
 
 
 class TimedOutput:
-    """A text file that knows how long its last write took."""
+    """A text file for a terminal that knows how long its last write took.
+
+    It writes past Python's buffers: a thread that is stuck there would hold up the exit.
+    """
 
     def __init__(self, file: TextIO) -> None:
         """Write to a terminal; what its encoding lacks is written as `?`."""
-        if isinstance(file, io.TextIOWrapper):
-            file.reconfigure(errors="replace")
-        self._file = file
+        self._descriptor, self._encoding = file.fileno(), file.encoding
+        self._texts: list[str] = []
         self._began_s: float | None = None
         self._ready_s = 0.0
 
     def write(self, text: str) -> int:
-        """Write a text; may block."""
-        if self._began_s is None:
-            self._began_s = monotonic()
-        return self._file.write(text)
+        """Add a text to the frame."""
+        self._texts.append(text)
+        return len(text)
 
     def flush(self) -> None:
-        """Write the rest: a frame ends."""
-        self._file.flush()
+        """Write the frame; may block."""
+        data = "".join(self._texts).encode(self._encoding, "replace")
+        self._texts.clear()
+        self._began_s = began_s = monotonic()
+        while data:
+            try:
+                data = data[os.write(self._descriptor, data) :]
+            except BlockingIOError:  # another program has set the shared terminal to that
+                select.select([], [self._descriptor], [])
+            except OSError:  # gone
+                break
         now_s = monotonic()
-        if self._began_s is not None:
-            self._ready_s = now_s + now_s - self._began_s
+        self._ready_s = now_s + now_s - began_s
         self._began_s = None
 
     def fileno(self) -> int:
         """The file descriptor."""
-        return self._file.fileno()
+        return self._descriptor
 
     @property
     def is_slow(self) -> bool:
         """Whether a frame is being written, or the last one ended less long ago than it took."""
         return self._began_s is not None or monotonic() < self._ready_s
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether the terminal was closed."""
+        asked = select.poll()
+        asked.register(self._descriptor, 0)
+        return any(found & select.POLLHUP for _, found in asked.poll(0))
 
 
 class Terminal(LinuxDriver):
@@ -62,13 +80,27 @@ class Terminal(LinuxDriver):
         assert sys.__stdout__ is not None
         self.output = TimedOutput(sys.__stdout__)
         self._file = cast(Any, self.output)
+        self._hung_up = False
+
+    def start_application_mode(self) -> None:
+        """Take the terminal; what is written does not wait for it."""
+        start: Any = super().start_application_mode
+        start()
+        if self._writer_thread is not None:
+            self._writer_thread._queue.maxsize = 0
 
     def run_input_thread(self) -> None:
         """Read keys until the exit event is set, or the terminal is gone."""
         with suppress(OSError):
             super().run_input_thread()
         if not self.exit_event.is_set():
-            self._loop.call_soon_threadsafe(self._app.exit)
+            self.hang_up()
+
+    def hang_up(self) -> None:
+        """End as a controlling terminal ends its programs when it is closed, once."""
+        if not self._hung_up:
+            self._hung_up = True
+            os.kill(os.getpid(), signal.SIGHUP)
 
     def close(self) -> None:
         """Wait until the terminal has accepted the rest, but not forever."""
