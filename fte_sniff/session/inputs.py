@@ -146,6 +146,7 @@ TROUBLES = (
     PortEventKind.LINE_ERROR,
     PortEventKind.LOST,
     PortEventKind.NOT_PASSED_ON,
+    PortEventKind.SHARED,
 )
 """Events of a recording that report bytes as missing or damaged."""
 
@@ -257,7 +258,10 @@ def note_end(
     for kind in TROUBLES:
         if troubles[kind]:
             times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
-            note(f"{reader.path}: the port reported {kind} {times} while it was recorded")
+            what = f"the port reported {kind} {times}"
+            if kind is PortEventKind.SHARED:
+                what = "another program had the port open"
+            note(f"{reader.path}: {what} while it was recorded")
     for loss in reader.losses:
         note(f"{reader.path}: {loss}")
     if span is not None and (known := reader.times) is not None:
