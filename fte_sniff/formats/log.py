@@ -153,20 +153,21 @@ _WAY: Final = re.compile(
     r"|(?P<rx2>接收|收|读|←|<[-=]|<<+|(?:(?<=\W)|^)<(?= ))"
 )
 _NUMBER: Final = re.compile(r"\b[0-9A-Fa-f]*\d[0-9A-Fa-f]*\b|\d+")
+_ZEROS: Final = str.maketrans("123456789", "0" * 9)
 _LETTERS: Final = re.compile(r"[^\W\d_]{2}")
 _LONGEST_BEFORE: Final = 200
 """Characters before a run that may name its way."""
 _LONGEST_WORD: Final = 12
 
 
-@lru_cache(1024)
+@lru_cache(8192)
 def way_in(text: str) -> str:
     """The way that a text names: `tx`, `rx` or nothing."""
     way = _WAY.search(text)
     return way.lastgroup[:2] if way and way.lastgroup else ""
 
 
-@lru_cache(4096)
+@lru_cache(8192)
 def _word(before: str) -> str:
     """The end of the last word before a run; numbers are 0, and ways are W."""
     words = _WAY.sub("W", before).rsplit(None, 2)
@@ -270,7 +271,7 @@ class LineReader:
             except ValueError:
                 continue
             if data:
-                word = _word(text[max(0, start - _LONGEST_WORD) : start])
+                word = _word(text[max(0, start - _LONGEST_WORD) : start].translate(_ZEROS))
                 yield Run((word, found[1] or "" if has_sign else ""), data, start, end)
 
     def _is_data(self, run: Run, text: str) -> bool:
