@@ -12,8 +12,8 @@ answer_ms, unanswered    Float64, Boolean; motor_hint Int8; null in rows without
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cache, lru_cache
-from typing import Final, NamedTuple
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 import polars as pl
@@ -21,14 +21,11 @@ import polars as pl
 from fte_sniff.protocol import (
     COLUMNS,
     FRAME_LENGTH,
-    KINDS,
     VALUE_FIELDS,
     Column,
     ColumnType,
-    Field,
-    FrameKind,
 )
-from fte_sniff.protocol.columns import PREVIOUS, VALUE_FORMS, short_feedback, value_heads
+from fte_sniff.protocol.columns import PREVIOUS
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
 
@@ -147,68 +144,3 @@ def wide(table: pl.DataFrame) -> pl.DataFrame:
 def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
     """`table_frame` in the types of `SCHEMA`."""
     return wide(table_frame(rows, names))
-
-
-_HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
-
-
-def contains_text(text: str, columns: Collection[str], rows: Rows) -> Bools:
-    """Whether each row shows the text in one of these columns; port and faults are left out."""
-    found: Bools = np.zeros(len(rows), np.bool_)
-    for cell in _cells():
-        if found.all():
-            break
-        if cell.signs.issuperset(text) and (cell.column is None or cell.column in columns):
-            frame = row_frame(rows, cell.names)
-            has = cell.text.str.contains(text, literal=True).fill_null(False)
-            found |= frame.select(has=has)["has"].to_numpy()
-    return found
-
-
-def _kind_text(kind: FrameKind, form: int) -> pl.Expr:
-    """A kind with its values as displayed, in one of the forms of `value_heads`."""
-    heads = value_heads(kind)[form]
-    short = None if form == 0 else short_feedback(kind, len(kind.name))
-    values = [_value(field, head) for field, head in zip(kind.fields, heads, strict=True)]
-    return pl.concat_str([pl.lit(short or kind.name), *values])
-
-
-def _value(field: Field, head: str) -> pl.Expr:
-    value = pl.col(field.name)
-    if field.legal_bits is None:
-        return pl.format(f" {head.lower()}{{}}", value)
-    digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
-    text = pl.format(f" {head.lower()}{{}}", digits)
-    return pl.when(value == field.default).then(pl.lit("")).otherwise(text)
-
-
-def _values(form: int) -> pl.Expr:
-    text: pl.Expr = pl.lit(None, pl.String)
-    for kind in KINDS:
-        text = pl.when(pl.col("kind") == kind.name).then(_kind_text(kind, form)).otherwise(text)
-    return text
-
-
-class _Cell(NamedTuple):
-    """A displayed text."""
-
-    column: str | None
-    """The column that shows it; None if every table does."""
-    names: Collection[str]
-    """Columns that it is computed from."""
-    signs: frozenset[str]
-    text: pl.Expr
-
-
-@cache
-def _cells() -> list[_Cell]:
-    """All displayed texts but those of port and faults, which many rows share."""
-    digits = frozenset("0123456789")
-    signs = digits | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
-    names = {"kind", *_FIELD_NAMES}
-    time = pl.col("time").dt.strftime("%H:%M:%S.%f")
-    return [
-        *(_Cell(None, names, signs, _values(form)) for form in range(VALUE_FORMS)),
-        _Cell("time", {"time"}, digits | frozenset(":."), time),
-        _Cell("offset", {"offset"}, digits, pl.col("offset").cast(pl.String())),
-    ]

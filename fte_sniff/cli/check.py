@@ -20,8 +20,8 @@ from fte_sniff.cli.measuring import ManyFiles, many_files_options, measure, prin
 from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import Status, iso_time, spaced_hex
-from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.session.stats_json import MOTOR, finding_json
 
 if TYPE_CHECKING:

@@ -23,9 +23,9 @@ from bokeh.resources import INLINE
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.whole.table import Table
 from fte_sniff.errors import printable
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
-from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, VALUE_FIELDS, Role
 

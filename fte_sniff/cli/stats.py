@@ -31,8 +31,9 @@ from fte_sniff.formats.cell_text import (
     share_text,
     span_text,
 )
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import VALUE_FIELDS, Status, iso_time
-from fte_sniff.protocol.columns import LOOKS, iso_time_ns
+from fte_sniff.protocol.columns import iso_time_ns
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.session.stats_json import MOTOR, Json, statistics_json
 

@@ -9,6 +9,7 @@ Modules:
     log_text     The text of a log as blocks of lines, from UTF-8, UTF-16 or GBK.
     log_times    Times in the lines of a log.
     plain_hex    Hex without any other text.
+    looks        How a status looks: signs and colours.
     parquet      Write Parquet files (polars).
     pcapng       Write pcapng files, for Wireshark.
     text_frame   Lines of a text table from a whole DataFrame (polars).

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.errors import printable
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.formats.text_table import (
     GAP,
     KIND_WIDTH,
@@ -20,7 +21,6 @@ from fte_sniff.formats.text_table import (
     TextLayout,
 )
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, iso_time, zone_at
-from fte_sniff.protocol.columns import LOOKS
 
 _QUARTER_NS: Final = 900_000_000_000
 """A quarter of an hour: the offsets of zones change between two."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from fte_sniff.errors import printable
+from fte_sniff.formats.looks import LOOKS, mark_of
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,
@@ -25,7 +26,6 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
-from fte_sniff.protocol.columns import LOOKS, mark_of
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 if TYPE_CHECKING:

@@ -1,20 +1,17 @@
-"""The column table, and how rows look: values as text, the signs and colours of a status.
+"""The column table, and values as text.
 
 Filters, CSV, JSON lines, Parquet, the screen's table, measures of `check`, help and docs derive
 from `COLUMNS`: a new column whose value follows from its row is one entry there. Plain tables have
-cells of their own (`formats/text_table.py`). Plain text, the screen and pages derive their signs
-and colours from `LOOKS`.
+cells of their own (`formats/text_table.py`).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from enum import StrEnum
-from functools import cache
-from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -22,13 +19,11 @@ import numpy as np
 from fte_sniff.protocol.rows import NO_FACT, Row, Rows, faults_in
 from fte_sniff.protocol.spec import (
     FAULT_MEANINGS,
-    FRAME_LENGTH,
     KINDS,
     VALUE_FIELDS,
     Direction,
     Fault,
     Field,
-    FrameKind,
     Status,
 )
 
@@ -81,12 +76,6 @@ class Column:
     bits: int = 64
     """Bits of an INT column's values, which have a sign if `signed`."""
     signed: bool = True
-    rank: int = 50
-    """Place on the screen, from left to right, the most useful first."""
-    width: int = 0
-    """Cells on the screen; 0 where the values or words decide."""
-    shown: bool = True
-    """Whether the screen shows it if the user has not chosen columns."""
     derived: bool = False
     """Whether it depends on other rows, so that `analysis.facts` computes it."""
 
@@ -117,7 +106,6 @@ def _field_column(field: Field) -> Column:
         unit=field.unit,
         bits=8 * field.size,
         signed=field.signed,
-        rank=30,
     )
 
 
@@ -133,7 +121,6 @@ COLUMNS: tuple[Column, ...] = (
         "when the first byte began on the wire, UTC",
         lambda row: row.t_ns,
         lambda rows: ColumnData(rows.t_ns, rows.timed),
-        rank=10,
     ),
     Column(
         "port",
@@ -141,7 +128,6 @@ COLUMNS: tuple[Column, ...] = (
         "which wire: the port's name, or the file's",
         lambda row: row.port,
         lambda rows: ColumnData(rows.port, words=rows.ports),
-        rank=15,
     ),
     Column(
         "offset",
@@ -149,8 +135,6 @@ COLUMNS: tuple[Column, ...] = (
         "of the first byte in that port's stream",
         lambda row: row.offset,
         lambda rows: ColumnData(rows.offset),
-        rank=60,
-        width=10,
     ),
     Column(
         "length",
@@ -160,7 +144,6 @@ COLUMNS: tuple[Column, ...] = (
         lambda rows: ColumnData(rows.length),
         bits=32,
         signed=False,
-        rank=65,
     ),
     Column(
         "direction",
@@ -169,7 +152,6 @@ COLUMNS: tuple[Column, ...] = (
         _direction,
         lambda rows: ColumnData(rows.directions, words=(*Direction, None)),
         tuple(Direction),
-        rank=75,
     ),
     Column(
         "kind",
@@ -178,7 +160,6 @@ COLUMNS: tuple[Column, ...] = (
         _kind_name,
         lambda rows: ColumnData(rows.kinds, words=(*(kind.name for kind in KINDS), None)),
         tuple(kind.name for kind in KINDS),
-        rank=20,
     ),
     Column(
         "cmd",
@@ -188,7 +169,6 @@ COLUMNS: tuple[Column, ...] = (
         lambda rows: ColumnData(rows.cmds, rows.framed),
         bits=8,
         signed=False,
-        rank=80,
     ),
     *map(_field_column, VALUE_FIELDS),
     Column(
@@ -198,7 +178,6 @@ COLUMNS: tuple[Column, ...] = (
         lambda row: row.status.value,
         lambda rows: ColumnData(rows.statuses, words=tuple(Status)),
         tuple(Status),
-        rank=70,
     ),
     Column(
         "faults",
@@ -207,8 +186,6 @@ COLUMNS: tuple[Column, ...] = (
         lambda row: [fault.value for fault in row.faults],
         _fault_sets,
         tuple(FAULT_MEANINGS),
-        rank=55,
-        width=19,
     ),
     Column(
         "raw",
@@ -216,8 +193,6 @@ COLUMNS: tuple[Column, ...] = (
         "the bytes",
         lambda row: row.raw.hex().upper(),
         None,
-        rank=50,
-        width=3 * FRAME_LENGTH - 1,
     ),
     Column(
         "answer_ms",
@@ -226,9 +201,6 @@ COLUMNS: tuple[Column, ...] = (
         lambda row: None if row.answer_ns is None else _milliseconds(row.answer_ns),
         lambda rows: ColumnData(_milliseconds(rows.answer_ns), rows.answer_ns != NO_FACT),
         unit="ms",
-        rank=85,
-        width=9,
-        shown=False,
         derived=True,
     ),
     Column(
@@ -237,8 +209,6 @@ COLUMNS: tuple[Column, ...] = (
         "whether a command had no answer by the deadline; null where that is not known",
         lambda row: row.unanswered,
         lambda rows: ColumnData(rows.unanswered > 0, rows.unanswered != NO_FACT),
-        rank=86,
-        shown=False,
         derived=True,
     ),
     Column(
@@ -248,17 +218,12 @@ COLUMNS: tuple[Column, ...] = (
         lambda row: row.motor_hint,
         lambda rows: ColumnData(rows.motor_hint, rows.motor_hint != NO_FACT),
         bits=8,
-        rank=87,
-        shown=False,
         derived=True,
     ),
 )
 """The columns in order (JSONL keys, CSV columns, filter fields; never translated)."""
 
 COLUMN_BY_NAME = {column.name: column for column in COLUMNS}
-
-RANKED = tuple(sorted(COLUMNS, key=lambda column: column.rank))
-"""The columns as the screen shows them."""
 
 _OF_ROW = tuple((column.name, column.of_row) for column in COLUMNS)
 
@@ -288,87 +253,6 @@ PREVIOUS = {field.name: _previous_column(field) for field in VALUE_FIELDS}
 
 DERIVED = frozenset(column.name for column in (*COLUMNS, *PREVIOUS.values()) if column.derived)
 """The columns that `analysis.facts` computes."""
-
-
-class Ground(StrEnum):
-    """What text is shown on."""
-
-    DARK = "dark"
-    LIGHT = "light"
-    DARK_16 = "dark, 16 colours"
-    LIGHT_16 = "light, 16 colours"
-
-
-class Ink(NamedTuple):
-    """Colours on one ground, as `#rrggbb`; tests/tui/test_painter.py checks their contrast."""
-
-    text: str
-    """Its contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page."""
-    sign: str
-    """Colour of a sign that has its own background, with a contrast of at least 4.5."""
-    sign_ground: str
-
-
-class Look(NamedTuple):
-    """How a status is shown."""
-
-    mark: str
-    """Sign in front of a row; colour must never be the only difference."""
-    color: str = "green"
-    """Colour on a terminal whose ground is unknown, by its ANSI name."""
-    bold: bool = False
-    plot: str = "#3a7bd5"
-    """Colour in plots, with a contrast of about 3, at least 2.9, on light and dark ground."""
-    inks: Mapping[Ground, Ink] = MappingProxyType({})
-    """The colours by ground; empty for those of plain text."""
-
-    @property
-    def style(self) -> str:
-        """Style on a terminal whose ground is unknown, as rich writes it."""
-        return f"bold {self.color}" if self.bold else self.color
-
-
-LOOKS: Mapping[Status, Look] = MappingProxyType(
-    {
-        Status.OK: Look(" "),
-        Status.SUSPECT: Look(
-            "?",
-            "yellow",
-            plot="#d9822b",
-            inks={
-                Ground.DARK: Ink("#f0e442", "#101010", "#f0e442"),
-                Ground.LIGHT: Ink("#6b5e00", "#101010", "#e0d030"),
-                Ground.DARK_16: Ink("#ffff55", "#000000", "#ffff55"),
-                # The nearest of the 16 to the colour of a light theme is not seen on white.
-                Ground.LIGHT_16: Ink("#aa00aa", "#000000", "#ffff55"),
-            },
-        ),
-        Status.MALFORMED: Look(
-            "!",
-            "red",
-            bold=True,
-            plot="#d03b3b",
-            inks={
-                Ground.DARK: Ink("#ff8f50", "#ffffff", "#b84a00"),
-                Ground.LIGHT: Ink("#a33c00", "#ffffff", "#b84a00"),
-                Ground.DARK_16: Ink("#ff5555", "#ffffff", "#aa0000"),
-                Ground.LIGHT_16: Ink("#aa0000", "#ffffff", "#aa0000"),
-            },
-        ),
-    }
-)
-"""The look of each status, its only definition."""
-
-
-ORDER_MARK = "~"
-"""The mark of an `ok` row whose order with rows of another port is uncertain."""
-
-
-def mark_of(row: Row) -> str:
-    """One character for the status of a row, or an uncertain order."""
-    if row.unordered and row.status is Status.OK:
-        return ORDER_MARK
-    return LOOKS[row.status].mark
 
 
 def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:
@@ -415,62 +299,3 @@ def faults_text(faults: tuple[Fault, ...]) -> str:
 def spaced_hex(raw: bytes) -> str:
     """Format bytes as hex with spaces: `AA 01 01 03 E8 00 00 00 00 EE`."""
     return raw.hex(" ").upper()
-
-
-FEEDBACK = "fb"
-"""Abbreviation of "feedback" where a kind's name does not fit."""
-
-VALUE_FORMS = 4
-"""Number of forms of `value_heads`."""
-
-
-def short_feedback(kind: FrameKind, width: int) -> str | None:
-    """A feedback kind's name shortened to at most `width` cells; None for a command."""
-    if kind.direction is not Direction.FEEDBACK:
-        return None
-    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
-    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
-
-
-@cache
-def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
-    """The labels of a kind's fields, in forms of falling length."""
-    fields = kind.fields
-    short = _shortest([field.option for field in fields])
-    return (
-        tuple(f"{field.option}=" for field in fields),
-        tuple(_letter(field) or f"{field.option}=" for field in fields),
-        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
-        tuple(_letter(field) for field in fields),
-    )
-
-
-def short_names_of(name: str) -> tuple[str, ...]:
-    """The labels of a field in `value_heads`, the longest first."""
-    heads = [
-        forms[at]
-        for kind in KINDS
-        for at, field in enumerate(kind.fields)
-        if field.name == name
-        for forms in value_heads(kind)
-    ]
-    return tuple(sorted({*filter(None, heads)}, key=len, reverse=True))
-
-
-def _letter(field: Field) -> str:
-    return "" if field.unit else field.option[0].upper()
-
-
-def _shortest(names: Sequence[str]) -> dict[str, str]:
-    """The shortest unique prefix of each name."""
-    return {
-        name: next(
-            (
-                name[:size]
-                for size in range(1, len(name))
-                if sum(other.startswith(name[:size]) for other in names) == 1
-            ),
-            name,
-        )
-        for name in names
-    }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
 from functools import cache
@@ -27,6 +27,7 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     VALUE_FIELDS,
     ColumnType,
+    Direction,
     Field,
     FrameKind,
     Gap,
@@ -35,12 +36,55 @@ from fte_sniff.protocol import (
     Value,
     spaced_hex,
 )
-from fte_sniff.protocol.columns import RANKED, short_feedback, value_heads
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FIELD_BY_NAME
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.whole.line_setup import LineSetup
+
+
+FEEDBACK = "fb"
+"""Abbreviation of "feedback" where a kind's name does not fit."""
+
+
+def short_feedback(kind: FrameKind, width: int) -> str | None:
+    """A feedback kind's name shortened to at most `width` cells; None for a command."""
+    if kind.direction is not Direction.FEEDBACK:
+        return None
+    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
+    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+
+
+@cache
+def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
+    """The labels of a kind's fields, in forms of falling length."""
+    fields = kind.fields
+    short = _shortest([field.option for field in fields])
+    return (
+        tuple(f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
+        tuple(_letter(field) for field in fields),
+    )
+
+
+def _letter(field: Field) -> str:
+    return "" if field.unit else field.option[0].upper()
+
+
+def _shortest(names: Sequence[str]) -> dict[str, str]:
+    """The shortest unique prefix of each name."""
+    return {
+        name: next(
+            (
+                name[:size]
+                for size in range(1, len(name))
+                if sum(other.startswith(name[:size]) for other in names) == 1
+            ),
+            name,
+        )
+        for name in names
+    }
 
 
 ValuePart: TypeAlias = tuple[str, Field]
@@ -199,15 +243,13 @@ VALUES = "values"
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
 
-ORDER = (RANKED[0].name, DELTA, VALUES, *(column.name for column in RANKED[1:]))
+_BEFORE_VALUES = ("time", DELTA, VALUES, "port", "kind")
+_BEHIND_VALUES = ("raw", "faults", "offset", "length", "status", "direction", "cmd")
+
+ORDER = tuple(dict.fromkeys((*_BEFORE_VALUES, *VALUE_NAMES, *_BEHIND_VALUES, *COLUMN_BY_NAME)))
 """All columns, the most useful first."""
 
-SHOWN = tuple(
-    dict.fromkeys(
-        VALUES if column.name in VALUE_NAMES else column.name for column in RANKED if column.shown
-    )
-)
-SHOWN = (SHOWN[0], DELTA, *SHOWN[1:])
+SHOWN = ("time", DELTA, "port", "kind", VALUES, *_BEHIND_VALUES)
 """Columns of a table for which the user has not chosen any."""
 
 
@@ -219,6 +261,8 @@ LONG_VALUES_WIDTH = 45
 _MICROSECONDS_WIDTH = len("12:00:00.000000")
 _DELTA_WIDTH = len("999.999 ms")
 _PORT_WIDTH = 12
+_WIDTHS = {"offset": 10, "faults": 19, "raw": 3 * FRAME_LENGTH - 1, "answer_ms": 9}
+"""Cells of columns whose values or words do not decide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +312,7 @@ def column_of(name: str, view: TableView) -> TableColumn:
     if name == VALUES:
         return TableColumn(VALUES, VALUES, LONG_VALUES_WIDTH, False, _plain_cell)
     column = COLUMN_BY_NAME[name]
-    width = column.width or max(map(len, (name, *column.words)))
+    width = _WIDTHS.get(name) or max(map(len, (name, *column.words)))
     is_number = column.type is ColumnType.INT
     return TableColumn(name, name, width, is_number, _TEXT_CELLS.get(name, _plain_cell))
 

@@ -20,9 +20,9 @@ from fte_sniff.analysis.whole.line_setup import LineSetup
 from fte_sniff.analysis.whole.relations import AnswerState
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
+from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol import iso_time, spaced_hex, status_of
-from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role

@@ -20,9 +20,9 @@ from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.whole.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
+from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later, set_language
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
-from fte_sniff.protocol.columns import LOOKS, ORDER_MARK
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.cells import RAISED_MARK, TimeStyle
 from fte_sniff.tui.commands import SECTIONS

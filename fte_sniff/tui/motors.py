@@ -21,9 +21,9 @@ from fte_sniff.formats.cell_text import (
     rate_text,
     short_number,
 )
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Status
-from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text

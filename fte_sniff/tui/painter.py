@@ -22,6 +22,7 @@ from textual.strip import Strip
 
 from fte_sniff.analysis.whole.store import RowNote
 from fte_sniff.formats.cell_text import fit
+from fte_sniff.formats.looks import LOOKS, Ground, mark_of
 from fte_sniff.i18n import ExplainedWord
 from fte_sniff.protocol import (
     FRAME_LENGTH,
@@ -32,7 +33,6 @@ from fte_sniff.protocol import (
     spaced_hex,
     status_of,
 )
-from fte_sniff.protocol.columns import LOOKS, Ground, mark_of
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.cells import (

@@ -19,9 +19,9 @@ from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.whole.relations import AnswerState, answers, row_before, stream_keys
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol import KINDS, FrameKind, Status, status_of
-from fte_sniff.protocol.columns import LOOKS
 from fte_sniff.protocol.rows import NO_TIME, Rows, faults_in
 from fte_sniff.tui.cells import event_words, short_kind, span_text, value_parts
 from fte_sniff.tui.pages import CHOSEN, LINE, Context, Page

@@ -8,8 +8,8 @@ from time import monotonic
 
 import pytest
 
+from fte_sniff.formats.looks import LOOKS, Ground
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.protocol.columns import LOOKS, Ground
 from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette

@@ -10,7 +10,6 @@ from typing import Final
 
 from fte_sniff.analysis.filter.row_filter import FUNCTIONS
 from fte_sniff.protocol import COLUMNS, Value, iso_time, record
-from fte_sniff.protocol.columns import RANKED
 from fte_sniff.protocol.rows import Row
 
 
@@ -73,7 +72,7 @@ class CellFilter:
 def cell_filters(row: Row) -> list[CellFilter]:
     """The filters of all cells of a row, in the order of the screen's columns."""
     values = record(row)
-    return [found for column in RANKED for found in _of_cell(column.name, values[column.name])]
+    return [found for column in COLUMNS for found in _of_cell(column.name, values[column.name])]
 
 
 def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:

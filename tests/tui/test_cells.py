@@ -1,11 +1,11 @@
-"""Columns, and the labels of values."""
+"""The labels of values in the table of the screen."""
 
 from __future__ import annotations
 
 import pytest
 
 from fte_sniff.protocol import KINDS, FrameKind
-from fte_sniff.protocol.columns import value_heads
+from fte_sniff.tui.cells import value_heads
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=[kind.name for kind in KINDS])

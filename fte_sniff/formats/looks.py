@@ -1,0 +1,91 @@
+"""How a status looks: signs and colours, of plain text, the screen and pages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from fte_sniff.protocol import Row, Status
+
+
+class Ground(StrEnum):
+    """What text is shown on."""
+
+    DARK = "dark"
+    LIGHT = "light"
+    DARK_16 = "dark, 16 colours"
+    LIGHT_16 = "light, 16 colours"
+
+
+class Ink(NamedTuple):
+    """Colours on one ground, as `#rrggbb`; tests/tui/test_painter.py checks their contrast."""
+
+    text: str
+    """Its contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page."""
+    sign: str
+    """Colour of a sign that has its own background, with a contrast of at least 4.5."""
+    sign_ground: str
+
+
+class Look(NamedTuple):
+    """How a status is shown."""
+
+    mark: str
+    """Sign in front of a row; colour must never be the only difference."""
+    color: str = "green"
+    """Colour on a terminal whose ground is unknown, by its ANSI name."""
+    bold: bool = False
+    plot: str = "#3a7bd5"
+    """Colour in plots, with a contrast of about 3, at least 2.9, on light and dark ground."""
+    inks: Mapping[Ground, Ink] = MappingProxyType({})
+    """The colours by ground; empty for those of plain text."""
+
+    @property
+    def style(self) -> str:
+        """Style on a terminal whose ground is unknown, as rich writes it."""
+        return f"bold {self.color}" if self.bold else self.color
+
+
+LOOKS: Mapping[Status, Look] = MappingProxyType(
+    {
+        Status.OK: Look(" "),
+        Status.SUSPECT: Look(
+            "?",
+            "yellow",
+            plot="#d9822b",
+            inks={
+                Ground.DARK: Ink("#f0e442", "#101010", "#f0e442"),
+                Ground.LIGHT: Ink("#6b5e00", "#101010", "#e0d030"),
+                Ground.DARK_16: Ink("#ffff55", "#000000", "#ffff55"),
+                # The nearest of the 16 to the colour of a light theme is not seen on white.
+                Ground.LIGHT_16: Ink("#aa00aa", "#000000", "#ffff55"),
+            },
+        ),
+        Status.MALFORMED: Look(
+            "!",
+            "red",
+            bold=True,
+            plot="#d03b3b",
+            inks={
+                Ground.DARK: Ink("#ff8f50", "#ffffff", "#b84a00"),
+                Ground.LIGHT: Ink("#a33c00", "#ffffff", "#b84a00"),
+                Ground.DARK_16: Ink("#ff5555", "#ffffff", "#aa0000"),
+                Ground.LIGHT_16: Ink("#aa0000", "#ffffff", "#aa0000"),
+            },
+        ),
+    }
+)
+"""The look of each status, its only definition."""
+
+
+ORDER_MARK = "~"
+"""The mark of an `ok` row whose order with rows of another port is uncertain."""
+
+
+def mark_of(row: Row) -> str:
+    """One character for the status of a row, or an uncertain order."""
+    if row.unordered and row.status is Status.OK:
+        return ORDER_MARK
+    return LOOKS[row.status].mark
