@@ -85,7 +85,7 @@ def _is_feedback(row: Row, motor: int) -> bool:
 def _with(rows: list[Row], row: Row) -> list[Row]:
     """The rows with another one instead of one of motor 3's."""
     at = 1000 + next(n for n, one in enumerate(rows[1000:]) if _is_feedback(one, 3))
-    found = type(row)(row.port, rows[at].offset, row.raw, rows[at].t_ns, row.faults)
+    found = type(row)(row.port, rows[at].offset, row.raw, rows[at].t_ns, row.faults, row.framed)
     return [*rows[:at], found, *rows[at + 1 :]]
 
 

@@ -203,7 +203,7 @@ def test_another_capture_is_named(run: Run, environment: dict[str, str], tmp_pat
 def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Run) -> None:
     done = run("doctor", "/dev/no-such-port")
     assert done.returncode == 3
-    assert "folder: " in done.stdout
+    assert "machine: " in done.stdout
     assert done.stderr.startswith("fte-sniff: /dev/no-such-port: no such port;")
 
 
@@ -231,5 +231,5 @@ def test_a_working_folder_that_is_gone_is_a_finding(
 def test_without_a_port_no_port_is_opened(run: Run) -> None:
     done = run("doctor")
     assert done.returncode in (0, 1)
-    assert "clock: " in done.stdout
+    assert "machine: " in done.stdout
     assert not done.stderr

@@ -10,7 +10,6 @@ import pytest
 from fte_sniff.cli.input_files import time_range
 from fte_sniff.protocol import PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import entries, read_rows
 
@@ -96,9 +95,7 @@ def test_the_end_is_the_first_such_time_behind_the_beginning(
 
 
 def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
-    assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).contains(
-        Row("p", 0, bytes(10), FIRST, (), delay_ns=0)
-    )
+    assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).contains(FIRST)
 
 
 def _with_events(path: Path, samples: Path) -> list[Row]:
@@ -135,15 +132,3 @@ def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
         done = run("decode", path, "--format", "csv", *options)
         assert len(done.stdout.splitlines()) == 1 + count, options
         assert f"rows       {count:,}, " in run("stats", path, *options).stdout
-
-
-def test_relative_times_name_their_start_in_a_damaged_file(
-    run, samples: Path, tmp_path: Path
-) -> None:
-    content = bytearray((samples / "damaged.mcap").read_bytes())
-    content[content.index(b"zstd") + 40] ^= 0xFF
-    (tmp_path / "x.mcap").write_bytes(content)
-    done = run("decode", "x.mcap", "--format", "csv", "--from", "+1s")
-    first, *_ = Recording(tmp_path / "x.mcap")
-    assert f"relative times count from {iso_time(first.t_ns)} and" in done.stderr
-    assert "a chunk that does not unpack" in done.stderr
