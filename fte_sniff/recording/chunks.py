@@ -114,6 +114,8 @@ class Contents:
             record = kind.read(ReadDataStream(stream))
         except (McapError, struct.error, ValueError, OverflowError, MemoryError):
             return False
+        if stream.tell() != len(body):
+            return False
         if isinstance(record, Schema):
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -124,7 +126,7 @@ class Contents:
             self.statistics = record
         elif isinstance(record, Header):
             self.library = record.library
-        return stream.tell() == len(body)
+        return True
 
 
 _RECORDS: Final[dict[int, Any]] = {
@@ -208,10 +210,13 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     found = Contents()
     at = first or _start_of(file, found)
     before = at - 1
-    """The start of the last record that makes sense; its length may be damaged."""
+    """The start of the last record whose content agrees with its length, which may be damaged."""
     is_ended = is_growing
     while at < file.size:
         head = _head_at(file, at)
+        if head is not None and head[0] in _RECORDS:
+            body = file.read(at, head[1])[HEAD.size :]
+            head = head if found.define(head[0], body) else None
         if head is None:
             if is_growing:
                 break
@@ -230,9 +235,9 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
                 found.chunks[-1] = found.chunks[-1]._replace(end=stop)
         elif opcode == Opcode.MESSAGE:
             found.messages.append((at, stop))
-        elif opcode in _RECORDS and not found.define(opcode, file.read(at, stop)[HEAD.size :]):
-            found.lost.append(LostBytes(at, stop, _RECORDS_LOST))
-        at, before = stop, at
+        if opcode in _CHECKED:
+            before = at
+        at = stop
         if opcode == Opcode.FOOTER:
             is_ended = True
             # Behind the end of a file that is being written may be zeros, and a second end.
@@ -242,6 +247,12 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     if not is_ended:
         found.lost.append(LostBytes(file.size, file.size, _END_LOST))
     return found
+
+
+_CHECKED: Final = frozenset(
+    {*_RECORDS, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.FOOTER},
+)
+"""The records whose content shows whether their length is right."""
 
 
 class _Bytes(NamedTuple):

@@ -307,7 +307,7 @@ def test_many_losses_are_summed_up(tmp_path: Path) -> None:
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         flush_each(writer, some_rows(100), 1)
     content = path.read_bytes()
-    chunks = [(at + 40, b"\xff") for at in heads_of(content, Opcode.CHUNK)]
+    chunks = [(at + 90, b"\xff") for at in heads_of(content, Opcode.CHUNK)]
     path.write_bytes(overwritten(content, *chunks))
     found = found_in(path)
     assert found.recording is not None
