@@ -2,8 +2,8 @@
 
 python -m benchmarks.call_paths [--list]
 
-Each task runs once to load what it imports, and once under a profiler of all threads. The framer is
-interpreted, because calls within compiled code are not seen. `--list` names the modules.
+Each task runs once to load what it imports, and once under a profiler of all threads. `--list`
+names the modules.
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Any
-
-from tests.framer_form import interpret
 
 import fte_sniff
 
@@ -203,7 +201,6 @@ def main() -> None:
             words = [sys.executable, "-m", "benchmarks.call_paths", "--task", task, *more]
             subprocess.run(words, check=True)
         return
-    interpret()
     recorder = TASKS[asked.task]()
     modules = recorder.modules
     deep = f"  {recorder.depth} frames deep" if recorder.depth else ""

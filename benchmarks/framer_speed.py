@@ -6,9 +6,9 @@
 "Bulk" is the path of `stats` and `decode` on files: the framer's rows are drained as `Rows`, in
 pieces of the commands' size, and numpy reads the kind and every field of each row. All decoders get
 the same bytes in the same run (the slow ones a part of them); each number is the best of three, in
-seconds of a core, so that other programs do not count. The framer is measured as it is installed,
-compiled or not. The memory copy is that of the same bytes; small ones stay in the processor's
-cache, so compare `--megabytes 2` with `--megabytes 100`. Needs `construct` and `kaitaistruct`.
+seconds of a core, so that other programs do not count. The memory copy is that of the same bytes;
+small ones stay in the processor's cache, so compare `--megabytes 2` with `--megabytes 100`. Needs
+`construct` and `kaitaistruct`.
 """
 
 from __future__ import annotations

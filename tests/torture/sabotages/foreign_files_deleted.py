@@ -1,10 +1,10 @@
-# Appended to recording/retention.py: the oldest file is deleted by its name, whosever it is.
+# Appended to recording/recorder.py: the oldest file is deleted by its name, whosever it is.
 def _delete_by_name(self, keep=0):
     if len(self._closed) <= keep:
         return False
     self._closed.pop(0).path.unlink(missing_ok=True)
-    self.deleted_files += 1
+    self._deleted_files += 1
     return True
 
 
-FileRetention.delete_oldest = _delete_by_name
+Recorder._delete_oldest = _delete_by_name

@@ -3,7 +3,7 @@ _close = RecordingWriter.close
 
 
 def _close_with_half(self):
-    self._pending = self._pending[1::2]
+    self.unflushed = self.unflushed[1::2]
     _close(self)
 
 

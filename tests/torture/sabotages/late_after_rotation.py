@@ -2,10 +2,14 @@
 _write = RecordingWriter.write
 
 
-def _write_late(self, rows):
+def _late(entry):
+    return entry.replace(t_ns=entry.t_ns + 1_000_000) if isinstance(entry, Rows) else entry
+
+
+def _write_late(self, *entries):
     if self.path.stem[-5:].isdigit() and not self.path.stem.endswith("00001"):
-        rows = rows.replace(t_ns=rows.t_ns + 1_000_000)
-    _write(self, rows)
+        entries = [_late(entry) for entry in entries]
+    _write(self, *entries)
 
 
 RecordingWriter.write = _write_late

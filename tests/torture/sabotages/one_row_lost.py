@@ -2,11 +2,17 @@
 _write, _count = RecordingWriter.write, 0
 
 
-def _write_most(self, rows):
+def _most(entry):
     global _count
-    numbers = np.arange(_count, _count + len(rows)) + 1
-    _count += len(rows)
-    _write(self, rows.select(numbers % 10_000 > 0, rows.events))
+    if not isinstance(entry, Rows):
+        return entry
+    numbers = np.arange(_count, _count + len(entry)) + 1
+    _count += len(entry)
+    return entry.select(numbers % 10_000 > 0)
+
+
+def _write_most(self, *entries):
+    _write(self, *map(_most, entries))
 
 
 RecordingWriter.write = _write_most
