@@ -18,9 +18,8 @@ from pathlib import Path
 from babel.messages.catalog import Catalog
 from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
-from jinja2.ext import babel_extract
 
-from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
+from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.whole.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
@@ -54,7 +53,6 @@ def table_texts() -> Iterator[str]:
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode
     yield from (*ControlLine, *Status)
-    yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()
     yield from Joint
@@ -81,20 +79,12 @@ def texts_in(folder: Path) -> Iterator[str]:
                         yield text
 
 
-def report_texts() -> Iterator[str]:
-    """Headings and notes of the report, which its template marks by `t("...")`."""
-    with (PACKAGE / "cli" / "report_page.html").open("rb") as file:
-        for _line, _function, text, _comments in babel_extract(file, ("t",), (), {}):
-            assert isinstance(text, str)
-            yield text
-
-
 def template() -> Catalog:
     """A catalogue of all texts."""
     found = Catalog(project=DOMAIN, fuzzy=False)
     for text in texts_in(PACKAGE):
         found.add(text)
-    for text in (*table_texts(), *report_texts()):
+    for text in table_texts():
         if text:
             found.add(str(text))
     return found
