@@ -1,8 +1,8 @@
-"""One seam for many files: the same function over groups of them, in processes or on a cluster.
+"""One function over many files: the same function over groups of them, in processes or on a cluster.
 
     groups of files ──map──> this process | worker processes | a Dask cluster ──parts──> added up
 
-What a group gives is a part that adds up, so the seam is `map`, and its results are in order.
+What a group gives is a part that adds up, so `map` is enough, and its results are in order.
 """
 
 from __future__ import annotations

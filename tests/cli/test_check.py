@@ -108,12 +108,9 @@ BROKEN: FAULTS = {
         for number, row in enumerate(rows)
     ],
     "all four motors online": lambda rows: _with(rows, feedback(0, 3, online=11)),
-    **{
-        f"feedback of motor {motor}": lambda rows, motor=motor: [
-            row for number, row in enumerate(rows) if not _is_feedback(row, motor) or number % 3
-        ]
-        for motor in (1, 2, 3, 4)
-    },
+    "feedback of motor 1": lambda rows: [
+        row for number, row in enumerate(rows) if not _is_feedback(row, 1) or number % 3
+    ],
     "answers in time": _late_answers,
     "every command answered": _without_answers,
     "no speed above 300 RPM": lambda rows: _with(rows, feedback(0, 3, rpm=-301)),
@@ -145,7 +142,7 @@ def test_the_documented_rules_pass_on_a_good_minute(run, documented: Path, tmp_p
     assert found == dict.fromkeys(BROKEN, "pass")
 
 
-@pytest.mark.parametrize("name", first(10, sorted(BROKEN, key=lambda name: name[-1] in "234")))
+@pytest.mark.parametrize("name", first(10, sorted(BROKEN)))
 def test_each_documented_rule_finds_its_fault(
     run, documented: Path, tmp_path: Path, name: str
 ) -> None:

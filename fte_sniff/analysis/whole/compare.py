@@ -81,7 +81,7 @@ _TIMES: Final[Mapping[str, Time]] = {
     "jitter": Time(0.5, 1_000_000, "the period of {what} varies by {after} ms, before {before} ms"),
     "delay": Time(0.1, 200_000, "answers to {what} take {after} ms (median), before {before} ms"),
     "delay_p99": Time(
-        0.25, 1_000_000, "answers to {what} take up to {after} ms (99 %), before {before} ms"
+        0.25, 1_000_000, "99 % of the answers to {what} within {after} ms, before {before} ms"
     ),
 }
 """The measures of times."""

@@ -158,23 +158,23 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
         delay_p99_ns=delays.quantile(0.99, "equiprobable"),
         trouble=Trouble.UNKNOWN,
     )
-    heard = np.count_nonzero(is_recent[feedback])
+    received = np.count_nonzero(is_recent[feedback])
     off = _is_off_target(rows, commands, feedback, now_ns)
-    return _judged(state, int(heard), found.filter(~pl.col("recent"))["late"], off=off)
+    return _judged(state, int(received), found.filter(~pl.col("recent"))["late"], off=off)
 
 
-def _judged(state: MotorState, heard: int, late_before: pl.Series, *, off: bool) -> MotorState:
-    """The state with its trouble; `heard` are the frames from the motor in the last 10 s."""
+def _judged(state: MotorState, received: int, late_before: pl.Series, *, off: bool) -> MotorState:
+    """The state with its trouble; `received` are the frames from the motor in the last 10 s."""
 
     asked = state.answered + state.unanswered
     usually_late = 3 * int(late_before.sum()) / max(1, late_before.count())
     troubles = {
-        Trouble.UNKNOWN: not asked and not heard,
-        Trouble.SILENT: state.unanswered > 0 and not heard,
+        Trouble.UNKNOWN: not asked and not received,
+        Trouble.SILENT: state.unanswered > 0 and not received,
         Trouble.OFFLINE: state.online is False,
         Trouble.ERROR: bool(state.errors),
         Trouble.UNANSWERED: state.unanswered > TROUBLED * asked,
-        Trouble.DAMAGE: state.damaged > TROUBLED * (heard + asked),
+        Trouble.DAMAGE: state.damaged > TROUBLED * (received + asked),
         Trouble.LATE: state.late > max(LATE_SHARE, usually_late) * state.answered,
         Trouble.OFF_TARGET: off,
     }

@@ -95,7 +95,7 @@ class Runs:
 
     number: Ints
     """Of the run, by row, rising."""
-    heard: Bools
+    feedback_seen: Bools
     """By row, whether feedback came before it in its recording."""
     lost: Bools
     """By row, whether a port is lost."""
@@ -111,20 +111,20 @@ class Runs:
     @property
     def covered(self) -> Bools:
         """By row, whether a command there can be known to be unanswered."""
-        return self.heard & ~self.lost & ~self.hidden
+        return self.feedback_seen & ~self.lost & ~self.hidden
 
     def select(self, at: Ints) -> Runs:
         """The runs of some of the rows, by rising indices."""
         number = self.number[at]
         number -= number[:1].sum()
-        return Runs(number, self.heard[at], self.lost[at], self.hidden[at])
+        return Runs(number, self.feedback_seen[at], self.lost[at], self.hidden[at])
 
     def followed_by(self, later: Runs) -> Runs:
         """These runs and those of the rows that follow, of which `runs_of` got these."""
         number = later.number + self.number[-1:].sum()
         return Runs(
             np.concatenate((self.number, number)),
-            np.concatenate((self.heard, later.heard)),
+            np.concatenate((self.feedback_seen, later.feedback_seen)),
             np.concatenate((self.lost, later.lost)),
             np.concatenate((self.hidden, later.hidden)),
         )
@@ -135,19 +135,23 @@ def runs_of(rows: Rows, changes: Iterable[Change] = (), before: Runs | None = No
     gaps = [(one.index, one.what) for one in changes if isinstance(one.what, Gap)]
     at, starts = np.arange(len(rows)), np.unique([index for index, _ in gaps])
     recording = np.zeros(len(rows), np.int64)
-    heard, lost, hidden = (np.zeros(len(rows), np.bool_) for _ in range(3))
+    feedback_seen, lost, hidden = (np.zeros(len(rows), np.bool_) for _ in range(3))
     if before is not None and len(before.number):
-        heard[:], lost[:], hidden[:] = before.heard[-1], before.lost[-1], before.hidden[-1]
+        feedback_seen[:], lost[:], hidden[:] = (
+            before.feedback_seen[-1],
+            before.lost[-1],
+            before.hidden[-1],
+        )
     for index, gap in gaps:
         if gap.kind is GapKind.OTHER_RECORDING:
-            recording[index:], heard[index:], hidden[index:] = index, False, False
+            recording[index:], feedback_seen[index:], hidden[index:] = index, False, False
         if gap.kind is GapKind.SELECTED:
             hidden[index:] = True
         if gap.port_lost is not None:
             lost[index:] = gap.port_lost
     feedback = np.append(np.flatnonzero(FEEDBACK[rows.kinds]), len(rows))
-    heard |= at >= feedback[np.searchsorted(feedback, recording)]
-    return Runs(np.searchsorted(starts, at, side="right"), heard, lost, hidden)
+    feedback_seen |= at >= feedback[np.searchsorted(feedback, recording)]
+    return Runs(np.searchsorted(starts, at, side="right"), feedback_seen, lost, hidden)
 
 
 def row_before(keys: Ints, runs: Runs) -> Ints:

@@ -159,9 +159,9 @@ class RowStore:
         rows, before = self.batch(start, end), [one for one in self.marks if one.index <= start]
         gaps = [one.what for one in before if isinstance(one.what, Gap)]
         recording = max((first for first in self._heard if first <= start), default=0)
-        heard = start > self._heard[recording]
+        feedback_seen = start > self._heard[recording]
         state = runs_of(NO_FRAME, [Change(0, gap) for gap in gaps])
-        state = Runs(state.number * 0, np.array([heard]), state.lost, state.hidden)
+        state = Runs(state.number * 0, np.array([feedback_seen]), state.lost, state.hidden)
         inside = (one for one in self.marks if start < one.index < end)
         changes = [
             Change(one.index - start, one.what)
