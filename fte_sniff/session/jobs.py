@@ -1,4 +1,4 @@
-"""One function over many files: the same function over groups of them, in processes or on a cluster.
+"""The same function over groups of files: in this process, in others, or on a cluster.
 
     groups of files ──map──> this process | worker processes | a Dask cluster ──parts──> added up
 
