@@ -96,6 +96,13 @@ class Terminal(LinuxDriver):
         if not self.exit_event.is_set():
             self.hang_up()
 
+    def _sigcont_application(self, *_: object) -> None:
+        """Take the terminal back, also after a stop that did not give it to the shell."""
+        if not self._must_signal_resume:
+            self.suspend_application_mode()
+            self._must_signal_resume = True
+        super()._sigcont_application()
+
     def hang_up(self) -> None:
         """End as a controlling terminal ends its programs when it is closed, once."""
         if not self._hung_up:
