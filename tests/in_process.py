@@ -78,6 +78,8 @@ def exit_code(words: Sequence[str]) -> int:
     except SystemExit as end:
         return int(end.code or 0)
     finally:
+        # A process that ends has no alarm either: the next command would take it for Ctrl-C.
+        signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in handlers.items():
             signal.signal(number, handler)
     return 0

@@ -209,9 +209,9 @@ def test_columns_are_typed(feed: ListFeed) -> None:
     feed.give(speed_rows(5))
 
     async def scenario(app: SniffApp) -> None:
-        await press(app, "C ctrl+u 'rpm motor time delta_frame' enter")
+        await press(app, "C ctrl+u 'rpm motor time delta' enter")
         assert lines(app)[5].split()[:2] == ["rpm", "motor"]
-        assert "4.000 ms" in page(app)
+        assert "1.000 ms" in page(app)
         await press(app, "C ctrl+u 'rpm speedo' enter")
         assert "no column speedo" in page(app)
         await press(app, "escape C ctrl+u enter")

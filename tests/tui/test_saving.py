@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import io
+import os
 from pathlib import Path
-from time import monotonic
+from threading import Thread
 
 import pytest
 
@@ -15,6 +15,7 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette
 from fte_sniff.tui.terminal import TimedOutput
 from tests.tui.conftest import NOON_NS, PORT, ListFeed, page, play, press, settle, speed_rows, until
+from tests.waiting import BOUND_S, wait_until
 
 
 def test_a_copy_is_in_a_file_and_the_screen_says_where(
@@ -78,25 +79,18 @@ def test_the_end_of_a_capture_is_reported(feed: ListFeed) -> None:
     play(feed, scenario)
 
 
-class SlowFile(io.StringIO):
-    """A terminal that takes a while for each flush."""
-
-    def flush(self) -> None:
-        end = monotonic() + 0.05
-        while monotonic() < end:
-            pass
-
-
 def test_output_is_slow_for_as_long_as_its_last_frame_took() -> None:
-    output = TimedOutput(SlowFile())
-    assert not output.is_slow
-    output.write("frame")
-    assert output.is_slow
-    output.flush()
-    assert output.is_slow
-    end = monotonic() + 1
-    while output.is_slow:
-        assert monotonic() < end
+    reading, writing = os.pipe()
+    with os.fdopen(reading, "rb") as far, os.fdopen(writing, "w", encoding="utf-8") as near:
+        output = TimedOutput(near)
+        assert not output.is_slow
+        output.write("x" * 1_000_000)
+        frame = Thread(target=output.flush)
+        frame.start()
+        wait_until(lambda: output.is_slow)
+        assert len(far.read(1_000_000)) == 1_000_000
+        frame.join(BOUND_S)
+        wait_until(lambda: not output.is_slow)
 
 
 def test_only_one_module_uses_what_textual_does_not_document() -> None:
