@@ -98,6 +98,16 @@ def updated(language: str, texts: Catalog) -> Catalog:
             catalogue = read_po(file, locale=language, domain=DOMAIN)
     else:
         catalogue = Catalog(locale=language, domain=DOMAIN)
+    written = {
+        node.value
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    for message in catalogue:
+        # A text that reaches its call through a variable stays once it is translated.
+        if message.string and message.id in written:
+            texts.add(message.id)
     catalogue.update(texts, no_fuzzy_matching=True, update_creation_date=False)
     catalogue.obsolete.clear()
     return catalogue
