@@ -187,7 +187,7 @@ class Encoder:
     @property
     def tail(self) -> bytes:
         """The end of the file while it grows; until the first chunk it has the definitions."""
-        return END if self._chunk_count else bytes_of(*self._schemas, *self._defined) + END
+        return self._late_definitions() + END
 
     def metadata(self, record: Metadata, at: int) -> bytes:
         """The bytes of a metadata record at an offset of the file."""
@@ -229,7 +229,9 @@ class Encoder:
 
     def summary(self, at: int) -> bytes:
         """The end of the file, with its summary, at an offset."""
-        start = at + len(bytes_of(DataEnd(0)))
+        # A file without a chunk has its definitions here.
+        data_end = self._late_definitions() + bytes_of(DataEnd(0))
+        start = at + len(data_end)
         groups = (
             (Opcode.SCHEMA, bytes_of(*self._schemas)),
             (Opcode.CHANNEL, bytes_of(*self._defined)),
@@ -244,7 +246,10 @@ class Encoder:
                 stop += len(records)
         summary = b"".join(records for _, records in groups) + bytes_of(*offsets)
         crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, stop), crc32(summary))
-        return bytes_of(DataEnd(0)) + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
+        return data_end + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
+
+    def _late_definitions(self) -> bytes:
+        return b"" if self._chunk_count else bytes_of(*self._schemas, *self._defined)
 
     def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
         """The schemas and channels that no chunk has yet."""

@@ -99,7 +99,7 @@ def _repair(folder: Path, *, chunk: int) -> None:
     repair = Repair(damaged)
     repair.write(folder / "repaired.mcap", Existing.REFUSE)
     found = repair.damage
-    assert (found.messages.chunks, found.messages.lost) == (3, 50)
+    assert (found.chunks, found.lost_messages) == (3, 50)
 
 
 RECORDINGS = {
@@ -131,10 +131,11 @@ def test_the_checker_finds_faults(tmp_path: Path, doctor: Lines) -> None:
     channel = content.index(b"/fte/")
     schema = content.index(b"\x03", content.index(b"port.1.baud"))
     length = 9 + int.from_bytes(content[schema + 1 : schema + 9], "little")
+    last = content.rindex(b"/fte/")
     for altered, remark in (
         (content + b"x", "1 bytes follow the end"),
         (content[: schema + length] + content[schema:], "schema 1 exists twice"),
-        (content.replace(b"ttyUSB0", b"ttyUSB1", 1), "CRC failed"),
+        (content[:last] + b"X" + content[last + 1 :], "CRC failed"),
         (content[:channel] + content[channel:].replace(b"USB0", b"USB1", 1), "channel 1 differs"),
     ):
         path.write_bytes(altered)
