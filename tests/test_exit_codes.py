@@ -62,6 +62,7 @@ def test_a_shortage_of_memory_is_one_line_and_no_verdict(tmp_path: Path, error: 
     assert "ulimit -v" in done.errors.decode()
 
 
+@pytest.mark.pending
 def test_a_check_in_too_little_memory_ends_with_one_line_and_no_verdict(tmp_path: Path) -> None:
     too_much = (
         "import fte_sniff.cli.measuring as it\n"

@@ -32,12 +32,14 @@ def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 @needs("program")
-def environment(settings_file: Path) -> dict[str, str]:
-    """The variables of a program that a test starts: ours, without what changes its output."""
-    return _variables(settings_file)
+def environment(variables: dict[str, str]) -> dict[str, str]:
+    """The variables of a program that a test starts, and of `run`; a test may change them."""
+    return variables
 
 
-def _variables(settings_file: Path) -> dict[str, str]:
+@pytest.fixture
+def variables(settings_file: Path) -> dict[str, str]:
+    """Our variables, without what changes the output of the program."""
     state = str(settings_file.parent / "state")
     return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
 
@@ -50,13 +52,13 @@ def program() -> Program:
 
 
 @pytest.fixture
-def run(tmp_path: Path, settings_file: Path) -> Run:
+def run(tmp_path: Path, variables: dict[str, str]) -> Run:
     """Run a command in this process in an empty folder; gives what it wrote and its exit code."""
 
     def run(*arguments: str | Path, stdin: str | bytes = "") -> subprocess.CompletedProcess[str]:
         data = stdin.encode() if isinstance(stdin, str) else stdin
         words = [str(argument) for argument in arguments]
-        ended = call(words, data, tmp_path, _variables(settings_file))
+        ended = call(words, data, tmp_path, variables)
         output, errors = ended.output.decode(), ended.errors.decode()
         return subprocess.CompletedProcess(words, ended.code, output, errors)
 

@@ -189,6 +189,7 @@ def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
     assert f"were not recorded: recording stopped: {what}" in last
 
 
+@pytest.mark.pending
 def test_a_recording_that_stops_is_reported_at_once_and_the_rows_go_on(
     run, environment, tmp_path: Path
 ) -> None:
@@ -251,6 +252,7 @@ def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Proces
         yield process, slow
 
 
+@pytest.mark.pending
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
         process.send_signal(signal.SIGINT)
@@ -285,6 +287,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Pa
     assert shown - unrecorded <= in_file <= shown
 
 
+@pytest.mark.pending
 def test_bytes_that_a_slow_disk_keeps_from_being_rows_are_counted(
     environment, tmp_path: Path, pty
 ) -> None:
@@ -425,6 +428,7 @@ def closed_folder(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
+@pytest.mark.pending
 def test_a_disk_that_fills_up_is_reported_at_once_and_the_rows_go_on(
     run, environment, small_disk: Path
 ) -> None:
@@ -488,6 +492,7 @@ int clock_gettime(clockid_t clock, struct timespec *time)
 """
 
 
+@pytest.mark.pending
 def test_a_clock_that_is_set_back_is_noted_and_times_go_on_evenly(
     environment, tmp_path: Path
 ) -> None:
@@ -561,6 +566,7 @@ FAST = ("sim://?seed=1&rate=5000", "--baud", "1000000")
 """Many rows in little time."""
 
 
+@pytest.mark.pending
 def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     done = run("live", FEWER, "--plain", "-o", "x.mcap", "--rotate", "1s", "--duration", "3.5")
     assert done.returncode == 0

@@ -96,6 +96,7 @@ def test_each_flush_is_printed_while_the_writer_goes_on(environment, tmp_path: P
     assert "4 rows, nothing malformed" in errors
 
 
+@pytest.mark.pending
 def test_the_rows_before_a_kill_of_the_writer_are_kept(run, environment, tmp_path: Path) -> None:
     follow = ("decode", "--follow", "x.mcap", "-o", "rows.csv")
     with (
@@ -136,6 +137,7 @@ def test_a_capture_that_was_killed_is_not_taken_for_one_that_ended(
     assert f"x.mcap: the program that recorded it {words}" in errors
 
 
+@pytest.mark.pending
 def test_a_recording_that_ended_at_its_limit_is_not_a_loss(environment, tmp_path: Path) -> None:
     """The capture itself goes on, so its port is never closed in the file."""
     live = ("live", "sim://?rate=1000", "--headless", "--max-size", "100kB", "-o", "x.mcap")
@@ -154,6 +156,7 @@ def test_a_recording_that_ended_at_its_limit_is_not_a_loss(environment, tmp_path
     assert "killed" not in errors
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
     environment, tmp_path: Path, form: str
@@ -251,6 +254,7 @@ def _overwrite(file: Path) -> None:
         stream.write(bytes(file.stat().st_size + 10))
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -302,6 +306,7 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 assert screen.ended() == 0
 
 
+@pytest.mark.pending
 def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:
     live = ("live", "sim://?rate=200", "--headless", "--rotate", "1s", "-o", "c.mcap")
     with started(environment, tmp_path, *live) as writer:

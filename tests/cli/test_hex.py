@@ -41,6 +41,7 @@ def test_examples_of_the_document_are_printed(run, example: Example) -> None:
         assert f" {field.text(example.values[field.name])} {field.unit}".rstrip() in part
 
 
+@pytest.mark.pending
 def test_standard_input_without_end_is_taken_apart_as_it_comes(environment, tmp_path) -> None:
     with started(environment, tmp_path, "hex", "-", stdin=subprocess.PIPE) as process:
         assert process.stdin is not None

@@ -126,6 +126,7 @@ def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> Non
     assert "50 rows sent to UDP" in done.stderr
 
 
+@pytest.mark.pending
 def test_datagram_that_is_too_large_is_counted(receiver, capsys) -> None:
     rows = [
         *some_rows(3),

@@ -55,6 +55,7 @@ def test_an_error_in_the_middle_leaves_no_part_of_a_file(run, tmp_path: Path, na
 _KEPT = "holds the rows up to there"
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(
     ("output", "left"),
     [

@@ -59,6 +59,7 @@ def test_a_ratio_alone_and_what_is_not_a_number_above_0_are_refused(
     assert done.stdout == ""
 
 
+@pytest.mark.pending
 def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
     file, units = str(SAMPLES / "clean.mcap"), ("--resolution", "500", "--gear-ratio", "20")
     with terminal(environment, tmp_path, "view", file, *units, size=(200, 60)) as screen:

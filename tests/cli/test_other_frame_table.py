@@ -108,6 +108,7 @@ def test_a_frame_is_encoded_and_decoded(other: Other) -> None:
         assert text in shown
 
 
+@pytest.mark.pending
 def test_decoding_gives_the_other_columns_in_every_format(other: Other) -> None:
     head, *lines = run(other, "decode", "line.mcap", "--format", "csv").splitlines()
     assert "axis,spin,ticks,ahead,aside,around,alarm,alive" in head
@@ -151,6 +152,7 @@ def test_facts_findings_and_decoders_follow_the_table(other: Other) -> None:
     assert "axis" in run(other, "decoder", "wireshark")
 
 
+@pytest.mark.pending
 def test_a_report_has_the_plots_of_the_motors(other: Other) -> None:
     pytest.importorskip("bokeh")
     run(other, "report", "line.mcap", "-o", "report.html", "--force")
@@ -159,6 +161,7 @@ def test_a_report_has_the_plots_of_the_motors(other: Other) -> None:
     assert "<td>bad_tail</td>" in page or "noise" in page
 
 
+@pytest.mark.pending
 def test_every_pane_of_the_screen_shows_the_other_names(other: Other) -> None:
     folder = other.folder
     with terminal(environment(folder), folder, "view", "line.mcap", size=(120, 40)) as screen:

@@ -200,6 +200,7 @@ def test_invalid_choices_are_ignored(
 CLEAN = str(SAMPLES / "clean.mcap")
 
 
+@pytest.mark.pending
 def test_what_is_chosen_on_the_screen_holds_the_next_time(
     environment, settings_file: Path, tmp_path: Path
 ) -> None:
@@ -283,6 +284,7 @@ finally:
 """
 
 
+@pytest.mark.pending
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a pty has no baud")
 @pytest.mark.parametrize(("option", "baud"), [([], 9600), (["--baud", "57600"], 57_600)])
 def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
@@ -310,6 +312,7 @@ def test_ports_with_different_bauds_in_the_settings_need_an_option(
     assert "--baud" in done.stderr
 
 
+@pytest.mark.pending
 def test_turns_come_from_the_settings_of_the_port_in_a_recording(
     run, environment, settings_file: Path, tmp_path: Path
 ) -> None:

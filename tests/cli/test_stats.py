@@ -192,6 +192,7 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert "no row is between" in between.stderr
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(("columns", "name"), crossed([40, 80, 200], ["damaged", "clean"]))
 def test_on_a_terminal_it_keeps_to_the_width(
     environment, tmp_path: Path, samples: Path, columns: int, name: str

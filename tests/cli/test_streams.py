@@ -125,6 +125,7 @@ def test_the_head_of_many_bytes(bash, tmp_path: Path, end: str, form: str) -> No
     assert errors == ""
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(("way", "form"), crossed(["raw", "hex"], ["table", "jsonl", "csv"]))
 def test_rows_come_while_the_input_goes_on(
     environment: dict[str, str], tmp_path: Path, way: str, form: str
@@ -343,6 +344,7 @@ def test_too_many_open_files_are_one_line(
             assert done.stderr.count("\n") == 1, done.stderr
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize("limit", first(1, [19, 16, 22, 30]))
 @pytest.mark.parametrize("output", ["x.csv", "x.parquet"])
 def test_more_inputs_than_open_files_are_one_line(bash, limit: int, output: str) -> None:
@@ -367,6 +369,7 @@ def large(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.pending
 def test_a_pipe_shows_rows_after_two_seconds(
     environment: Mapping[str, str], tmp_path: Path
 ) -> None:
@@ -383,6 +386,7 @@ def test_a_pipe_shows_rows_after_two_seconds(
     assert len((tmp_path / "rows.csv").read_text().splitlines()) == 301
 
 
+@pytest.mark.pending
 def test_rows_on_the_same_terminal_hide_it(environment: Mapping[str, str], tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.hex"
     os.mkfifo(pipe)
@@ -398,6 +402,7 @@ def test_rows_on_the_same_terminal_hide_it(environment: Mapping[str, str], tmp_p
     assert not [line for line in shown if "rows/s" in line]
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize("command", first(2, ["decode", "repair", "stats"]))
 def test_every_command_that_reads_files_shows_how_much_is_left(
     run: Run, environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
