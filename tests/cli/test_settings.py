@@ -233,6 +233,7 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
     assert b"time UTC" not in screen.drawn
 
 
+@pytest.mark.pending
 def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.touch()

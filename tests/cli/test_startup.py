@@ -36,6 +36,7 @@ def _heavy_modules(
     return done.stdout, done.stderr.splitlines()[-1]
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -55,6 +56,7 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
     assert loaded == "[]"
 
 
+@pytest.mark.pending
 def test_a_file_is_replaced_without_loading_what_recordings_need(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
