@@ -37,6 +37,7 @@ def shown_after(keys: Sequence[str], *, at_once: bool) -> tuple[list[str], objec
     return found, (app.filters.current, app.table.viewport.cursor, app.pane.page is None)
 
 
+@pytest.mark.pending
 @settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(st.sampled_from(KEYS), min_size=2, max_size=9))
 def test_keys_at_once_do_what_they_do_slowly(keys: list[str]) -> None:
