@@ -19,9 +19,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = "fte_sniff"
 
-NEW = {"whole"}
-"""Modules and packages that will replace others, and have the same names until then."""
-
 _NO_CODE = {
     tokenize.COMMENT,
     tokenize.NL,
@@ -68,7 +65,6 @@ def classes_named_twice(trees: Mapping[Path, ast.Module]) -> list[str]:
     names = Counter(
         node.name
         for path, tree in trees.items()
-        if NEW.isdisjoint(path.parts)
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )

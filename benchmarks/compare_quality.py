@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.findings_quality import SECOND, START_NS, recording
-from fte_sniff.analysis.whole.compare import Comparison, compared, counted
-from fte_sniff.analysis.whole.segments import Counts, segments, summed
+from fte_sniff.analysis.compare import Comparison, compared, counted
+from fte_sniff.analysis.segments import Counts, segments, summed
 from fte_sniff.protocol.rows import MOST_BYTES, Rows
 from fte_sniff.protocol.spec import FRAME_LENGTH
 

@@ -24,9 +24,9 @@ from time import process_time
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.whole import events, statistics
-from fte_sniff.analysis.whole.findings import Cause, Finding, find_in
-from fte_sniff.analysis.whole.segments import segments, summed
+from fte_sniff.analysis import events, statistics
+from fte_sniff.analysis.findings import Cause, Finding, find_in
+from fte_sniff.analysis.segments import segments, summed
 from fte_sniff.protocol import Fault, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import MOST_BYTES, Rows, fault_bits
 

@@ -26,8 +26,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.whole.segments import segments, summed
-from fte_sniff.analysis.whole.statistics import counted, statistics
+from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.protocol.rows import Rows, fault_bits
 from fte_sniff.protocol.spec import Fault

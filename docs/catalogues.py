@@ -20,7 +20,7 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.analysis.whole.motors import Trouble
+from fte_sniff.analysis.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES

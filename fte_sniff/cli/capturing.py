@@ -344,7 +344,7 @@ def run_capture(
         _check_headless(plan, [name for name, given in others.items() if given])
         ports_text = printable(" and ".join(plan.wiring.names))
         intro = f"capturing {ports_text}, recording to"
-        observers = [Announcer(plan, intro), Report(plan, follows_files=True)]
+        observers = [Announcer(plan, intro), CaptureReport(plan, follows_files=True)]
     elif plain or form or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
@@ -355,7 +355,7 @@ def run_capture(
             ports=len(plan.wiring.names) > 1,
             zone=shown_zone or UTC,
         )
-        observers = [Announcer(plan), Report(plan), lines]
+        observers = [Announcer(plan), CaptureReport(plan), lines]
     else:
         from fte_sniff.tui.options import StartOptions
 
@@ -451,7 +451,7 @@ _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEve
 """Events whose detail names what happened."""
 
 
-class Report(Observer):
+class CaptureReport(Observer):
     """Prints port events and problems as they come, and the summary at the end."""
 
     def __init__(self, plan: CapturePlan, *, follows_files: bool = False) -> None:

@@ -27,8 +27,8 @@ from fte_sniff.session.stats_json import MOTOR, finding_json
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fte_sniff.analysis.whole.check import Rule, Verdict
-    from fte_sniff.analysis.whole.findings import Finding
+    from fte_sniff.analysis.check import Rule, Verdict
+    from fte_sniff.analysis.findings import Finding
     from fte_sniff.protocol.rows import Row
     from fte_sniff.session.inputs import InputReading
 
@@ -80,8 +80,8 @@ def command(
     """
     check_inputs(query.files)
     wanted = read_rules(rules, expectations)
-    from fte_sniff.analysis.whole import compare
-    from fte_sniff.analysis.whole.check import analysis_of, verdicts
+    from fte_sniff.analysis import compare
+    from fte_sniff.analysis.check import analysis_of, verdicts
 
     before = None
     if baseline is not None:
@@ -102,7 +102,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
         InputTextError: a rule is invalid.
         UsageError: no rule is given.
     """
-    from fte_sniff.analysis.whole.check import rule_at, rules_of_toml
+    from fte_sniff.analysis.check import rule_at, rules_of_toml
 
     if path is None and not expectations:
         raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')

@@ -27,7 +27,7 @@ from fte_sniff.protocol import Status
 from fte_sniff.session.stats_json import comparison_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.compare import Comparison, Number
+    from fte_sniff.analysis.compare import Comparison, Number
 
 
 @grouped_command(name="compare", short_help="What changed between two recordings, best first.")
@@ -44,7 +44,7 @@ def command(query: InputQuery, form: str) -> None:
     fte-sniff compare samples/clean.mcap samples/motor3.mcap
     fte-sniff compare monday/ tuesday/ --format json
     """
-    from fte_sniff.analysis.whole.compare import ANALYSIS, compared
+    from fte_sniff.analysis.compare import ANALYSIS, compared
 
     if len(query.files) != 2 or STDIN in query.files:
         raise UsageError(

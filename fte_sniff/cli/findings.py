@@ -24,7 +24,7 @@ from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import findings_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.findings import Report
+    from fte_sniff.analysis.findings import Report
 
 
 @grouped_command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
@@ -45,8 +45,8 @@ def command(
     fte-sniff findings logs/ --from -10m
     fte-sniff findings samples/motor3.mcap --format json
     """
-    from fte_sniff.analysis.whole.events import ANALYSIS
-    from fte_sniff.analysis.whole.findings import find
+    from fte_sniff.analysis.events import ANALYSIS
+    from fte_sniff.analysis.findings import find
 
     check_inputs(query.files)
     counts, measured = measure(query, ANALYSIS, ManyFiles(pair, jobs, cluster))

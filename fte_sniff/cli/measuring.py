@@ -22,8 +22,8 @@ from fte_sniff.protocol import iso_time
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fte_sniff.analysis.whole.segments import Analysis, Part
-    from fte_sniff.analysis.whole.table import Table
+    from fte_sniff.analysis.segments import Analysis, Part
+    from fte_sniff.analysis.table import Table
     from fte_sniff.session.inputs import InputReading, ReadingCounts
     from fte_sniff.session.measured import Measurement
 

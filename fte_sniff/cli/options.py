@@ -21,7 +21,7 @@ from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
-    from fte_sniff.analysis.whole.line_setup import LineSetup
+    from fte_sniff.analysis.line_setup import LineSetup
     from fte_sniff.cli.settings import Settings
 
 
@@ -245,6 +245,6 @@ def line_setup(
         gear_ratio = settings.default(ports, "gear-ratio")
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
-    from fte_sniff.analysis.whole.line_setup import LineSetup
+    from fte_sniff.analysis.line_setup import LineSetup
 
     return LineSetup(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)

@@ -15,7 +15,7 @@ from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.session.save import replace_file
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.table import Table
+    from fte_sniff.analysis.table import Table
     from fte_sniff.session.inputs import InputReading
 
 _SUFFIXES = (".html", ".htm")
@@ -45,7 +45,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f"report needs {error.name}, which is not installed; install it with"
             f" `{install_command('report')}`"
         ) from error
-    from fte_sniff.analysis.whole.findings import find
+    from fte_sniff.analysis.findings import find
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import set_language
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS

@@ -21,7 +21,7 @@ from bokeh.plotting import figure
 from bokeh.resources import INLINE
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis.table import Table
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _

@@ -61,7 +61,7 @@ def command(
     fte-sniff stats logs/ --from -10m
     fte-sniff stats samples/clean.mcap --format json
     """
-    from fte_sniff.analysis.whole import findings, statistics
+    from fte_sniff.analysis import findings, statistics
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
 
     check_inputs(query.files)

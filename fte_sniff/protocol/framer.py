@@ -24,7 +24,7 @@ from fte_sniff.protocol.islands import (
     CERTAIN,
     CORE,
     MARGIN,
-    Segments,
+    Division,
     State,
     Walk,
     Wall,
@@ -259,7 +259,7 @@ class Framer:
 
     # Rows
 
-    def _rows(self, segments: Segments, at: int) -> Rows:
+    def _rows(self, segments: Division, at: int) -> Rows:
         """The rows of segments, and of the noise between them; offsets are in the data."""
         data = np.frombuffer(self._data, np.uint8)
         faults, framed, is_kept = judged(data, segments)
@@ -353,7 +353,7 @@ def _field_faults() -> Array:
 _FIELD_FAULTS: Final = _field_faults()
 
 
-def judged(data: Codes, segments: Segments) -> tuple[Array, Bools, Bools]:
+def judged(data: Codes, segments: Division) -> tuple[Array, Bools, Bools]:
     """By segment: its faults, whether it is a frame, and whether it is not noise after all."""
     faults = np.zeros(len(segments.start), np.uint16)
     framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)

@@ -118,7 +118,7 @@ class State(NamedTuple):
 
 
 _Part: TypeAlias = tuple[int, int, int] | None
-"""Segments of a division: the number of its round, the first and the last segment."""
+"""Division of a division: the number of its round, the first and the last segment."""
 
 
 class _Step(NamedTuple):
@@ -132,8 +132,8 @@ class _Step(NamedTuple):
     """Where noise ends, because of a wall."""
 
 
-class Segments(NamedTuple):
-    """Segments that are not noise, and where noise ends, in columns, in the order of the stream."""
+class Division(NamedTuple):
+    """Division that are not noise, and where noise ends, in columns, in the order of the stream."""
 
     start: Ints
     stop: Ints
@@ -183,14 +183,14 @@ class Walk:
         self._is_guess = False
         """Whether the last step depends on a gap that is yet to be divided."""
 
-    def segments(self) -> Segments:
+    def segments(self) -> Division:
         """All that is decided; afterwards `state` is where that ends."""
         while self._walk():
             self._divide()
         parts = [self._marks(), self._frames(), *self._divided()]
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
         order = np.argsort(columns[0], kind="stable")
-        return Segments(*(column[order] for column in columns))
+        return Division(*(column[order] for column in columns))
 
     # The walk
 
@@ -356,7 +356,7 @@ class Walk:
 
     # What was found
 
-    def _frames(self) -> Segments:
+    def _frames(self) -> Division:
         """The frames in step; where an island overlaps one from before, it has another reading."""
         runs = [step.run for step in self._steps if step.run is not None]
         bounds = np.array(runs, np.int64).reshape(-1, 4)
@@ -367,7 +367,7 @@ class Walk:
             odd = np.flatnonzero(np.repeat(is_odd, counts))
             ends = np.repeat(bounds[:, 2:], counts, axis=0)[odd]
             probability[odd] = self._are_alone(start[odd], ends[:, 0], ends[:, 1])
-        return Segments(start, start + FRAME_LENGTH, probability)
+        return Division(start, start + FRAME_LENGTH, probability)
 
     def _has_others(self, runs: Ints) -> Bools:
         """Whether islands that are not in step overlap frames of a run."""
@@ -388,7 +388,7 @@ class Walk:
         found: Bools = counts <= 0
         return found
 
-    def _divided(self) -> list[Segments]:
+    def _divided(self) -> list[Division]:
         """The segments of gaps."""
         taken = [step.part for step in self._steps if step.part is not None]
         parts = np.array(taken, np.int64).reshape(-1, 3)
@@ -396,14 +396,14 @@ class Walk:
         for number, (divided, *_) in enumerate(self._rounds):
             own = parts[parts[:, 0] == number]
             rows = _ranges(own[:, 1], own[:, 2] - own[:, 1])
-            found.append(Segments(*(column[rows] for column in divided[1:])))
+            found.append(Division(*(column[rows] for column in divided[1:])))
         return found
 
-    def _marks(self) -> Segments:
+    def _marks(self) -> Division:
         """The places where noise ends."""
         marks = [step.mark for step in self._steps if step.mark is not None]
         walls = np.array(marks, np.int64)
-        return Segments(walls, walls, np.zeros(len(walls)))
+        return Division(walls, walls, np.zeros(len(walls)))
 
 
 def _ranges(first: Ints, counts: Ints, step: int = 1) -> Ints:

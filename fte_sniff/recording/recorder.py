@@ -84,7 +84,7 @@ class RecordingOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class FileChange:
     """The recording stopped, or goes on in another file."""
 
     path: Path | None
@@ -147,7 +147,7 @@ class Recorder:
         """What could not be written; the last gap grows while there is no file."""
         self._missed_events = 0
         self._stopped: FileError | None = None
-        self._changes: list[Change] = []
+        self._changes: list[FileChange] = []
         self._due_s = -inf
         """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
@@ -200,7 +200,7 @@ class Recorder:
         first = self._closed[0].path if self._closed else self.path
         return Outcome(first, self.path, self._deleted_files, self._deleted_rows)
 
-    def changes(self) -> list[Change]:
+    def changes(self) -> list[FileChange]:
         """The changes since the previous call."""
         found, self._changes = self._changes, []
         return found
@@ -350,7 +350,7 @@ class Recorder:
     def _go_on(self, writer: RecordingWriter, gaps: list[Gap]) -> None:
         self._stopped, self._wants_rotation = None, False
         self._writer, self.path, self._own_gaps = writer, writer.path, gaps
-        self._changes.append(Change(writer.path))
+        self._changes.append(FileChange(writer.path))
 
     # Errors and gaps
 
@@ -390,7 +390,7 @@ class Recorder:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
             self._missed_events += writer.flushed_events
         self._gaps.append(gap)
-        self._changes.append(Change(None, failure))
+        self._changes.append(FileChange(None, failure))
 
     def _miss(self, entries: Iterable[Entry]) -> None:
         """Count what is not recorded."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from fte_sniff.errors import FileError, FteSniffError, PortError, TranslatableText, UsageError
-from fte_sniff.recording.recorder import Change, Outcome
+from fte_sniff.recording.recorder import FileChange, Outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +76,10 @@ class Ended:
     """How far the recording is; the last known if the capture was killed."""
 
 
-Message: TypeAlias = Stop | Started | CaptureStatus | Change | Ended
+Message: TypeAlias = Stop | Started | CaptureStatus | FileChange | Ended
 
 _TYPES: Final = {
-    one.__name__: one for one in (Stop, Started, CaptureStatus, Change, Ended, Outcome)
+    one.__name__: one for one in (Stop, Started, CaptureStatus, FileChange, Ended, Outcome)
 }
 _ERRORS: Final = {one.__name__: one for one in (FteSniffError, FileError, PortError, UsageError)}
 

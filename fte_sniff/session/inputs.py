@@ -438,7 +438,7 @@ def with_facts(items: Iterable[Item]) -> Iterator[Item]:
 
     Rows wait for those that decide their facts, and everything among them waits too.
     """
-    from fte_sniff.analysis.whole.segments import Segments
+    from fte_sniff.analysis.segments import Segments
 
     cutter, others = Segments(), deque[tuple[int, Item]]()
     pushed = done = 0

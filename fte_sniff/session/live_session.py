@@ -22,7 +22,7 @@ from fte_sniff.errors import TOO_MANY_FILES, FileError, FteSniffError, PortError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import Change, Outcome
+from fte_sniff.recording.recorder import FileChange, Outcome
 from fte_sniff.session.capture_process import CapturePlan, capture
 from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, Stop, receive, send
 from fte_sniff.session.following import Follower
@@ -76,7 +76,7 @@ class CaptureState:
                 return replace(self, progress=message)
             case Ended():
                 return replace(self, ended=message, error=message.error, progress=message.progress)
-            case Change(path, failure):
+            case FileChange(path, failure):
                 return replace(
                     self,
                     recording=path,

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic
 
-from fte_sniff.analysis.whole import events, statistics
-from fte_sniff.analysis.whole.segments import Analysis, Counts, Part, Segments, summed
-from fte_sniff.analysis.whole.table import EMPTY, Table
+from fte_sniff.analysis import events, statistics
+from fte_sniff.analysis.segments import Analysis, Counts, Part, Segments, summed
+from fte_sniff.analysis.table import EMPTY, Table
 from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.files import Paths, recordings_in
@@ -19,8 +19,8 @@ from fte_sniff.session.inputs import InputReading, ReadingCounts, recording_inpu
 from fte_sniff.session.jobs import mapped
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.check import Verdict
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.analysis.whole.check import Verdict
 
 
 def _count_both(table: Table) -> Counts:
@@ -98,7 +98,7 @@ def check(
     Warns:
         RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
-    from fte_sniff.analysis.whole.check import analysis_of, parse_rule, verdicts
+    from fte_sniff.analysis.check import analysis_of, parse_rule, verdicts
 
     wanted = [parse_rule(text) for text in ([rules] if isinstance(rules, str) else rules)]
     before = None if baseline is None else _counts_to_compare(baseline)
@@ -120,7 +120,7 @@ def findings(paths: Paths) -> dict[str, Any]:
 
     Takes the paths of `check`, and raises FileError and warns as it does.
     """
-    from fte_sniff.analysis.whole.findings import find
+    from fte_sniff.analysis.findings import find
     from fte_sniff.session.stats_json import findings_json
 
     return findings_json(find(_measured(paths, events.ANALYSIS)[0]))
@@ -131,7 +131,7 @@ def compare(before: Paths, after: Paths) -> dict[str, Any]:
 
     Takes the paths of `check` twice, and raises FileError and warns as it does.
     """
-    from fte_sniff.analysis.whole.compare import compared
+    from fte_sniff.analysis.compare import compared
     from fte_sniff.session.stats_json import comparison_json
 
     counts = [_counts_to_compare(paths) for paths in (before, after)]
@@ -139,7 +139,7 @@ def compare(before: Paths, after: Paths) -> dict[str, Any]:
 
 
 def _counts_to_compare(paths: Paths) -> Any:
-    from fte_sniff.analysis.whole.compare import ANALYSIS
+    from fte_sniff.analysis.compare import ANALYSIS
 
     return _measured(paths, ANALYSIS)[0]
 

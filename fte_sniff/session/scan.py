@@ -15,7 +15,7 @@ from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
-from fte_sniff.analysis.whole.relations import DEADLINE_NS
+from fte_sniff.analysis.relations import DEADLINE_NS
 from fte_sniff.errors import RecordingWarning, UsageError, printable, unreadable
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Rows

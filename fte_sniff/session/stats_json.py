@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from fte_sniff.analysis.whole.compare import Comparison, Number
-from fte_sniff.analysis.whole.findings import Cause, Finding, Report
-from fte_sniff.analysis.whole.statistics import statistics
+from fte_sniff.analysis.compare import Comparison, Number
+from fte_sniff.analysis.findings import Cause, Finding, Report
+from fte_sniff.analysis.statistics import statistics
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.segments import Counts
+    from fte_sniff.analysis.segments import Counts
     from fte_sniff.session.inputs import InputReading
 
 

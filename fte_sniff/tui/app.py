@@ -24,10 +24,10 @@ from textual.screen import Screen
 from textual.widgets import Footer, Input
 
 from fte_sniff.analysis.feed import Feed, FeedUpdate
+from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.model import Tally
+from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.analysis.time_text import LOCAL
-from fte_sniff.analysis.whole.findings import Cause, Finding
-from fte_sniff.analysis.whole.motors import MotorState, Trouble
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language

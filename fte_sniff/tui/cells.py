@@ -40,7 +40,7 @@ from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FIELD_BY_NAME
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.line_setup import LineSetup
+    from fte_sniff.analysis.line_setup import LineSetup
 
 
 FEEDBACK = "fb"

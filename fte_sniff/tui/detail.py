@@ -16,8 +16,8 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.whole.line_setup import LineSetup
-from fte_sniff.analysis.whole.relations import AnswerState
+from fte_sniff.analysis.line_setup import LineSetup
+from fte_sniff.analysis.relations import AnswerState
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from fte_sniff.analysis.whole.events import counted, since
-from fte_sniff.analysis.whole.findings import Finding, find, ranked
-from fte_sniff.analysis.whole.segments import Segments, summed
-from fte_sniff.analysis.whole.store import STEP_ROWS, RowStore
-from fte_sniff.analysis.whole.table import EMPTY
+from fte_sniff.analysis.events import counted, since
+from fte_sniff.analysis.findings import Finding, find, ranked
+from fte_sniff.analysis.segments import Segments, summed
+from fte_sniff.analysis.store import STEP_ROWS, RowStore
+from fte_sniff.analysis.table import EMPTY
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.rows import Item
 

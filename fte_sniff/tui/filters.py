@@ -15,7 +15,7 @@ from fte_sniff.tui.parts import Parts
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.analysis.whole.findings import Finding
+    from fte_sniff.analysis.findings import Finding
 
 
 def parse_filter(line: str) -> RowFilter:

@@ -8,8 +8,8 @@ from datetime import UTC, tzinfo
 from functools import partial
 from typing import Final, TypeAlias
 
+from fte_sniff.analysis.store import Matches
 from fte_sniff.analysis.time_text import clock_time, duration_ns, time_ns
-from fte_sniff.analysis.whole.store import Matches
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import _, later

@@ -9,7 +9,7 @@ from typing import ClassVar
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.whole.findings import Finding
+from fte_sniff.analysis.findings import Finding
 from fte_sniff.errors import TranslatableText
 from fte_sniff.formats.cell_text import clock_text, wrap
 from fte_sniff.i18n import _

@@ -17,7 +17,7 @@ from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.analysis.whole.motors import Trouble
+from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK

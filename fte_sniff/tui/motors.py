@@ -10,9 +10,9 @@ import numpy as np
 import polars as pl
 from rich.text import Text
 
-from fte_sniff.analysis.whole.motors import MotorState, Reading, Trouble
-from fte_sniff.analysis.whole.plots import envelope, motor_values
-from fte_sniff.analysis.whole.relations import AnswerState, answers, with_late
+from fte_sniff.analysis.motors import MotorState, Reading, Trouble
+from fte_sniff.analysis.plots import envelope, motor_values
+from fte_sniff.analysis.relations import AnswerState, answers, with_late
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
     clock_text,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.whole.line_setup import DEFAULT_SETUP, LineSetup
+from fte_sniff.analysis.line_setup import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import Notes
 from fte_sniff.session.save import UNKNOWN, ExportSource

@@ -16,7 +16,7 @@ from textual.geometry import Size
 from textual.message import Message
 from textual.widgets import Static
 
-from fte_sniff.analysis.whole.motors import MotorState
+from fte_sniff.analysis.motors import MotorState
 from fte_sniff.i18n import _
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.cells import first_fitting

@@ -20,7 +20,7 @@ from rich.style import Style
 from textual.scrollbar import ScrollBarRender
 from textual.strip import Strip
 
-from fte_sniff.analysis.whole.store import RowNote
+from fte_sniff.analysis.store import RowNote
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.looks import LOOKS, Ground, mark_of
 from fte_sniff.i18n import ExplainedWord

@@ -13,7 +13,7 @@ from fte_sniff.tui.table import RowTable
 from fte_sniff.tui.view import View
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.whole.findings import Finding
+    from fte_sniff.analysis.findings import Finding
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from fte_sniff.analysis.whole.store import STEP_ROWS, Matches, RowNote, RowStore
+from fte_sniff.analysis.store import STEP_ROWS, Matches, RowNote, RowStore
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Bools, Codes, Ints, Rows
 

@@ -16,7 +16,7 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.whole.relations import AnswerState, answers, row_before, stream_keys
+from fte_sniff.analysis.relations import AnswerState, answers, row_before, stream_keys
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text
 from fte_sniff.formats.looks import LOOKS

@@ -15,7 +15,7 @@ from textual.events import Click
 from textual.reactive import reactive
 from textual.widget import Widget
 
-from fte_sniff.analysis.whole.motors import MotorState, Reading, Trouble
+from fte_sniff.analysis.motors import MotorState, Reading, Trouble
 from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
 from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Status

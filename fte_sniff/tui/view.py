@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.line_setup import LineSetup
 from fte_sniff.analysis.model import Rate, Tally
-from fte_sniff.analysis.whole.line_setup import LineSetup
-from fte_sniff.analysis.whole.motors import MotorState, motors_at
-from fte_sniff.analysis.whole.relations import NONE, AnswerState, answers
-from fte_sniff.analysis.whole.store import RowStore
+from fte_sniff.analysis.motors import MotorState, motors_at
+from fte_sniff.analysis.relations import NONE, AnswerState, answers
+from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
 from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Row, Rows
@@ -22,7 +22,7 @@ from fte_sniff.tui.shown import Shown
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
-    from fte_sniff.analysis.whole.findings import Finding
+    from fte_sniff.analysis.findings import Finding
 
 WINDOW_NS: Final = 10_000_000_000
 """The time before the cursor, or now, of which the motor strip shows the answers."""

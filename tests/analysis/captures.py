@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.segments import Segments
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis.segments import Segments
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.line_setup import LineSetup
+from fte_sniff.analysis.line_setup import LineSetup
 from fte_sniff.cli.encode import command as encode_command
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, FrameKind, encode, spaced_hex
 from tests.cli.processes import started

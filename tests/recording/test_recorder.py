@@ -16,7 +16,7 @@ from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording import recorder as recorder_module
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import Change, Recorder, RecordingOptions
+from fte_sniff.recording.recorder import FileChange, Recorder, RecordingOptions
 from tests.recording.conftest import file_size_limit, unprivileged
 from tests.recording.samples import (
     BOTH,
@@ -85,7 +85,7 @@ def test_rotated_files_have_all_rows_and_name_each_other(tmp_path: Path) -> None
         assert recording.facts["part"] == str(number)
         assert recording.facts.get("previous") == (files[number - 2].name if number > 1 else None)
     assert recorder.failure is None
-    assert recorder.changes() == [Change(path) for path in files[1:]]
+    assert recorder.changes() == [FileChange(path) for path in files[1:]]
     assert (recorder.outcome.first, recorder.outcome.last) == (files[0], files[-1])
 
 

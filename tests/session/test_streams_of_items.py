@@ -26,7 +26,7 @@ from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import Change, Outcome, Recorder, RecordingOptions
+from fte_sniff.recording.recorder import FileChange, Outcome, Recorder, RecordingOptions
 from fte_sniff.session.control import (
     CaptureStatus,
     Ended,
@@ -202,7 +202,7 @@ MESSAGES: tuple[Message, ...] = (
     Stop(),
     Started(Path("é.mcap"), "/dev/pts/3"),
     CaptureStatus(rows=12, bytes=3),
-    Change(None, FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))),
+    FileChange(None, FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))),
     Ended(TranslatableText("the duration is over"), None, Outcome(Path("a"), Path("b"), 1, 2)),
 )
 
@@ -212,7 +212,7 @@ def test_a_message_is_one_line_that_gives_the_message(message: Message) -> None:
     line = line_of(message)
     assert line.count(b"\n") == 1
     found = message_in(line)
-    if isinstance(message, Change):
+    if isinstance(message, FileChange):
         assert isinstance(found.failure, FileError)
         assert str(found.failure) == str(message.failure)
     else:

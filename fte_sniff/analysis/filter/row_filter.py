@@ -29,8 +29,8 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
+from fte_sniff.analysis.relations import Change, last_of, row_before, runs_of, stream_keys
 from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns, with_offset
-from fte_sniff.analysis.whole.relations import Change, last_of, row_before, runs_of, stream_keys
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
 from fte_sniff.protocol.columns import DERIVED, PREVIOUS

@@ -17,7 +17,7 @@ from polars.exceptions import ComputeError
 
 import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-from fte_sniff.analysis.whole.segments import segments
+from fte_sniff.analysis.segments import segments
 from fte_sniff.errors import FileError, RecordingWarning, UsageError
 from fte_sniff.protocol import Chunk, Fault, Framer, Row, record
 from fte_sniff.protocol.rows import Rows

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.check import (
+from fte_sniff.analysis.check import (
     MEASURES,
     RuleResult,
     Verdict,
@@ -21,7 +21,7 @@ from fte_sniff.analysis.whole.check import (
     summed,
     verdicts,
 )
-from fte_sniff.analysis.whole.segments import Segments
+from fte_sniff.analysis.segments import Segments
 from fte_sniff.errors import InputTextError
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row

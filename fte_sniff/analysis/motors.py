@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.whole.relations import (
+from fte_sniff.analysis.relations import (
     ANSWERABLE,
     COMMANDS,
     FEEDBACK,

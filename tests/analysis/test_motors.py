@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fte_sniff.analysis.whole.motors import MotorState, Trouble, motors_at
-from fte_sniff.analysis.whole.plots import envelope, motor_values
+from fte_sniff.analysis.motors import MotorState, Trouble, motors_at
+from fte_sniff.analysis.plots import envelope, motor_values
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Direction
 from tests.analysis.captures import MS, SECOND, START, damage, frame, polled, table_of

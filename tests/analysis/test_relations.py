@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
-from fte_sniff.analysis.whole.relations import AnswerState, motor_hints, row_before, stream_keys
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis.relations import AnswerState, motor_hints, row_before, stream_keys
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import MOTORS, Direction

@@ -23,14 +23,14 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import polars as pl
 
+from fte_sniff.analysis import compare, events
+from fte_sniff.analysis.durations import Durations, binned
 from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
-from fte_sniff.analysis.whole import compare, events
-from fte_sniff.analysis.whole.durations import Durations, binned
-from fte_sniff.analysis.whole.findings import Cause, Finding, find, hidden_text
-from fte_sniff.analysis.whole.relations import FEEDBACK, AnswerState, values_at
-from fte_sniff.analysis.whole.segments import Analysis, Counts
-from fte_sniff.analysis.whole.segments import summed as summed_counts
-from fte_sniff.analysis.whole.table import EMPTY, MOTOR, Table
+from fte_sniff.analysis.findings import Cause, Finding, find, hidden_text
+from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.segments import Analysis, Counts
+from fte_sniff.analysis.segments import summed as summed_counts
+from fte_sniff.analysis.table import EMPTY, MOTOR, Table
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType
 from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Row, Rows

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from fte_sniff.analysis.whole.segments import Counts
+from fte_sniff.analysis.segments import Counts
 from fte_sniff.protocol.rows import Ints
 
 Floats: TypeAlias = "npt.NDArray[np.float64]"

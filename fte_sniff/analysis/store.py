@@ -25,9 +25,9 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.whole.relations import FEEDBACK, Change, Runs, runs_of
-from fte_sniff.analysis.whole.segments import Segments
-from fte_sniff.analysis.whole.table import RowTest, Table
+from fte_sniff.analysis.relations import FEEDBACK, Change, Runs, runs_of
+from fte_sniff.analysis.segments import Segments
+from fte_sniff.analysis.table import RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Item, Rows
 

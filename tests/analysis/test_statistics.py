@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.segments import summed
-from fte_sniff.analysis.whole.statistics import counted, statistics
+from fte_sniff.analysis.segments import summed
+from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import MOTORS, Direction, Fault, Status
 from tests.analysis.captures import MS, SECOND, START, captures, damage, frame, polled, table_of
-from tests.analysis.whole.test_segments import tables
+from tests.analysis.test_segments import tables
 
 
 def stats_of(steps: list[Row | Item]) -> dict[str, Any]:

@@ -18,8 +18,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.whole.durations import COARSE, bins_of, chosen, middles
-from fte_sniff.analysis.whole.relations import (
+from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
+from fte_sniff.analysis.relations import (
     ANSWERABLE,
     FEEDBACK,
     LATE,
@@ -27,8 +27,8 @@ from fte_sniff.analysis.whole.relations import (
     AnswerState,
     values_at,
 )
-from fte_sniff.analysis.whole.segments import Analysis, Counts, summed
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, faults_in
 from fte_sniff.protocol.spec import (

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.relations import runs_of
-from fte_sniff.analysis.whole.store import Matches, RowNote, RowStore
+from fte_sniff.analysis.relations import runs_of
+from fte_sniff.analysis.store import Matches, RowNote, RowStore
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import FACTS, Item, Row, Rows
 from tests.analysis.captures import MS, START, captures, damage, frame, items_of, polled, table_of

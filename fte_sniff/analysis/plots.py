@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.whole.relations import values_at
+from fte_sniff.analysis.relations import values_at
 from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import KINDS, MOTORS, Direction
 

@@ -6,8 +6,8 @@ import polars as pl
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.whole.segments import Segments, added
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis.segments import Segments, added
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.rows import FACTS, NO_FACT, Item, Row, Rows
 from tests.analysis.captures import captures, frame, items_of, polled, table_of
 

@@ -14,7 +14,7 @@ from typing import Final, Generic, TypeAlias, TypeVar
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.whole.relations import (
+from fte_sniff.analysis.relations import (
     DEADLINE_NS,
     Change,
     last_of,
@@ -22,7 +22,7 @@ from fte_sniff.analysis.whole.relations import (
     runs_of,
     stream_keys,
 )
-from fte_sniff.analysis.whole.table import EMPTY, RowTest, Table
+from fte_sniff.analysis.table import EMPTY, RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_TIME, Ints, Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns

@@ -17,10 +17,10 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.whole.durations import Durations, binned, chosen
-from fte_sniff.analysis.whole.relations import FEEDBACK, AnswerState, values_at
-from fte_sniff.analysis.whole.segments import Analysis, Counts, summed
-from fte_sniff.analysis.whole.table import MOTOR, QUANTITIES, Table
+from fte_sniff.analysis.durations import Durations, binned, chosen
+from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
 from fte_sniff.protocol import PortEventKind, iso_time
 from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import (

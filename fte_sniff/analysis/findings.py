@@ -22,11 +22,11 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from fte_sniff.analysis.events import COLUMN_OF, RUNNING, Events, Windows, by_role, counted
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.whole.events import COLUMN_OF, RUNNING, Events, Windows, by_role, counted
-from fte_sniff.analysis.whole.relations import DEADLINE_NS, LATE, is_off_target
-from fte_sniff.analysis.whole.segments import Counts, summed
-from fte_sniff.analysis.whole.table import MOTOR, Table
+from fte_sniff.analysis.relations import DEADLINE_NS, LATE, is_off_target
+from fte_sniff.analysis.segments import Counts, summed
+from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.protocol import FAULT_MEANINGS, PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.compare_quality import CHANGES, Host, counts_of, halves, is_found, pair
-from fte_sniff.analysis.whole.compare import MEASURES, Comparison, compared, counted
-from fte_sniff.analysis.whole.segments import Counts, added, segments, summed
+from fte_sniff.analysis.compare import MEASURES, Comparison, compared, counted
+from fte_sniff.analysis.segments import Counts, added, segments, summed
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
 from fte_sniff.protocol.spec import Fault
 from tests.analysis.captures import captures, table_of
-from tests.analysis.whole.test_segments import tables
+from tests.analysis.test_segments import tables
 
 
 @cache

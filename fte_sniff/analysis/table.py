@@ -18,7 +18,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.whole.relations import (
+from fte_sniff.analysis.relations import (
     NAMES_MOTOR,
     NONE,
     Runs,

@@ -22,19 +22,19 @@ from benchmarks.findings_quality import (
     port_events,
     recording,
 )
-from fte_sniff.analysis.whole import events
-from fte_sniff.analysis.whole.findings import Cause, Report, find_in, spans_of
-from fte_sniff.analysis.whole.findings import find as find_counted
-from fte_sniff.analysis.whole.segments import segments, summed
-from fte_sniff.analysis.whole.table import Table
+from fte_sniff.analysis import events
+from fte_sniff.analysis.findings import Cause, Report, find_in, spans_of
+from fte_sniff.analysis.findings import find as find_counted
+from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from tests.analysis import captures as some
 from tests.analysis.captures import table_of
-from tests.analysis.whole.test_compare import counts_by_key
-from tests.analysis.whole.test_segments import tables
+from tests.analysis.test_compare import counts_by_key
+from tests.analysis.test_segments import tables
 
 
 @cache
