@@ -32,7 +32,7 @@ from fte_sniff.errors import FileError, InputTextError, quoted, unreadable
 from fte_sniff.formats.known_files import refuse_results
 from fte_sniff.formats.log_text import LogText, too_long
 from fte_sniff.formats.log_times import LogClock, day_of_file, style_of
-from fte_sniff.formats.plain_hex import is_plain_hex, plain_hex, plain_pieces
+from fte_sniff.formats.plain_hex import is_hex_line, is_plain_hex, plain_hex, plain_pieces
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -738,13 +738,9 @@ def _is_plain(lines: Sequence[str], best: Evidence) -> bool:
     """Whether lines are plain hex, and no form has better evidence."""
     if not is_plain_hex(lines):
         return False
-    text = "\n".join(lines)
-    try:
-        data = plain_hex(text)
-    except InputTextError:
-        return True
     if not best.frames:
-        return not _are_lost(text.encode(), _LOST_AS_HEX)
+        return not _are_lost("\n".join(lines).encode(), _LOST_AS_HEX)
+    data = plain_hex("\n".join(line for line in lines if is_hex_line(line)))
     return _score(len(_FRAME.findall(data)), len(data)) >= best.score
 
 

@@ -60,11 +60,12 @@ def plain_pieces(text: str, first: int = 1) -> Iterator[bytes]:
 
 def is_plain_hex(lines: Sequence[str]) -> bool:
     """Whether lines are hex, perhaps with typing errors in a few of them."""
-    wrong = [line for line in lines if not _is_hex(line)]
+    wrong = [line for line in lines if not is_hex_line(line)]
     return 10 * len(wrong) < len(lines) + 10 and all(map(_has_typing_errors, wrong))
 
 
-def _is_hex(line: str) -> bool:
+def is_hex_line(line: str) -> bool:
+    """Whether a line is hex without a mistake, a comment, or blank."""
     if _PREFIX.match(line) or _KEY.search(line):
         return False
     try:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
@@ -657,6 +657,7 @@ TIMES: dict[str, Callable[[int], str]] = {
     st.integers(0, 10**6),
     st.lists(st.sampled_from([*FOREIGN, "über 5 µs", "电机 2 停止"]), max_size=40),
 )
+@example("${:02X} ' '", WORDS[0], "#{n} {time} {word} ", "ISO", 0, ["--- end ---"])
 @examples(60)
 def test_frames_of_any_writer_come_back_exactly(
     writer: str, words: tuple[str, ...], prefix: str, time: str, seed: int, foreign: list[str]
