@@ -19,7 +19,7 @@ myst_heading_anchors = 4
 myst_links_external_new_tab = False
 
 _SECTION = re.compile(r"^## (?P<caption>.+)\n(?P<text>(?:(?!## ).*\n)*)", re.M)
-_PAGE = re.compile(r"^- \[.+?\]\((?P<page>[\w/.-]+)\.md\)", re.M)
+_PAGE = re.compile(r"\]\((?P<page>[\w/.-]+)\.md\)")
 
 
 def _add_contents(_app: Sphinx, page: str, source: list[str]) -> None:

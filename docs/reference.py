@@ -27,7 +27,7 @@ from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
 from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
-from fte_sniff.tui.commands import SECTIONS, key_name
+from fte_sniff.tui.commands import SECTIONS, Command, key_name
 
 _PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
 
@@ -175,22 +175,27 @@ def topics_table() -> str:
 
 
 def messages_table() -> str:
-    """The fields of each message, with their protobuf types."""
+    """The fields of each message, with their protobuf types; first those that all rows have."""
     with SAMPLE.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    messages = (
-        FileDescriptorSet.FromString(schema.data).file[0].message_type[0]
+    messages = {
+        message.name: _fields(message)
         for schema in summary.schemas.values()
-    )
-    return table(
-        ("message", "fields"),
-        ((f"`fte.{message.name}`", _message_fields(message)) for message in messages),
-    )
+        for message in [FileDescriptorSet.FromString(schema.data).file[0].message_type[0]]
+    }
+    rows = [fields for name, fields in messages.items() if name != "PortEvent"]
+    common = [field for field in rows[0] if all(field in fields for fields in rows)]
+    own = {
+        f"`fte.{name}`": [f for f in fields if name == "PortEvent" or f not in common]
+        for name, fields in messages.items()
+    }
+    lines = {"all rows": common, **own}
+    return table(("message", "fields"), ((name, ", ".join(f)) for name, f in lines.items()))
 
 
-def _message_fields(message: DescriptorProto) -> str:
-    return ", ".join(f"`{field.name}` {_type(field)}" for field in message.field)
+def _fields(message: DescriptorProto) -> list[str]:
+    return [f"`{field.name}` {_type(field)}" for field in message.field]
 
 
 def _type(field: FieldDescriptorProto) -> str:
@@ -246,13 +251,14 @@ def _paragraph(text: str) -> str:
 def keys(key: str = "key", meaning: str = "what it does") -> str:
     """The keys of the screen, by the sections of its help."""
     return "\n".join(
-        f"**{_(heading)}**\n\n"
-        + table(
-            (key, meaning),
-            ((_code(map(key_name, one.keys.split(","))), _(one.meaning)) for one in commands),
-        )
+        f"**{_(heading)}**\n\n" + table((key, meaning), _keys_by_meaning(commands))
         for heading, commands in SECTIONS
     )
+
+
+def _keys_by_meaning(commands: Iterable[Command]) -> Iterator[tuple[str, str]]:
+    for meaning, same in groupby(commands, key=lambda one: _(one.meaning)):
+        yield _code(key_name(key) for one in same for key in one.keys.split(",")), meaning
 
 
 # The Python API

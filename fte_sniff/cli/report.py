@@ -28,9 +28,8 @@ _SUFFIXES = (".html", ".htm")
 def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> None:
     """Write a page about recordings, raw bytes or hex text; it needs no network.
 
-    Per motor, target and actual speed and position over time with ERROR, ONLINE and commands;
-    faults over time; answer delays; the numbers of `stats`; the first rows of each fault. Drag
-    over a plot to zoom in.
+    It has the findings, the numbers of `stats`, and plots: faults, and for each motor the target
+    and actual speed and position, with ERROR and ONLINE. Drag over a plot to zoom in.
 
     \b
     fte-sniff report samples/damaged.mcap -o report.html

@@ -49,7 +49,7 @@ body { font-family: sans-serif; margin: 1.5em; max-width: 90em }
 pre { overflow-x: auto; line-height: 1.35 }
 </style>
 {% endblock %}
-{% block inner_contents %}
+{% block contents %}
 <h1>{{ heading|e }}</h1>
 {% for name, text in texts.items() %}<h2>{{ name|e }}</h2>
 <pre>{{ text|e }}</pre>
