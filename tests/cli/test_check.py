@@ -128,7 +128,7 @@ def documented(tmp_path: Path) -> Path:
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     path = tmp_path / "rules.toml"
     path.write_text(block)
-    assert block.count("\n# ") + block.startswith("# ") == 10
+    assert block.count("[[rule]]") == 10
     return path
 
 
