@@ -20,5 +20,5 @@ Modules:
     time_text   Times and durations that a user types.
     dataframe   Rows to polars DataFrame, and a search for text in it.
     feed        The feed of a view: rows as they come, and the state of their source.
-    model       Changes between rows; what all models share; counts and rates of rows.
+    tally       Counts of rows by fault, the time that they span, and the rate of frames.
 """

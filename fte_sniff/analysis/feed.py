@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.items import Change
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 
 SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -53,7 +53,7 @@ class FeedUpdate:
     rows: Rows = NO_ROWS
     """In display order."""
     events: Sequence[PortEvent] = field(default=())
-    changes: Sequence[StreamChange] = field(default=())
+    changes: Sequence[Change] = field(default=())
     """Gaps and baud changes between the rows, by rising index."""
 
 

@@ -23,7 +23,7 @@ from typing import Final, cast
 import numpy as np
 import polars as pl
 
-from fte_sniff.protocol.items import BaudChange, Gap, GapKind
+from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import (
     COLUMNS,
     FACTS,
@@ -70,15 +70,6 @@ ANSWERABLE: Final = np.unique(
     [cmd for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds]
 )
 """The CMDs of feedback: commands with another CMD have no answer."""
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A gap or a change of speed between two rows."""
-
-    index: int
-    """Of the first row after it."""
-    what: Gap | BaudChange
 
 
 def values_at(rows: Rows, name: str, at: Ints) -> Ints:

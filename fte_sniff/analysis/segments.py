@@ -16,14 +16,13 @@ import polars as pl
 
 from fte_sniff.analysis.relations import (
     DEADLINE_NS,
-    Change,
     last_of,
     port_keys,
     runs_of,
     stream_keys,
 )
 from fte_sniff.analysis.table import EMPTY, RowTest, Table
-from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
+from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_TIME, Ints, Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 

@@ -25,10 +25,10 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.relations import FEEDBACK, Change, Runs, runs_of
+from fte_sniff.analysis.relations import FEEDBACK, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
-from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent
+from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.analysis.feed import FeedUpdate
-from fte_sniff.analysis.model import Tally
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.foxglove_server import FoxgloveServer

@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.analysis.model import Tally
+    from fte_sniff.analysis.tally import Tally
     from fte_sniff.formats.log import LogOptions
     from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.notes import Notes
@@ -791,17 +791,19 @@ def exit_if_unreadable(reading: InputReading) -> None:
 
 
 def _share(tally: Tally, status: Status) -> str:
-    count = tally.by_status()[status].rows
+    count = tally.by_status[status]
     if not count:
         return ""
-    counts = tally.by_fault()
     faults = ", ".join(
-        f"{fault} {counts[fault].rows:,}" for fault in tally.faults if status_of((fault,)) is status
+        f"{fault} {rows:,}"
+        for fault, rows in tally.by_fault.items()
+        if status_of((fault,)) is status
     )
     return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
 
 
 def _span(tally: Tally, zone: tzinfo) -> str:
-    if tally.first_ns is None or tally.duration_ns is None:
+    if tally.times is None:
         return ""
-    return f", {tally.duration_ns / 1e9:,.3f} s from {iso_time(tally.first_ns, zone)}"
+    first_ns, last_ns = tally.times
+    return f", {(last_ns - first_ns) / 1e9:,.3f} s from {iso_time(first_ns, zone)}"

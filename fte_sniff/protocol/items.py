@@ -4,6 +4,7 @@ Chunk            the bytes of one read, with its time
 PortEvent        something that happened to the port rather than on the wire
 Gap              rows that are missing between others
 BaudChange       another speed of a port, from here on
+Change           one of the two, with the index of the row after it
 LineErrorCounts  how many errors of each kind the UART reported
 """
 
@@ -176,3 +177,12 @@ class BaudChange:
     port: str
     baud: int
     """Bits per second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A gap or a change of speed between two rows."""
+
+    index: int
+    """Of the first row after it, among the rows that it is reported with."""
+    what: Gap | BaudChange

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fte_sniff.analysis.model import Tally
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import (
     FileError,
     FteSniffError,

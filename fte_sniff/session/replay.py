@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
-from fte_sniff.analysis.model import StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind, PortEvent
+from fte_sniff.protocol.items import Change
 from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Item, Rows
 from fte_sniff.session.following import Following
 
@@ -26,7 +26,7 @@ MAX_ROWS_PER_POLL = 200_000
 
 def update_of(state: FeedState, items: Iterable[Item]) -> FeedUpdate:
     """The update of a feed with these items."""
-    parts, events, changes, count = list[Rows](), list[PortEvent](), list[StreamChange](), 0
+    parts, events, changes, count = list[Rows](), list[PortEvent](), list[Change](), 0
     for item in items:
         if isinstance(item, Rows):
             parts.append(item)
@@ -34,7 +34,7 @@ def update_of(state: FeedState, items: Iterable[Item]) -> FeedUpdate:
         elif isinstance(item, PortEvent):
             events.append(item)
         else:
-            changes.append(StreamChange(count, item))
+            changes.append(Change(count, item))
     return FeedUpdate(state, Rows.concat(parts), events, changes)
 
 
@@ -176,7 +176,7 @@ class Played:
         """Play from now on, by a clock in nanoseconds."""
         self._feed, self._speed, self._clock = feed, speed, clock
         self._rows, self._given = NO_ROWS, 0
-        self._changes: list[StreamChange] = []
+        self._changes: list[Change] = []
         self._events: list[PortEvent] = []
         self._began: tuple[int, int] | None = None
         """Time of the clock and of the rows at the start."""
@@ -184,7 +184,7 @@ class Played:
     def poll(self) -> FeedUpdate:
         """The rows whose time has come."""
         update = self._feed.poll()
-        self._changes += shifted(update.changes, len(self._rows))
+        self._changes += _shifted(update.changes, len(self._rows))
         self._events += update.events
         self._rows = Rows.concat([one for one in (self._rows, update.rows) if len(one)])
         count = self._due_rows()
@@ -192,7 +192,7 @@ class Played:
         is_over = count == len(self._rows) and not update.state.running
         rows, self._rows = self._rows[:count], self._rows[count:]
         changes = [one for one in self._changes if one.index < count or is_over]
-        self._changes = shifted(self._changes[len(changes) :], -count)
+        self._changes = _shifted(self._changes[len(changes) :], -count)
         events = [one for one in self._events if one.t_ns <= last_ns or is_over]
         self._events = [one for one in self._events if one not in events]
         self._given += count
@@ -214,3 +214,7 @@ class Played:
     def stop(self) -> None:
         """Stop the other feed."""
         self._feed.stop()
+
+
+def _shifted(changes: Iterable[Change], by: int) -> list[Change]:
+    return [replace(change, index=change.index + by) for change in changes]

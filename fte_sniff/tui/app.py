@@ -25,8 +25,8 @@ from textual.widgets import Footer, Input
 
 from fte_sniff.analysis.feed import Feed, FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
-from fte_sniff.analysis.model import Tally
 from fte_sniff.analysis.motors import MotorState, Trouble
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
@@ -664,12 +664,12 @@ class SniffApp(App[None]):
         if self.search.text:
             parts.append(self.search.text)
         if tally.malformed:
-            share = tally.malformed_share
+            share = tally.malformed / tally.rows
             text = "<0.1%" if share < 0.001 else f"{share:.1%}"
             parts.append(_("{count:,} malformed ({share})", count=tally.malformed, share=text))
         if viewport.count and not viewport.following:
             parts.append(_("row {number:,}", number=viewport.cursor + 1))
-        rate = view.frames_per_s(self.now_ns())
+        rate = view.frames_per_s()
         if rate is not None:
             parts.append(_("{rate:,.0f} frames/s", rate=rate))
         if view.state.not_shown:

@@ -11,10 +11,10 @@ import polars as pl
 
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.line_setup import LineSetup
-from fte_sniff.analysis.model import Rate, Tally
 from fte_sniff.analysis.motors import MotorState, motors_at
 from fte_sniff.analysis.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
 from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Row, Rows
@@ -126,7 +126,7 @@ class View:
         """
         update = self._feed.poll()
         ended = self.state.running and not update.state.running
-        self.state, frames = update.state, self.tally.frames
+        self.state = update.state
         self._store(update)
         if len(update.rows):
             self.tally.observe(update.rows)
@@ -134,7 +134,7 @@ class View:
         if ended:
             self.store.end()
         self.shown.follow()
-        self._rate.observe(self.tally.frames - frames, now_ns)
+        self._rate.observe(self.tally.frames, now_ns)
         return update
 
     def _store(self, update: FeedUpdate) -> None:
@@ -176,10 +176,10 @@ class View:
         """Whether nothing changes without the user."""
         return not self.state.running and not self.shown.pending
 
-    def frames_per_s(self, now_ns: int) -> float | None:
+    def frames_per_s(self) -> float | None:
         """Lately in a capture, on average over a file; None without times."""
         if self.lives:
-            return self._rate.per_second(now_ns)
+            return self._rate.per_second
         duration_ns = self.tally.duration_ns
         return self.tally.frames * 1e9 / duration_ns if duration_ns else None
 

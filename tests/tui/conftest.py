@@ -14,8 +14,8 @@ from textual._compositor import LayoutUpdate
 from textual.geometry import Size
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import KIND_BY_NAME, Fault, PortEvent, encode
+from fte_sniff.protocol.items import Change
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
@@ -34,7 +34,7 @@ class ListFeed:
         self.state = FeedState(PORT, "/tmp/a.mcap" if live else None, live=live)
         self._rows: list[Row] = []
         self._events: list[PortEvent] = []
-        self.changes: list[StreamChange] = []
+        self.changes: list[Change] = []
 
     def give(self, rows: Sequence[Row]) -> None:
         self._rows += rows

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Change
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import (
     NOON_NS,
@@ -197,7 +197,7 @@ def test_missing_rows_are_a_line(feed: ListFeed) -> None:
     feed.give(speed_rows(5))
 
     async def scenario(app: SniffApp) -> None:
-        feed.changes = [StreamChange(0, Gap(GapKind.NOT_SHOWN, 12))]
+        feed.changes = [Change(0, Gap(GapKind.NOT_SHOWN, 12))]
         feed.give(speed_rows(5, 17))
         await settle(app)
         assert "12 rows are missing here" in page(app)

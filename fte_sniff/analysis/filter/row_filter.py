@@ -23,18 +23,18 @@ from dataclasses import dataclass, field, replace
 from datetime import tzinfo
 from difflib import get_close_matches
 from math import inf, isfinite
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.relations import Change, last_of, row_before, runs_of, stream_keys
+from fte_sniff.analysis.relations import last_of, row_before, runs_of, stream_keys
 from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns, with_offset
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
 from fte_sniff.protocol.columns import DERIVED, PREVIOUS
-from fte_sniff.protocol.items import BaudChange, Gap, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Change, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
 from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode, status_of
 
@@ -192,18 +192,6 @@ def _reason(error: BaseException) -> str:
     return printable(str(error).split("\n", 1)[0][:120])
 
 
-class AnyChange(Protocol):
-    """A gap or change of speed before the row with an index."""
-
-    @property
-    def index(self) -> int:
-        """Of the first row after it."""
-
-    @property
-    def what(self) -> Gap | BaudChange:
-        """What it is."""
-
-
 class StreamFilter:
     """A filter of rows that come one after the other, and do not wait for later ones.
 
@@ -215,7 +203,7 @@ class StreamFilter:
         self._before = NO_ROWS
         """The last frame of every stream."""
 
-    def matches(self, rows: Rows, changes: Iterable[AnyChange] = ()) -> Bools:
+    def matches(self, rows: Rows, changes: Iterable[Change] = ()) -> Bools:
         """Whether each of the next rows passes; the gaps are between them."""
         if not self.filter.needs_facts:
             return self.filter.matches(rows)
@@ -227,7 +215,7 @@ class StreamFilter:
         self._before = joined.select(np.sort(last_of(keys)))
         return self.filter.matches(joined.replace(previous=previous))[count:]
 
-    def select(self, rows: Rows, changes: Iterable[AnyChange] = ()) -> Rows:
+    def select(self, rows: Rows, changes: Iterable[Change] = ()) -> Rows:
         """The rows that pass, in order, and the port events between them."""
         return rows.select(self.matches(rows, changes), rows.events)
 

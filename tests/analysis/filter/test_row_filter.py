@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
-from fte_sniff.analysis.model import StreamChange
 from fte_sniff.protocol import COLUMNS, KIND_BY_NAME, ColumnType, Fault, Row, Value, encode, record
-from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 from tests.support.faults import frame_faults
 
@@ -375,5 +374,5 @@ def test_stream_knows_the_frame_before_and_not_what_comes_later() -> None:
     stream = RowFilter.parse("abs(rpm - previous(rpm)) > 500 OR unanswered").stream()
     found = [stream.matches(Rows.of(rows[at : at + 1])).tolist() for at in range(4)]
     assert found == [[False], [True], [False], [True]]
-    gap = StreamChange(0, Gap(GapKind.PORT))
+    gap = Change(0, Gap(GapKind.PORT))
     assert stream.matches(Rows.of(rows[1:2]), [gap]).tolist() == [False]

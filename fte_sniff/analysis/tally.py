@@ -1,0 +1,95 @@
+"""Counts of rows by fault, the time that they span, and the rate of frames."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import Final
+
+import numpy as np
+
+from fte_sniff.protocol import Fault, Rows, Status, status_of
+from fte_sniff.protocol.rows import faults_in
+
+
+class Tally:
+    """Counts of rows that come in batches."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.frames = 0
+        """Rows whose framing holds, malformed or not."""
+        self.times: tuple[int, int] | None = None
+        """Earliest and latest time, nanoseconds since 1970 UTC; None if no row has one."""
+        self._rows_by_faults = Counter[int]()
+        """By combination of faults as bits, in order of first occurrence."""
+
+    def observe(self, rows: Rows) -> None:
+        """Add rows."""
+        self._add(len(rows), int(np.count_nonzero(rows.framed)), rows.replace(()).span_ns)
+        found, first, counts = np.unique(rows.faults, return_index=True, return_counts=True)
+        for at in first.argsort().tolist():
+            self._rows_by_faults[int(found[at])] += int(counts[at])
+
+    def merge(self, other: Tally) -> None:
+        """Add the rows of another tally."""
+        self._add(other.rows, other.frames, other.times)
+        self._rows_by_faults.update(other._rows_by_faults)
+
+    def _add(self, rows: int, frames: int, times: tuple[int, int] | None) -> None:
+        self.rows += rows
+        self.frames += frames
+        if times is not None:
+            before = self.times or times
+            self.times = min(before[0], times[0]), max(before[1], times[1])
+
+    @property
+    def duration_ns(self) -> int | None:
+        """Nanoseconds from the earliest time to the latest; None if no row has a time."""
+        return None if self.times is None else self.times[1] - self.times[0]
+
+    @property
+    def by_fault(self) -> Counter[Fault]:
+        """Rows by fault, in order of first occurrence; a row counts for each of its faults."""
+        found = Counter[Fault]()
+        for bits, count in self._rows_by_faults.items():
+            found.update(dict.fromkeys(faults_in(bits), count))
+        return found
+
+    @property
+    def by_status(self) -> Counter[Status]:
+        """Rows by status."""
+        found = Counter[Status]()
+        for bits, count in self._rows_by_faults.items():
+            found[status_of(faults_in(bits))] += count
+        return found
+
+    @property
+    def malformed(self) -> int:
+        """Malformed rows."""
+        return self.by_status[Status.MALFORMED]
+
+
+RATE_WINDOW_NS: Final = 2_000_000_000
+"""Window of a rate, nanoseconds."""
+
+
+class Rate:
+    """The rate at which a count rises, in a sliding window."""
+
+    def __init__(self) -> None:
+        self._counts = deque[tuple[int, int]]()
+        """Times and counts, of which the first begins the window."""
+
+    def observe(self, count: int, now_ns: int) -> None:
+        """Note the count so far at a time; neither falls."""
+        self._counts.append((now_ns, count))
+        while len(self._counts) > 1 and self._counts[1][0] <= now_ns - RATE_WINDOW_NS:
+            self._counts.popleft()
+
+    @property
+    def per_second(self) -> float:
+        """The rate in the window that ends with the last count; at first, since the first one."""
+        if not self._counts:
+            return 0.0
+        (first_ns, first), (last_ns, last) = self._counts[0], self._counts[-1]
+        return (last - first) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
