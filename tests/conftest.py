@@ -13,7 +13,7 @@ import signal
 import sys
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 from tests.examples import FULL, QUICK
 from tests.needs import needs_of
@@ -32,7 +32,9 @@ for number, handler in (
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
-settings.register_profile("full", deadline=None, print_blob=True, max_examples=FULL)
+# To explain a failure takes as long as to shrink it: together longer than a test may take.
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate, Phase.shrink)
+settings.register_profile("full", deadline=None, print_blob=True, max_examples=FULL, phases=PHASES)
 settings.register_profile("quick", settings.get_profile("full"), max_examples=QUICK)
 settings.register_profile("thorough", settings.get_profile("full"), max_examples=20 * FULL)
 settings.load_profile("quick")
