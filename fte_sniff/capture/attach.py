@@ -172,7 +172,8 @@ class Attachment:
 
 def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
     """Watch the programs that have the port open; raises as `Attachment.open`."""
-    calls = CallReader(wanted.names, Strace.on(wanted), clock, notes)
+    opened_ns = clock.now_ns()  # before the first call that is seen
+    calls = CallReader(wanted.names, Strace.on(wanted), clock, notes, opened_ns)
     attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
     return Connection(
         names=wanted.names,
@@ -181,6 +182,7 @@ def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableTex
         close=calls.close,
         finish=calls.finish,
         awaited=TranslatableText("waiting for a program that opens it"),
+        opened_ns=opened_ns,
         # What is known is the order of the system calls.
         uncertainty_ns=dict.fromkeys(wanted.names, 0),
         capabilities=TranslatableText("{attached}; {limits}", attached=attached, limits=LIMITS),
@@ -191,13 +193,17 @@ class CallReader:
     """The system calls of a strace as chunks of both wires, ordered by time."""
 
     def __init__(
-        self, names: tuple[str, ...], strace: Strace, clock: Clock, notes: list[TranslatableText]
+        self,
+        names: tuple[str, ...],
+        strace: Strace,
+        clock: Clock,
+        notes: list[TranslatableText],
+        opened_ns: int,
     ) -> None:
         """Read a strace that watches the programs, and take the notes to report first."""
         self._names, self.strace, self._clock, self._notes = names, strace, clock, notes
         self._lines, self._rest = StraceLines(strace.device), b""
-        self._last_ns = dict.fromkeys(names, 0)
-        """By wire: no later item may have an earlier time."""
+        self._opened_ns = opened_ns
         self._look_s = 0.0
         self._is_new = True
         self._is_finishing = False
@@ -210,19 +216,23 @@ class CallReader:
         if self._is_new:
             self._is_new = False
             holders = holders_text(self.strace.holders)
-            yield self._event(HOST, PortEventKind.OPENED, holders)
+            yield PortEvent(self._opened_ns, HOST, PortEventKind.OPENED, holders)
         while self._notes:
-            yield self._event(self._names[0], PortEventKind.WIRING, self._notes.pop())
+            note = self._notes.pop()
+            yield PortEvent(self._opened_ns, self._names[0], PortEventKind.WIRING, note)
         if self._is_finishing:
             while data := self.strace.read(_END_S):
                 yield from self._items(data)
             return
+        before_ns = self._clock.now_ns()
         data = self.strace.read()
         if data is None:
             raise self._loss()
         yield from self._items(data)
         if not data:
-            yield from self._silence()
+            # A call that ended by then has been read, also where this program was held up since.
+            for name in self._names:
+                yield self._chunk(name, before_ns - _SETTLED_NS, b"")
             yield from self._followed()
 
     def finish(self) -> None:
@@ -281,12 +291,6 @@ class CallReader:
         for name in names or self._names:
             yield self._event(name, PortEventKind.OVERRUN, reason)
 
-    def _silence(self) -> Iterator[Item]:
-        t_ns = self._clock.now_ns() - _SETTLED_NS
-        if t_ns > max(self._last_ns.values()):
-            for name in self._names:
-                yield self._chunk(name, t_ns, b"")
-
     def _followed(self) -> Iterator[Item]:
         """Watch the port that the target has opened in place of this one, if it has."""
         if time.monotonic() < self._look_s:
@@ -295,6 +299,7 @@ class CallReader:
         device = self.strace.moved_to()
         if device is None:
             return
+        opened_ns = self._clock.now_ns()
         # A program has one watcher at a time.
         self.strace.close()
         try:
@@ -307,15 +312,13 @@ class CallReader:
             programs=listed(self.strace.holders, Joint.AND),
             device=device,
         )
-        yield self._event(self._names[0], PortEventKind.FOUND_AGAIN, detail)
+        yield PortEvent(opened_ns, self._names[0], PortEventKind.FOUND_AGAIN, detail)
 
     def _chunk(self, name: str, t_ns: int, data: bytes) -> Chunk:
-        self._last_ns[name] = t_ns = max(t_ns, self._last_ns[name])
         return Chunk(name, t_ns, data, at_once=True)
 
     def _event(self, name: str, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
-        self._last_ns[name] = t_ns = self._clock.now_ns()
-        return PortEvent(t_ns, name, kind, detail, count)
+        return PortEvent(self._clock.now_ns(), name, kind, detail, count)
 
 
 class Strace:

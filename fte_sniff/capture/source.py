@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import inf
 from typing import Final, Protocol, Self, TypeAlias
@@ -57,6 +57,8 @@ class Connection:
     """Whether it can be found again after a loss."""
     awaited: str = TranslatableText("waiting for it to come back")
     """What follows after a loss."""
+    opened_ns: int = 0
+    """The time of the event `opened`, nanoseconds since 1970; 0 for that of the first read."""
     uncertainty_ns: Mapping[str, int] = field(default_factory=dict)
     """By wire: how much earlier than their time stamp bytes may have been on the wire."""
     capabilities: str = ""
@@ -132,6 +134,8 @@ class Source:
         self._stop_at_ns = inf
         self._put_bytes = self._taken_bytes = 0
         self._dropped: Counter[str] = Counter()
+        self._last_ns: Counter[str] = Counter()
+        """By wire: no later item has an earlier time."""
         self._items: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         opened = list[Connection]()
@@ -201,6 +205,7 @@ class Source:
     def _put(self, item: Item) -> None:
         """Append an item; a chunk without room is dropped, and its bytes are counted."""
         with self._lock:
+            item = self._in_order(item)
             if isinstance(item, Chunk):
                 size = len(item.data)
                 if self.waiting + _ITEM_COST * self._items.qsize() > CAPACITY:
@@ -210,6 +215,15 @@ class Source:
             if self._dropped and (count := self._dropped.pop(item.port, 0)):
                 self._items.put(self._overrun(item.port, count))
             self._items.put(item)
+
+    def _in_order(self, item: Item) -> Item:
+        t_ns, last_ns = item.t_ns or 0, self._last_ns[item.port]
+        if t_ns >= last_ns:
+            self._last_ns[item.port] = t_ns
+            return item
+        if isinstance(item, Chunk):
+            return item._replace(t_ns=last_ns)
+        return replace(item, t_ns=last_ns)
 
     def _overrun(self, port: str, count: int) -> PortEvent:
         detail = TranslatableText(
@@ -226,7 +240,8 @@ class Source:
     # The thread of a connection
 
     def _run(self, connect: Connect, connection: Connection) -> None:
-        self._put_event(connection, PortEventKind.OPENED, connection.detail)
+        t_ns = connection.opened_ns or self._clock.now_ns()
+        self._put(PortEvent(t_ns, connection.names[0], PortEventKind.OPENED, connection.detail))
         try:
             self._read_until_end(connect, connection)
         finally:

@@ -117,17 +117,19 @@ def test_rows_have_the_order_of_the_calls_and_their_times(pty) -> None:
     numbers = range(1, 4)
     commands = [bytes.fromhex(f"AA010{one}006400000000EE") for one in numbers]
     answers = [bytes.fromhex(f"55010{one}00640000000FEE") for one in numbers]
-    with host_at(pty.device) as host, attached(pty.device) as seen:
+    with host_at(pty.device) as host:
+        source = Attachment(pty.device).open(Clock.tied())
         host.does("import select")
+        # Also the calls before the first read of strace's lines have their own times.
         for command, answer in zip(commands, answers, strict=True):
             pty.send(answer)
             host.does("select.select([line], [], [])")  # the next read returns at once
             host.does(f"os.write(line, bytes.fromhex('{command.hex()}')); os.read(line, 64)")
-        pty.send(answers[0] + answers[1])
-        wait_until(lambda: seen.data(HOST) == b"".join(commands))
-        host.does("select.select([line], [], []); time.sleep(0.002); os.read(line, 64)")
-        wait_until(lambda: len(seen.data(pty.device)) == 50)
-        seen.end()
+        with Seen(source) as seen:
+            wait_until(lambda: seen.data(HOST) == b"".join(commands))
+            pty.send(answers[0] + answers[1])
+            host.does("select.select([line], [], []); time.sleep(0.002); os.read(line, 64)")
+            wait_until(lambda: len(seen.data(pty.device)) == 50)
     rows = []
     for wire in (HOST, pty.device):
         framer = Framer(wire)
