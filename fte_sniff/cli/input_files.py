@@ -697,9 +697,7 @@ def _topics(path: Path, topics: tuple[str, ...]) -> Input:
     def first_ns() -> int | None:
         return next((chunk.t_ns for chunk in topic_chunks(path, topics)), None)
 
-    remarks: list[str] = []
-    chunks = topic_chunks(path, topics, remarks.append)
-    return chunk_input(chunks, ", ".join(topics), first_ns, ports=topics, remarks=remarks)
+    return chunk_input(topic_chunks(path, topics), ", ".join(topics), first_ns, ports=topics)
 
 
 # What is reported

@@ -2,8 +2,8 @@
 
 By the encoding of the message, the bytes are:
 
-    cdr, with a schema        its one byte array: std_msgs/UInt8MultiArray, or any message of
-                              numbers, strings, a Header and one uint8[]
+    cdr, with a schema        its one byte array: std_msgs/UInt8MultiArray, or any message whose
+                              schema has one uint8[]
     protobuf, with a schema   its one field of type bytes
     json                      its one base64 string, or its one list of numbers from 0 to 255
     other or none             the message itself
@@ -15,12 +15,12 @@ readers of the `mcap` package do: a chunk is read when the first of its times is
 from __future__ import annotations
 
 import base64
-import binascii
 import json
+import re
 import struct
 from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from heapq import heapify, heappop, heappush
-from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO, Final, Literal, NamedTuple
 
@@ -48,15 +48,10 @@ Payload = Callable[[bytes], bytes]
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _END_NS: Final = 2**63
 """The year 2262: a later time does not fit 64-bit columns, and is dropped."""
-_CDR_HEAD: Final = 4
-_COUNT: Final = 4
-_BYTE_ARRAYS: Final = (
-    *("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "sequence<octet>"),
-)
 
 
 class _Message(NamedTuple):
-    """A message of the topic; sorted by its time, then by its place in the file."""
+    """A message of the topics; sorted by its time, then by its place in the file."""
 
     t_ns: int
     place: tuple[int, int]
@@ -64,27 +59,15 @@ class _Message(NamedTuple):
     data: bytes
 
 
-class _Span(NamedTuple):
-    """The messages of a topic in a chunk, in file order."""
-
-    first_ns: int
-    last_ns: int
-    falls: int
-    """How often the log time falls from one to the next."""
-
-
-def topic_chunks(
-    path: Path, topics: Collection[str], note: Callable[[str], object] = lambda _text: None
-) -> Iterator[Chunk]:
+def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
     """The bytes of topics, a chunk for each message, in the order of their log times.
 
-    A topic is also the name of the port. `note` gets a line if a topic has another order in the
-    file. Raises FileError if the file cannot be read, lacks a topic, or a message has no bytes; of
-    a damaged file at its end.
+    A topic is also the name of the port. Raises FileError if the file cannot be read, lacks a
+    topic, or a message has no bytes; of a damaged file at its end.
     """
     try:
         with path.open("rb") as stream:
-            yield from _TopicReader(path, topics, stream).chunks(note)
+            yield from _TopicReader(path, topics, stream).chunks()
     except OSError as error:
         raise unreadable(path, error) from error
 
@@ -94,15 +77,17 @@ class _TopicReader:
 
     def __init__(self, path: Path, topics: Collection[str], stream: BinaryIO) -> None:
         """Find the chunks of the file."""
-        self._path, self._topics, self._stream = path, topics, stream
+        self._path, self._topics, self._descriptor = path, topics, stream.fileno()
         self._contents = contents_of(stream)
         self._payloads: dict[int, Payload] = {}
-        self._spans: dict[str, dict[int, _Span]] = {topic: {} for topic in topics}
-        """By topic, and by the offset of the chunk."""
 
-    def chunks(self, note: Callable[[str], object]) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """The bytes of the topics in the order of log times."""
-        waiting = [*self._loose()]
+        waiting = [
+            message
+            for start, stop in self._contents.messages
+            for message in self._of_topics((start, 0), self._read(start, stop))
+        ]
         heapify(waiting)
         for chunk in sorted(self._contents.chunks, key=lambda one: (one.first_ns, one.start)):
             while waiting and waiting[0].t_ns < chunk.first_ns:
@@ -112,26 +97,10 @@ class _TopicReader:
         self._check_topics()
         while waiting:
             yield self._chunk(heappop(waiting))
-        self._note_falls(note)
         for lost in self._contents.lost:
             raise FileError(
                 "{path}: {where}: {why}", path=self._path, where=lost.where, why=lost.why
             )
-
-    def _note_falls(self, note: Callable[[str], object]) -> None:
-        for topic, spans in self._spans.items():
-            own = [spans[start] for start in sorted(spans)]
-            falls = sum(one.falls for one in own)
-            falls += sum(before.last_ns > after.first_ns for before, after in pairwise(own))
-            if falls:
-                note(
-                    TranslatableText(
-                        "{topic}: the log times of its messages fall {count} times in the file; "
-                        "they are read in the order of log times",
-                        topic=topic,
-                        count=falls,
-                    )
-                )
 
     def _check_topics(self) -> None:
         names = sorted({channel.topic for channel in self._contents.channels.values()})
@@ -144,18 +113,14 @@ class _TopicReader:
                     names=listed(map(repr, names)) or TranslatableText("no topics at all"),
                 )
 
-    def _loose(self) -> Iterator[_Message]:
-        """The messages outside of chunks."""
-        descriptor = self._stream.fileno()
-        for start, stop in self._contents.messages:
-            body = read_at(descriptor, stop - start, start)[HEAD.size :]
-            yield from self._of_topics((start, 0), body)
+    def _read(self, start: int, stop: int) -> bytes:
+        """The body of a record."""
+        return read_at(self._descriptor, stop - start, start)[HEAD.size :]
 
     def _messages(self, chunk: ChunkRef) -> Iterator[_Message]:
         """The messages of a chunk, in file order."""
-        data = read_at(self._stream.fileno(), chunk.stop - chunk.start, chunk.start)
         try:
-            records = unpack(data[HEAD.size :])
+            records = unpack(self._read(chunk.start, chunk.stop))
             for opcode, at, stop in records_in(records):
                 body = records[at + HEAD.size : stop]
                 if opcode == Opcode.MESSAGE:
@@ -169,15 +134,11 @@ class _TopicReader:
 
     def _of_topics(self, place: tuple[int, int], body: bytes) -> Iterator[_Message]:
         """The message at a place of the file, if it is of one of the topics."""
-        if len(body) < _MESSAGE_HEAD.size:
-            return
-        channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-        channel = self._contents.channels.get(channel_id)
-        if channel is not None and channel.topic in self._topics:
-            spans = self._spans[channel.topic]
-            first_ns, last_ns, falls = spans.get(place[0], (t_ns, t_ns, 0))
-            spans[place[0]] = _Span(first_ns, t_ns, falls + (last_ns > t_ns))
-            yield _Message(t_ns, place, channel_id, body[_MESSAGE_HEAD.size :])
+        if len(body) >= _MESSAGE_HEAD.size:
+            channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+            channel = self._contents.channels.get(channel_id)
+            if channel is not None and channel.topic in self._topics:
+                yield _Message(t_ns, place, channel_id, body[_MESSAGE_HEAD.size :])
 
     def _chunk(self, message: _Message) -> Chunk:
         channel = self._contents.channels[message.channel]
@@ -202,12 +163,11 @@ class _TopicReader:
 
 def _protobuf(schema: Schema) -> Payload:
     message = message_class(schema.name, schema.data)
-    fields = [
-        field.name
-        for field in message.DESCRIPTOR.fields
-        if field.type == FieldDescriptor.TYPE_BYTES and field.default_value != []
+    fields = message.DESCRIPTOR.fields
+    names = [
+        one.name for one in fields if one.type == FieldDescriptor.TYPE_BYTES and not one.is_repeated
     ]
-    name = _only(fields, schema.name)
+    name = _only(names, schema.name)
 
     def payload(data: bytes) -> bytes:
         try:
@@ -218,51 +178,52 @@ def _protobuf(schema: Schema) -> Payload:
     return payload
 
 
-def _cdr(schema: Schema) -> Payload:
-    """Extractor of the one byte array, for messages whose other fields can be skipped."""
-    text = schema.data.decode("utf-8", "replace").split("=" * 20)[0]
-    lines = [line.split("#")[0].split() for line in text.splitlines()]
-    kinds = [line[0] for line in lines if len(line) >= 2 and "=" not in "".join(line[1:])]
-    _only([kind for kind in kinds if kind in _BYTE_ARRAYS], schema.name)
-    for kind in kinds[: next(at for at, kind in enumerate(kinds) if kind in _BYTE_ARRAYS)]:
-        if kind not in _SKIPPED:
-            raise ValueError(f"{schema.name} has a {kind} before its bytes, and cannot be read")
-
-    def payload(data: bytes) -> bytes:
-        reader = _Cdr(data)
-        for kind in kinds:
-            if kind in _BYTE_ARRAYS:
-                return reader.sized()
-            for simple in _SKIPPED[kind]:
-                reader.skip(simple)
-        raise AssertionError("there is one array of bytes")
-
-    return payload
-
-
-_NUMBERS = {
+_SIZES: Final = {
     **dict.fromkeys(("bool", "byte", "char", "uint8", "int8", "octet"), 1),
     **dict.fromkeys(("uint16", "int16"), 2),
     **dict.fromkeys(("uint32", "int32", "float32"), 4),
     **dict.fromkeys(("uint64", "int64", "float64"), 8),
 }
-_TEXT, _DIMENSIONS = "string", "dimensions"
-_TIME = ("int32", "uint32")
-_HEADER = (*_TIME, _TEXT)
-_LAYOUT = (_DIMENSIONS, "uint32")
-_SKIPPED: dict[str, tuple[str, ...]] = {
-    **{kind: (kind,) for kind in (*_NUMBERS, _TEXT)},
-    **dict.fromkeys(("builtin_interfaces/Time", "builtin_interfaces/msg/Time"), _TIME),
-    **dict.fromkeys(("std_msgs/Header", "std_msgs/msg/Header", "Header"), _HEADER),
-    **dict.fromkeys(
-        ("std_msgs/MultiArrayLayout", "std_msgs/msg/MultiArrayLayout", "MultiArrayLayout"), _LAYOUT
-    ),
-}
-"""The simple types in each type of field that can be skipped."""
+"""Bytes of the numbers of a CDR message."""
+_BYTES: Final = ("uint8[]", "byte[]", "char[]")
+_OWN: Final = {"Time": ["int32", "uint32"], "Duration": ["int32", "uint32"]}
+_CDR_HEAD: Final = 4
+
+
+def _cdr(schema: Schema) -> Payload:
+    """Extractor of the one byte array; the fields before it are skipped.
+
+    The text of a schema has the fields of its message, and then those of the messages in it.
+    """
+    main, *others = re.split(r"=+\s*MSG: ", schema.data.decode("utf-8", "replace"))
+    types = _OWN | {text.split()[0].split("/")[-1]: _kinds(text) for text in others if text.strip()}
+    kinds = _kinds(main)
+    array = _only([kind for kind in kinds if kind in _BYTES], schema.name)
+    before = kinds[: kinds.index(array)]
+
+    def payload(data: bytes) -> bytes:
+        reader = _Cdr(data)
+        try:
+            for kind in before:
+                reader.skip(kind, types)
+        except RecursionError as error:
+            raise ValueError(f"{schema.name} has itself as a field") from error
+        return reader.sized()
+
+    return payload
+
+
+def _kinds(text: str) -> list[str]:
+    """The types of the fields of a message; constants are none."""
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    return [line[0] for line in lines if len(line) >= 2 and "=" not in "".join(line[1:])]
 
 
 class _Cdr:
-    """Reader of a CDR message: four bytes of head, then numbers aligned to their size."""
+    """Reader of a CDR message: four bytes of head, then numbers aligned to their size.
+
+    Each field takes at least one byte, so that a hostile schema does not take long.
+    """
 
     def __init__(self, data: bytes) -> None:
         if len(data) < _CDR_HEAD:
@@ -271,21 +232,29 @@ class _Cdr:
         self._order: Literal["little", "big"] = "little" if data[1] & 1 else "big"
         self._offset = 0
 
-    def skip(self, kind: str) -> None:
-        if kind == _TEXT:
+    def skip(self, kind: str, types: dict[str, list[str]]) -> None:
+        """Skip a field; raises ValueError if its type is unknown, or the message too short."""
+        array = re.fullmatch(r"(.+)\[(<=)?(\d*)\]", kind)
+        if array is not None:
+            kind, bound, count = array.groups()
+            for _ in range(int(count) if count and not bound else self._count()):
+                self.skip(kind, types)
+        elif kind in _SIZES:
+            self._next(_SIZES[kind], _SIZES[kind])
+        elif kind.startswith("string"):
             self.sized()
-        elif kind == _DIMENSIONS:
-            for _ in range(self._count()):
-                for inner in (_TEXT, "uint32", "uint32"):
-                    self.skip(inner)
+        elif inner := types.get(kind.split("/")[-1]):
+            for one in inner:
+                self.skip(one, types)
         else:
-            self._next(_NUMBERS[kind], _NUMBERS[kind])
+            raise ValueError(f"a field of type {kind} before its bytes, which cannot be read")
 
     def sized(self) -> bytes:
+        """The bytes of a string or an array behind their number."""
         return bytes(self._next(self._count(), 1))
 
     def _count(self) -> int:
-        return int.from_bytes(self._next(_COUNT, _COUNT), self._order)
+        return int.from_bytes(self._next(4, 4), self._order)
 
     def _next(self, size: int, alignment: int) -> memoryview:
         start = self._offset + -self._offset % alignment
@@ -300,16 +269,12 @@ def _json(data: bytes) -> bytes:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise ValueError("a message that is not JSON") from error
-    values = list(found.values()) if isinstance(found, dict) else [found]
-    lists = [value for value in values if isinstance(value, list)]
-    texts = [value for value in values if isinstance(value, str)]
-    try:
-        if len(lists) == 1:
-            return bytes(lists[0])
-        if len(texts) == 1:
-            return base64.b64decode(texts[0], validate=True)
-    except (TypeError, ValueError, binascii.Error) as error:
-        raise ValueError("JSON without bytes in it") from error
+    values = found.values() if isinstance(found, dict) else [found]
+    candidates = [one for one in values if isinstance(one, list | str)]
+    if len(candidates) == 1:
+        (one,) = candidates
+        with suppress(TypeError, ValueError):
+            return base64.b64decode(one, validate=True) if isinstance(one, str) else bytes(one)
     raise ValueError("JSON without one text of base64 or one list of bytes")
 
 

@@ -105,9 +105,12 @@ class Reporter:
             self._when_gone()
 
     def _send_progress(self) -> None:
-        """Send the progress, if there is some: the view gives up a capture that sends nothing."""
+        """Send the progress, if there is some: the view gives up a capture that sends nothing.
+
+        A write that a slow disk holds up is not given up.
+        """
         progress = self.progress()
-        if progress != self._last:
+        if progress != self._last or progress.is_slow:
             self._last = progress
             send(self._connection, progress)
 

@@ -279,7 +279,6 @@ def chunk_input(
     *,
     is_guess: bool = False,
     ports: Sequence[str] = (),
-    remarks: Sequence[str] = (),
 ) -> Input:
     """Chunks, which are framed here: raw bytes, or topics of another program.
 
@@ -291,7 +290,6 @@ def chunk_input(
         baud: bits per second.
         is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
         ports: the ports of the chunks.
-        remarks: what is noted of the chunks; complete once they are read.
     """
 
     def times() -> Times:
@@ -312,8 +310,6 @@ def chunk_input(
         for rows in _within(span, rows_of_chunks(counted(), note, baud), name, note):
             has_frames = has_frames or bool(rows.framed.any())
             yield rows
-        for remark in remarks:
-            note(remark)
         if is_empty:
             raise FileError(f"{name}: is empty; there is nothing to decode")
         if not has_frames:
