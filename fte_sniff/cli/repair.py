@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.cli.input_files import FileName, output_options
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
-
-if TYPE_CHECKING:
-    from fte_sniff.recording.repair import FileDamage
 
 _MOST_GAPS = 20
 
@@ -46,34 +42,18 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     if repair.is_whole:
         print_err(f"{file} is whole; there is nothing to repair")
         return
-    damage = repair.damage
-    _report_damage(damage)
-    kept = f"{damage.kept} rows and port events in {damage.chunks} chunks"
-    print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_loss_text(damage)}")
+    whole = repair.lost_messages == 0 or not (repair.lost or repair.unreadable)
+    for lost in repair.lost[:_MOST_GAPS]:
+        where = repair.where(lost)
+        print_err(f"damaged: {where}, which held no rows" if whole else f"lost: {where}")
+    if len(repair.lost) > _MOST_GAPS:
+        print_err(f"and {len(repair.lost) - _MOST_GAPS} more places")
+    if repair.unreadable:
+        print_err(f"lost: {repair.unreadable} messages that could not be read")
+    number = repair.lost_messages
+    loss = (
+        "the number of rows after the damage is unknown" if number is None else f"{number} are lost"
+    )
+    kept = f"{repair.kept} rows and port events"
+    print_err(f"kept all {kept}" if whole else f"kept {kept}; {loss}")
     print_err(f"repaired into {target}")
-
-
-def _nothing_lost(damage: FileDamage) -> bool:
-    """True if every row and event is kept, even if bytes around them are damaged."""
-    return damage.lost_messages == 0 or (not damage.gaps and not damage.unreadable)
-
-
-def _report_damage(damage: FileDamage) -> None:
-    """Report where the file could not be read, and whether it held rows there."""
-    from fte_sniff.recording.repair import lost_text
-
-    whole = _nothing_lost(damage)
-    for gap in damage.gaps[:_MOST_GAPS]:
-        where = f"damaged: {gap.reason}, which held no rows" if whole else f"lost: {lost_text(gap)}"
-        print_err(where)
-    if len(damage.gaps) > _MOST_GAPS:
-        more = f"{len(damage.gaps) - _MOST_GAPS} more places"
-        print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
-    if damage.unreadable:
-        print_err(f"lost: {damage.unreadable} messages that could not be read")
-
-
-def _loss_text(damage: FileDamage) -> str:
-    if damage.lost_messages is not None:
-        return f"{damage.lost_messages} are lost"
-    return "the number of rows after the damage is unknown"

@@ -147,60 +147,54 @@ def contents_of(stream: BinaryIO) -> Contents:
 
 def _indexed(stream: BinaryIO) -> Contents | None:
     """What the summary lists; None without one with the right checksum."""
-    descriptor, size = stream.fileno(), os.fstat(stream.fileno()).st_size
-    end = size - _FOOTER.size - len(MAGIC)
-    footer = read_at(descriptor, _FOOTER.size, max(0, end))
-    if end < len(MAGIC) or read_at(descriptor, len(MAGIC), 0) != MAGIC:
+    file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
+    end = file.size - _FOOTER.size - len(MAGIC)
+    if end < len(MAGIC) or file.read(0, len(MAGIC)) != MAGIC:
         return None
+    footer = file.read(end, end + _FOOTER.size)
     opcode, length, start, _, crc = _FOOTER.unpack(footer)
     if (opcode, length) != (Opcode.FOOTER, 20) or not len(MAGIC) <= start < end or not crc:
         return None
-    summary = read_at(descriptor, end - start, start)
+    summary = file.read(start, end)
     if crc32(footer[:-4], crc32(summary)) != crc:
         return None
-    found = Contents(is_indexed=True)
     try:
-        first = _body_at(descriptor, len(MAGIC), size)
-        found.define(*first)
-        for opcode, at, stop in records_in(summary):
-            body = summary[at + HEAD.size : stop]
-            if opcode == Opcode.CHUNK_INDEX:
-                found.chunks.append(_ref_in(body, size))
-            elif opcode == Opcode.METADATA_INDEX:
-                index = MetadataIndex.read(ReadDataStream(BytesIO(body)))
-                opcode, body = _body_at(descriptor, index.offset, size)
-            if not found.define(opcode, body):
-                return None
+        return _listed(file, summary)
     except (McapError, struct.error, ValueError, OverflowError):
         return None
+
+
+def _listed(file: _Bytes, summary: bytes) -> Contents | None:
+    """What a summary lists, as far as the file has it; None if the file has something else.
+
+    Raises what the records of the summary raise if they make no sense.
+    """
+    found = Contents(is_indexed=True)
+    records = [(opcode, summary[at + HEAD.size : stop]) for opcode, at, stop in records_in(summary)]
+    places = [len(MAGIC)]
+    for opcode, body in records:
+        if opcode == Opcode.CHUNK_INDEX:
+            index = ChunkIndex.read(ReadDataStream(BytesIO(body)))
+            start, stop = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
+            times = index.message_start_time, index.message_end_time
+            end = stop + index.message_index_length
+            found.chunks.append(ChunkRef(start, stop, end, *times, index.uncompressed_size))
+        elif opcode == Opcode.METADATA_INDEX:
+            places.append(MetadataIndex.read(ReadDataStream(BytesIO(body))).offset)
+    for at in places:
+        head = _head_at(file, at)
+        if head is None:
+            return None
+        records.append((head[0], file.read(at, head[1])[HEAD.size :]))
+    if not all(found.define(*record) for record in records):
+        return None
     # Bytes that were removed and inserted between may have shifted chunks.
-    file = _Bytes(descriptor, size)
     if any(_head_at(file, one.start) != (Opcode.CHUNK, one.stop) for one in found.chunks):
         return None
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
         return None
     return found if found.chunks or not counted.message_count else None
-
-
-def _body_at(descriptor: int, at: int, size: int) -> tuple[int, bytes]:
-    """Opcode and body of a record; raises DamagedError if the file does not have it."""
-    head = read_at(descriptor, HEAD.size, at) if at < size else b""
-    opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, size)
-    if length > size - at - HEAD.size:
-        raise DamagedError(TranslatableText("a record that goes beyond the end of the file"))
-    return opcode, read_at(descriptor, length, at + HEAD.size)
-
-
-def _ref_in(body: bytes, file_size: int) -> ChunkRef:
-    """The chunk of an index record; raises DamagedError if the file is too short for it."""
-    index = ChunkIndex.read(ReadDataStream(BytesIO(body)))
-    start, stop = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
-    end = stop + index.message_index_length
-    if end > file_size or stop < start + HEAD.size:
-        raise DamagedError(TranslatableText("a chunk that goes beyond the end of the file"))
-    times = index.message_start_time, index.message_end_time
-    return ChunkRef(start, stop, end, *times, index.uncompressed_size)
 
 
 def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Contents:

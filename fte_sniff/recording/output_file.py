@@ -40,11 +40,6 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
             yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
-def in_use(path: object) -> FileError:
-    """The error for a recording that another program writes."""
-    return FileError("{path} is being recorded to by another program; name another file", path=path)
-
-
 def lock_replaced(path: Path) -> int | None:
     """A descriptor that keeps the lock of a file that is to be replaced.
 
@@ -67,7 +62,9 @@ def _lock(descriptor: int, path: Path, *, exclusive: bool) -> None:
         try_to_lock(descriptor, exclusive=exclusive)
     except BlockingIOError as error:
         os.close(descriptor)
-        raise in_use(path) from error
+        raise FileError(
+            "{path} is being recorded to by another program; name another file", path=path
+        ) from error
     except OSError:
         pass  # a file system without locks
 
@@ -168,17 +165,15 @@ class OutputFile:
             return FileIdentity.of(found) if found.st_nlink else None
         return None
 
-    def check(self) -> None:
-        """Raise DeletedError or MovedError if the path leads to the file no longer."""
+    def check(self, least: int) -> None:
+        """Raise LostDataError unless the path leads to the file, with this size at least."""
         own = os.fstat(self.descriptor)
-        if own.st_nlink == 0:
-            raise DeletedError
         try:
             is_there = os.path.samestat(self.path.stat(), own)
         except OSError as error:
             is_there = not isinstance(error, FileNotFoundError | NotADirectoryError)
-        if not is_there:
-            raise MovedError
+        if not is_there or own.st_size < least:
+            raise LostDataError
 
     def _unlock(self) -> None:
         if self._replaced is not None:
@@ -217,29 +212,12 @@ def delete(path: Path, identity: FileIdentity) -> bool:
 
 
 class LostDataError(OSError):
-    """Data that was appended earlier is lost."""
-
-
-class CutOffError(LostDataError):
-    """Another program has cut off the file: data after the cut is lost."""
-
-
-class DeletedError(LostDataError):
-    """The file was deleted while it was being written."""
-
-
-class MovedError(LostDataError):
-    """The file was moved or replaced while it was being written."""
+    """Another program deleted, moved, replaced or cut off the file."""
 
 
 STOPPED: Final[Mapping[type[OSError], str]] = {
-    CutOffError: "recording stopped: another program cut off {path} while it was being written; "
-    "of its {rows:,} rows, those after the cut are lost; do not change the file while it is "
-    "written",
-    DeletedError: "recording stopped: {path} was deleted while it was being written; its {rows:,} "
-    "rows are lost; start again, and do not delete the file",
-    MovedError: "recording stopped: {path} was moved or replaced while it was being written; it "
-    "had {rows:,} rows; start again, and do not move the file",
+    LostDataError: "recording stopped: {path} was deleted, moved, replaced or cut off while it was "
+    "being written, and its {rows:,} rows may be lost; leave the file as it is until the end",
     OSError: "recording stopped: {reason}; {path} is complete up to there ({rows:,} rows); free "
     "space, or record elsewhere with -o",
 }

@@ -1,7 +1,7 @@
 """Recording: the rows, port events and gaps of one MCAP file.
 
     chunks     c1   c2   c3 (damaged)   c4          `contents_of`, `walk`
-    batches    [c1  c2]  gap            [c4]        threads unpack ahead, numpy decodes
+    batches    [c1  c2   c3]            [c4]        threads unpack ahead, numpy decodes
     items      Rows PortEvent Rows  Gap  Rows       in file order
 
 `grow` finds the chunks that another program added; `read` reads chunks again.
@@ -10,13 +10,14 @@
 from __future__ import annotations
 
 import os
-from bisect import bisect_left
+import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from glob import escape
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
@@ -31,7 +32,7 @@ from mcap.well_known import MessageEncoding
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import cores, is_locked, read_at
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import NO_ROWS, Array, Bools, Ints, Item, Rows
+from fte_sniff.protocol.rows import Array, Bools, Ints, Item, Rows
 from fte_sniff.recording.chunks import (
     HEAD,
     MAGIC,
@@ -58,7 +59,7 @@ from fte_sniff.recording.schema import (
     EVENTS,
     TOPIC_BY_NAME,
     TOPICS,
-    Channels,
+    channels_of,
     message_class,
     schema_data,
     schema_name,
@@ -115,10 +116,9 @@ EVERYTHING: Final = TimeRange()
 class Batch(NamedTuple):
     """The rows of some chunks, and what is between them."""
 
-    chunks: list[ChunkRef]
     rows: Rows
     between: list[tuple[int, PortEvent | Gap]]
-    """Port events, and gaps where chunks are damaged; each with the number of rows before it."""
+    """Port events, and gaps where the file is damaged; each with the number of rows before it."""
 
     @property
     def items(self) -> list[Item]:
@@ -145,16 +145,7 @@ class Batch(NamedTuple):
             for place, item in self.between
             if isinstance(item, Gap) or span.contains(item.t_ns)
         ]
-        return Batch(self.chunks, self.rows.select(inside), between)
-
-
-class _Run(NamedTuple):
-    """Consecutive chunks, as a thread read them: intact ones, or one that is damaged."""
-
-    chunks: list[ChunkRef]
-    messages: list[Messages]
-    """By chunk."""
-    lost: LostBytes | None = None
+        return Batch(self.rows.select(inside), between)
 
 
 class Recording:
@@ -192,10 +183,10 @@ class Recording:
             self._check_start(file)
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
             first = [] if self.contents.is_indexed else self.contents.chunks[:_MOST_FIRST]
-            runs = _runs_of(file.fileno(), first)
+            parts = _unpacked(file.fileno(), first)
         self._define(self.contents)
-        for run in [run for run in runs if run.messages][:1]:
-            self._define_from(run)
+        for part in [part for part in parts if isinstance(part, Messages)][:1]:
+            self._define_from(part)
         if not is_growing or self.contents.channels:
             self._check_topics()
 
@@ -306,46 +297,35 @@ class Recording:
         """
         wanted = self.contents.chunks if chunks is None else chunks
         within = [one for one in wanted if span.overlaps(one.first_ns, one.last_ns)]
-        lost = sorted(self.contents.lost)
-        groups = [*_groups(within, [one.start for one in lost])]
-        before = groups[0][0].start if groups else 0
-        jobs: deque[tuple[int, Future[list[_Run]]]] = deque()
-        waiting = 0
+        starts = {one.start for one in within}
+        lost = deque(one for one in sorted(self.contents.lost) if one.start not in starts)
+        while lost and lost[0].start < min(starts, default=0):
+            lost.popleft()
+        jobs: deque[tuple[list[ChunkRef], Future[list[Messages | LostBytes]]]] = deque()
 
-        def decoded(runs: Iterable[_Run]) -> Iterator[Batch]:
-            nonlocal before
-            for run in runs:
-                batch = self._decode(run).within(span)
-                if run.chunks:
-                    start, before = before, run.chunks[-1].stop
-                    gaps = [
-                        (0, Gap(GapKind.DAMAGE, None, reason=one.why))
-                        for one in lost
-                        if start <= one.start < run.chunks[0].start
-                    ]
-                    batch = batch._replace(between=[*gaps, *batch.between])
-                yield batch
+        def decoded(most: int) -> Iterator[Batch]:
+            """Decode until at most so many batches are unpacked ahead."""
+            while len(jobs) > most:
+                group, job = jobs.popleft()
+                between = []
+                while lost and lost[0].start < group[-1].start:
+                    between.append(lost.popleft())
+                yield self._decode(group, job.result(), between).within(span)
 
         with ThreadPoolExecutor(cores()) as threads, self._open() as file:
-            for group in groups:
+            for group in _groups(within):
                 size = sum(one.size for one in group)
-                while jobs and (len(jobs) > cores() or waiting + size > _MOST_AHEAD):
-                    waiting -= jobs[0][0]
-                    yield from decoded(jobs.popleft()[1].result())
-                jobs.append((size, threads.submit(_runs_of, file.fileno(), group)))
-                waiting += size
-            for _, job in jobs:
-                yield from decoded(job.result())
+                waiting = sum(one.size for own, _ in jobs for one in own)
+                yield from decoded(cores() if waiting + size <= _MOST_AHEAD else 0)
+                jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
+            yield from decoded(0)
 
     def read(self, chunks: list[ChunkRef]) -> list[Item]:
         """The rows, port events and gaps of some chunks, read again.
 
         Raises FileError if they have changed.
         """
-        lost = len(self.contents.lost)
-        found = [item for batch in self.batches(chunks=chunks) for item in batch.items]
-        del self.contents.lost[lost:]
-        return found
+        return [item for batch in self.batches(chunks=chunks) for item in batch.items]
 
     def grow(self) -> list[ChunkRef]:
         """The chunks that another program added since the previous call.
@@ -387,14 +367,11 @@ class Recording:
         """
         if self.next_path is not None:
             return self.next_path
-        stem, _, number = self.path.stem.rpartition("_")
-        if not (len(number) == 5 and number.isdecimal()):
-            stem, number = self.path.stem, "1"
-        after = [
-            path
-            for path in self.path.parent.glob(f"*_[0-9][0-9][0-9][0-9][0-9]{self.path.suffix}")
-            if path.stem[:-6] == stem and int(path.stem[-5:]) > int(number)
-        ]
+        stem = re.sub(r"_\d{5}$", "", self.path.stem)
+        numbered = self.path.parent.glob(
+            f"{escape(stem)}_[0-9][0-9][0-9][0-9][0-9]{self.path.suffix}"
+        )
+        after = [path for path in numbered if path.stem > self.path.stem]
         with suppress(FileError, ValueError):
             following = Recording(min(after), is_growing=True)
             if following.facts.get("previous") == self.path.name:
@@ -415,47 +392,54 @@ class Recording:
 
     # Decoding
 
-    def _decode(self, run: _Run) -> Batch:
-        if run.lost is not None:
-            if run.lost not in self.contents.lost:
-                self.contents.lost.append(run.lost)
-            times = run.chunks[0].first_ns, run.chunks[0].last_ns
-            return Batch(
-                run.chunks, NO_ROWS, [(0, Gap(GapKind.DAMAGE, None, *times, run.lost.why))]
-            )
-        if not self.contents.is_indexed:
-            self._define_from(run)
-        messages = Messages.joined(run.messages)
+    def _decode(
+        self, chunks: list[ChunkRef], parts: list[Messages | LostBytes], lost: list[LostBytes]
+    ) -> Batch:
+        """The rows of unpacked chunks; `lost` are damaged bytes between them."""
+        whole = [part for part in parts if isinstance(part, Messages)]
+        for part in whole if not self.contents.is_indexed else ():
+            self._define_from(part)
+        messages = Messages.joined(whole or [_NO_MESSAGES])
         self._define_lost(messages.channels)
         found = self._decoder.decode(messages, self._types, self._ports)
         self.unreadable += found.unreadable
         self.messages += len(messages.starts)
         self._rows += len(found.rows) + len(found.events)
-        return Batch(run.chunks, found.rows, list(found.events))
+        between = [*self._gaps_between(chunks, parts, lost), *found.events.items()]
+        between.sort(key=lambda placed: placed[0])
+        rows_before = found.places.searchsorted([place for place, _ in between]).tolist()
+        items = [item for _, item in between]
+        return Batch(found.rows, list(zip(rows_before, items, strict=True)))
 
-    def _define_from(self, run: _Run) -> None:
-        """Apply the definitions at the beginning of chunks, which have a checksum."""
-        for one in run.messages:
-            found, end = Contents(), int(one.starts[0]) if len(one.starts) else None
-            for opcode, at, stop in records_in(one.records[:end]):
-                found.define(opcode, one.records[at + HEAD.size : stop])
-            self._define(found)
+    def _gaps_between(
+        self, chunks: list[ChunkRef], parts: list[Messages | LostBytes], lost: list[LostBytes]
+    ) -> Iterator[tuple[int, PortEvent | Gap]]:
+        """The gaps where chunks are damaged or bytes lost; each with the messages before it."""
+        place, waiting = 0, deque(lost)
+        for chunk, part in zip(chunks, parts, strict=True):
+            while waiting and waiting[0].start < chunk.start:
+                yield place, Gap(GapKind.DAMAGE, None, reason=waiting.popleft().why)
+            if isinstance(part, Messages):
+                place += len(part.starts)
+                continue
+            if part not in self.contents.lost:
+                self.contents.lost.append(part)
+            yield place, Gap(GapKind.DAMAGE, None, chunk.first_ns, chunk.last_ns, part.why)
+
+    def _define_from(self, messages: Messages) -> None:
+        """Apply the definitions at the beginning of a chunk, which has a checksum."""
+        found, end = Contents(), int(messages.starts[0]) if len(messages.starts) else None
+        for opcode, at, stop in records_in(messages.records[:end]):
+            found.define(opcode, messages.records[at + HEAD.size : stop])
+        self._define(found)
 
     def _define(self, added: Contents) -> None:
         """Apply schemas and channels; later ones replace earlier ones of the same number."""
-        known = self.contents
-        schemas = {id_ for id_, one in added.schemas.items() if known.schemas.get(id_) != one}
-        known.schemas |= added.schemas
-        changed = [
-            one
-            for id_, one in added.channels.items()
-            if id_ not in self._types or known.channels.get(id_) != one
-        ]
-        known.channels |= added.channels
-        if schemas:
-            changed += [one for one in known.channels.values() if one.schema_id in schemas]
-        for channel in changed:
-            self._define_channel(channel)
+        self.contents.schemas |= added.schemas
+        self.contents.channels |= added.channels
+        if added.schemas or added.channels:
+            for channel in self.contents.channels.values():
+                self._define_channel(channel)
 
     def _define_channel(self, channel: Channel) -> None:
         """Find the message type of a channel: by its schema, or by our own if that is lost."""
@@ -464,9 +448,8 @@ class Recording:
         if topic is None or channel.message_encoding != MessageEncoding.Protobuf:
             return
         schema = self.contents.schemas.get(channel.schema_id)
-        own = schema_name(topic), schema_data(topic.schema)
-        kind = _type_of(*own)
-        if schema is not None and (schema.name, schema.data) != own:
+        kind = _type_of(schema_name(topic), schema_data(topic.schema))
+        if schema is not None:
             with suppress(ValueError):
                 kind = _type_of(schema.name, schema.data)
         self._types[channel.id] = kind
@@ -474,23 +457,19 @@ class Recording:
 
     def _define_lost(self, used: Ints) -> None:
         """Define the channels whose definitions are lost as this program numbers them."""
-        if not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
-            return
         known = self.contents.channels
-        lost = [id_ for id_ in np.unique(used).tolist() if id_ and id_ not in known]
+        lost = {id_ for id_ in np.unique(used).tolist() if id_ and id_ not in known}
+        if not lost or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
+            return
         for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:
-            first = number * len(TOPICS)
             name = self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
-            channels = [
-                replace(one, id=one.id + first) for one in Channels().of_port(PortFacts(name))
-            ]
-            like = [known[one.id] for one in channels if one.id in known]
+            port = channels_of(number, PortFacts(name))
+            like = [known[one.id] for one in port if one.id in known]
             metadata = [one.metadata for one in like if one.topic in TOPIC_BY_NAME][:1]
-            for one in channels:
+            for one in port:
                 if one.id in lost:
-                    one = replace(one, metadata=metadata[0] if metadata else one.metadata)
-                    known[one.id] = one
-                    self._define_channel(one)
+                    own = metadata[0] if metadata else one.metadata
+                    self._define(Contents(channels={one.id: replace(one, metadata=own)}))
 
     # The file
 
@@ -515,12 +494,6 @@ class Recording:
         start = file.read(len(MAGIC))
         if not start:
             raise FileError("{path} is empty: nothing was recorded into it", path=self.path)
-        if start != MAGIC and MAGIC.startswith(start):
-            raise FileError(
-                "{path} is cut after {count} bytes: nothing is left in it",
-                path=self.path,
-                count=len(start),
-            )
         if start != MAGIC and not walk(file).chunks:
             raise FileError(
                 "{path} is not an MCAP recording; make one of a log: "
@@ -572,14 +545,10 @@ def _type_of(name: str, data: bytes) -> MessageType:
     return MessageType(own.FromString, names, is_event)
 
 
-def _groups(chunks: Sequence[ChunkRef], cuts: Sequence[int]) -> Iterator[list[ChunkRef]]:
-    """Consecutive chunks of a batch; none goes over one of the cuts, which are sorted offsets."""
-    group: list[ChunkRef] = []
-    size = 0
+def _groups(chunks: Sequence[ChunkRef]) -> Iterator[list[ChunkRef]]:
+    """Consecutive chunks of a batch."""
+    group, size = list[ChunkRef](), 0
     for chunk in chunks:
-        if group and bisect_left(cuts, chunk.start) > bisect_left(cuts, group[-1].start):
-            yield group
-            group, size = [], 0
         group.append(chunk)
         size += chunk.size
         if size >= BATCH:
@@ -589,24 +558,22 @@ def _groups(chunks: Sequence[ChunkRef], cuts: Sequence[int]) -> Iterator[list[Ch
         yield group
 
 
-def _runs_of(descriptor: int, chunks: list[ChunkRef]) -> list[_Run]:
+def _unpacked(descriptor: int, chunks: list[ChunkRef]) -> list[Messages | LostBytes]:
     """Read and unpack chunks, in a thread."""
-    runs = [_Run([], [])]
+    found: list[Messages | LostBytes] = []
     for chunk in chunks:
         data = read_at(descriptor, chunk.end - chunk.start, chunk.start)
         try:
             records = unpack(data[HEAD.size : chunk.stop - chunk.start])
             starts = _indexed_starts(data[chunk.stop - chunk.start :], records)
             starts = _walked_starts(records) if starts is None else starts
+            found.append(Messages.at(starts, records))
         except DamagedError as error:
-            lost = LostBytes(chunk.start, chunk.stop, error.why)
-            runs += [_Run([chunk], [], lost), _Run([], [])]
-            continue
-        runs[-1].chunks.append(chunk)
-        runs[-1].messages.append(Messages.at(starts, records))
-    return [run for run in runs if run.chunks]
+            found.append(LostBytes(chunk.start, chunk.stop, error.why))
+    return found
 
 
+_NO_MESSAGES: Final = Messages.at(np.empty(0, np.int64), bytes(MESSAGE_HEAD))
 _INDEX_HEAD: Final = HEAD.size + 6
 _ENTRY: Final = 16
 

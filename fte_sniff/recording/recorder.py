@@ -43,10 +43,8 @@ RETRY_S: Final = 5.0
 """Seconds from a failure to the next attempt to record again."""
 
 DEFAULT_FREE_BYTES: Final = 1_000_000_000
-"""Bytes to leave free on the disk; less on a small or nearly full one."""
+"""Bytes to leave free on the disk, by default; at most half of what is free at the start."""
 
-_FREE_SHARE: Final = 10
-"""By default at most 1/10 of a disk is left free."""
 _ROTATE_BYTES: Final = 512_000_000
 _FILES: Final = 8
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT)
@@ -68,7 +66,7 @@ class RecordingOptions:
     """Total size of the capture's files: beyond it, the oldest are deleted. None to delete none."""
     min_free_bytes: int | None = None
     """Bytes to leave free on the disk: recording stops below until there is space again. None for
-    the default, which fits small and full disks."""
+    the default."""
 
     @property
     def rotates(self) -> bool:
@@ -153,7 +151,11 @@ class Recorder:
         self._flush_ns = 0
         self._wants_rotation = False
         self._deleted_files = self._deleted_rows = 0
-        self._min_free = self._free_limit()
+        free = self._free_bytes()
+        least = min(DEFAULT_FREE_BYTES, (free or 0) // 2)
+        self._min_free = (
+            least if self._options.min_free_bytes is None else self._options.min_free_bytes
+        )
         first = self._first_path()
         if limit := self._limit_reached():
             raise FileError(
@@ -363,7 +365,7 @@ class Recorder:
         self._note(writer, failure)
         may_try = time.monotonic() >= self._due_s
         if is_full and self._options.keep_bytes is not None:
-            may_try = self._delete_oldest(keep=1)
+            may_try = self._delete_oldest()
         if not (may_try and self._resume(writer.unflushed)):
             self._miss(writer.unflushed)
         self._due_s = time.monotonic() + RETRY_S
@@ -433,40 +435,42 @@ class Recorder:
             if not self._delete_oldest():
                 return
 
-    def _delete_oldest(self, keep: int = 0) -> bool:
-        """Delete the capture's oldest closed file, if there are more than `keep`.
+    def _delete_oldest(self) -> bool:
+        """Delete the capture's oldest closed file; False if there is none that may go.
 
-        A file that another program replaced or moved, or that cannot be deleted, counts no more.
-        The gaps that it reports are reported by the current file first.
+        The gaps that it reports are reported by the current file first. A file that another program
+        replaced or moved, or that cannot be deleted, counts no more.
         """
         writer = self._writer
-        for oldest in self._closed[: len(self._closed) - keep]:
-            if oldest.gaps and writer is None:
-                continue
-            if writer is not None and not self._copy_gaps(oldest, writer):
-                return False
-            self._closed.remove(oldest)
-            with suppress(OSError):
-                if delete(oldest.path, oldest.identity):
-                    self._deleted_files += 1
-                    self._deleted_rows += oldest.rows
-                    return True
-        return False
+        files = self._closed
+        if writer is None:  # the last file has just failed
+            files = [one for one in files[:-1] if not one.gaps]
+        if not files:
+            return False
+        oldest = files[0]
+        if writer is not None and not self._report(oldest.gaps, writer):
+            return False
+        self._closed.remove(oldest)
+        with suppress(OSError):
+            if delete(oldest.path, oldest.identity):
+                self._deleted_files += 1
+                self._deleted_rows += oldest.rows
+        return True
 
-    def _copy_gaps(self, file: _ClosedFile, writer: RecordingWriter) -> bool:
-        """Report the gaps of a file in the current one, too; False if that fails."""
+    def _report(self, gaps: Sequence[Gap], writer: RecordingWriter) -> bool:
+        """Report gaps in the current file; False if that fails."""
         try:
-            for gap in file.gaps:
+            for gap in gaps:
                 writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
-                self._own_gaps.append(gap)
         except FileError as failure:
             self._fail(writer, failure)
             return False
+        self._own_gaps += gaps
         return True
 
     def _limit_reached(self) -> str:
         """Why the disk has too little space, in words; empty if it has enough."""
-        free = self._disk()[1]
+        free = self._free_bytes()
         if free is None or free >= self._min_free:
             return ""
         return TranslatableText(
@@ -475,21 +479,11 @@ class Recorder:
             free=size_text(self._min_free),
         )
 
-    def _free_limit(self) -> int:
-        if self._options.min_free_bytes is not None:
-            return self._options.min_free_bytes
-        total, free = self._disk()
-        if total is None or free is None:
-            return 0
-        return min(DEFAULT_FREE_BYTES, total // _FREE_SHARE, free // 2)
-
-    def _disk(self) -> tuple[int, int] | tuple[None, None]:
-        """Total and free bytes; None if unknown."""
-        try:
-            found = shutil.disk_usage(self._base.parent)
-        except OSError:
-            return None, None
-        return found.total, found.free
+    def _free_bytes(self) -> int | None:
+        """Free bytes of the disk; None if unknown."""
+        with suppress(OSError):
+            return shutil.disk_usage(self._base.parent).free
+        return None
 
 
 def _base_of(path: Path, existing: Existing) -> Path:

@@ -298,37 +298,33 @@ def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
     return {encodable(name): encodable(value) for name, value in facts.items()}
 
 
-class Channels:
-    """The channels of one file, numbered from 1 in the order in which their ports are added."""
+def schemas() -> list[Schema]:
+    """Every schema of a recording."""
+    topics = {topic.schema: topic for topic in TOPICS}.values()
+    return [
+        Schema(id_, schema_data(one.schema), SchemaEncoding.Protobuf, schema_name(one))
+        for id_, one in enumerate(topics, 1)
+    ]
 
-    def __init__(self) -> None:
-        self._first: dict[str, int] = {}
-        """The number of the first channel of each port; the others follow in the order of `TOPICS`.
-        """
 
-    @staticmethod
-    def schemas() -> list[Schema]:
-        """Every schema of a recording."""
-        topics = {topic.schema: topic for topic in TOPICS}.values()
-        return [
-            Schema(id_, schema_data(one.schema), SchemaEncoding.Protobuf, schema_name(one))
-            for id_, one in enumerate(topics, 1)
-        ]
+def channel_id(port: int, topic: int) -> int:
+    """The channel of a port, by its number in the file, on the topic of this index in `TOPICS`."""
+    return port * len(TOPICS) + topic + 1
 
-    def of_port(self, port: PortFacts) -> list[Channel]:
-        """Add a port, and return a channel for each topic; none if the port is known."""
-        if port.name in self._first:
-            return []
-        first = self._first[port.name] = len(self._first) * len(TOPICS) + 1
-        metadata = {"port": encodable(port.name)}
-        if port.baud is not None:
-            metadata["baud"] = str(port.baud)
-        ids = {schema.name: schema.id for schema in self.schemas()}
-        return [
-            Channel(id_, one.name, MessageEncoding.Protobuf, metadata, ids[schema_name(one)])
-            for id_, one in enumerate(TOPICS, first)
-        ]
 
-    def id_of(self, port: str, topic: int) -> int:
-        """The channel of a port, which was added, on the topic of this index in `TOPICS`."""
-        return self._first[port] + topic
+def channels_of(number: int, port: PortFacts) -> list[Channel]:
+    """A channel for each topic of the port with this number in the file, from 0."""
+    metadata = {"port": encodable(port.name)}
+    if port.baud is not None:
+        metadata["baud"] = str(port.baud)
+    ids = {schema.name: schema.id for schema in schemas()}
+    return [
+        Channel(
+            channel_id(number, code),
+            one.name,
+            MessageEncoding.Protobuf,
+            metadata,
+            ids[schema_name(one)],
+        )
+        for code, one in enumerate(TOPICS)
+    ]

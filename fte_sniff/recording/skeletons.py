@@ -165,6 +165,16 @@ class _Skeleton:
             valid &= _IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
         return valid
 
+    def rest(self, windows: Array, rows: Rows, first: int) -> Rows:
+        """The next row of each message, from its byte `first` on."""
+        raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
+        own = raw[:, first : first + MOST_BYTES]
+        rows.offset[:] += first
+        rows.length[:] = own.shape[1]
+        rows.raw[:] = 0
+        rows.raw[:, : own.shape[1]] = own
+        return rows
+
 
 def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[int, int]], bytes]:
     """The offset and size of a message's numbers and bytes, and a mask of all other bytes.
@@ -201,8 +211,10 @@ class Decoded(NamedTuple):
     """The rows and events of some messages."""
 
     rows: Rows
-    events: list[tuple[int, PortEvent]]
-    """Each with the number of rows before it."""
+    places: Ints
+    """The index of each row's message."""
+    events: dict[int, PortEvent]
+    """By the index of their message."""
     unreadable: int
     """Messages that could not be read."""
 
@@ -224,7 +236,7 @@ class MessageDecoder:
         names = tuple(dict.fromkeys(ports.values()))
         columns = Rows.blank(len(messages.starts), names, t_ns=messages.log_times)
         kept = np.zeros(len(columns), np.bool_)
-        long: list[tuple[Array, Array]] = []
+        more: list[tuple[Array, Rows]] = []
         events: dict[int, PortEvent] = {}
         known = np.zeros(1 << 16, np.bool_)
         known[list(types)] = True
@@ -234,19 +246,21 @@ class MessageDecoder:
         columns.port[:] = port_codes.take(messages.channels)
         for kind, length, rows in _alike(messages, types):
             if kind.is_event:
-                found = _events(messages, rows, kind, ports)
-                events |= found
-                unreadable += len(rows) - len(found)
+                legible = _events(messages, rows, kind, ports)
+                events |= legible
+                unreadable += len(rows) - len(legible)
             else:
-                good = self._decode_alike(messages, length, rows, kind, columns, long)
+                good = self._decode_alike(messages, length, rows, kind, columns, more)
                 kept[good] = True
                 unreadable += len(rows) - len(good)
-        places = np.cumsum(kept)
-        placed = [(int(places[row]), events[row]) for row in sorted(events)]
-        if long and len(columns):
-            return _with_long(columns, kept, long, placed, unreadable)
-        found_rows = columns if kept.all() else columns.select(kept)
-        return Decoded(found_rows, placed, unreadable)
+        places = np.flatnonzero(kept)
+        found = columns if len(places) == len(columns) else columns.select(places)
+        if more:
+            places = np.concatenate([places, *(rows for rows, _ in more)])
+            order = np.argsort(places, kind="stable")
+            places = places[order]
+            found = Rows.concat([found, *(rest for _, rest in more)]).select(order)
+        return Decoded(found, places, events, unreadable)
 
     def _decode_alike(
         self,
@@ -255,9 +269,12 @@ class MessageDecoder:
         rows: Array,
         kind: MessageType,
         columns: Rows,
-        long: list[tuple[Array, Array]],
+        more: list[tuple[Array, Rows]],
     ) -> Array:
-        """Decode messages of one type and length; returns the rows that could be read."""
+        """Decode messages of one type and length; returns the rows that could be read.
+
+        `more` gets the rows beyond the 16th byte, with the indices of their messages.
+        """
         known = self._skeletons.setdefault((id(kind), length), [])
         padding = -length % _WORD
         every = at_every_byte(messages.records, length + padding)
@@ -278,9 +295,8 @@ class MessageDecoder:
             own, own_rows = (windows, rows) if alike else (windows[fits], rows[fits])
             valid = skeleton.store(own, own_rows, columns)
             good.append(own_rows[valid])
-            if skeleton.size > MOST_BYTES:
-                raw = own[valid].view(np.uint8).reshape(int(valid.sum()), -1)
-                long.append((good[-1], raw[:, skeleton.raw]))
+            for first in range(MOST_BYTES, skeleton.size, MOST_BYTES):
+                more.append((good[-1], skeleton.rest(own[valid], columns.select(good[-1]), first)))
             windows, rows = (windows[:0], rows[:0]) if alike else (windows[~fits], rows[~fits])
         return np.concatenate(good)
 
@@ -342,35 +358,6 @@ def _events(
         if 0 <= t_ns < 1 << 63:
             found[row] = event
     return found
-
-
-def _with_long(
-    columns: Rows,
-    kept: Bools,
-    long: list[tuple[Array, Array]],
-    events: list[tuple[int, PortEvent]],
-    unreadable: int,
-) -> Decoded:
-    """Rows of at most 16 bytes, where `long` has the rows, and the bytes, of longer messages."""
-    sizes = columns.length.astype(np.int64)
-    for rows, raw in long:
-        sizes[rows] = raw.shape[1]
-    counts = np.where(kept, -(-sizes // MOST_BYTES), 0)
-    stops = np.cumsum(counts)
-    firsts = stops - counts
-    found = columns.select(np.repeat(np.arange(len(columns)), counts))
-    number = np.arange(len(found)) - np.repeat(firsts, counts)
-    left = np.repeat(sizes, counts) - number * MOST_BYTES
-    found.offset[:] += number * MOST_BYTES
-    found.length[:] = np.minimum(left, MOST_BYTES)
-    for rows, raw in long:
-        for first in range(0, raw.shape[1], MOST_BYTES):
-            piece = raw[:, first : first + MOST_BYTES]
-            own = firsts[rows] + first // MOST_BYTES
-            found.raw[own] = 0
-            found.raw[own, : piece.shape[1]] = piece
-    rows_before = np.concatenate([[0], stops[np.flatnonzero(kept)]])
-    return Decoded(found, [(int(rows_before[at]), event) for at, event in events], unreadable)
 
 
 # Columns to messages

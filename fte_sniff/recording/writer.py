@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -42,7 +42,6 @@ from mcap.records import (
     MetadataIndex,
     Schema,
     Statistics,
-    SummaryOffset,
 )
 from zlib_ng.zlib_ng import crc32
 
@@ -53,7 +52,6 @@ from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
 from fte_sniff.recording.chunks import HEAD, MAGIC
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.output_file import (
-    CutOffError,
     Existing,
     FileIdentity,
     LostDataError,
@@ -63,9 +61,11 @@ from fte_sniff.recording.output_file import (
 from fte_sniff.recording.schema import (
     EVENTS,
     TOPICS,
-    Channels,
+    channel_id,
+    channels_of,
     encodable_items,
     encode_event,
+    schemas,
     topics_of,
 )
 from fte_sniff.recording.skeletons import MESSAGE, MESSAGE_HEAD, Template, at_every_byte
@@ -128,11 +128,14 @@ class AppendFile:
         self._write(head + tail, 0)
         sync_data(descriptor)
 
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return self.end + len(self._tail)
+
     def append(self, data: bytes, tail: bytes) -> None:
         """Write data and a new tail; raises OSError, and the file has its old tail then."""
-        start, size, new = self.end, self.end + len(self._tail), data + tail
-        if os.fstat(self._descriptor).st_size < size:
-            raise CutOffError
+        start, size, new = self.end, self.size, data + tail
         after = max(start + len(new), size)
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         try:
@@ -165,21 +168,23 @@ class Encoder:
 
     def __init__(self, ports: Sequence[PortFacts], facts: Mapping[str, str]) -> None:
         """Take the ports whose rows will come, and further items for the file's metadata."""
-        self._channels = Channels()
-        self._schemas = self._channels.schemas()
-        self._defined = [one for port in ports for one in self._channels.of_port(port)]
+        self._ports = {port.name: number for number, port in enumerate(ports)}
+        self._schemas = schemas()
+        self._defined = [
+            one for number, port in enumerate(ports) for one in channels_of(number, port)
+        ]
         self._pending: list[Schema | Channel] = [*self._schemas, *self._defined]
         """The schemas and channels that no chunk defines yet."""
         self._templates: dict[int, Template] = {}
-        self._counts: dict[int, int] = {}
-        """ChunkMessages by channel."""
+        self._counts = Counter[int]()
+        """Messages by channel."""
         self._chunks = bytearray()
         """The index records of the chunks."""
         self._chunk_count = 0
         self._metadata: list[MetadataIndex] = []
         self.times: tuple[int, int] | None = None
         """The first and the last log time."""
-        own = Metadata(PROGRAM, encodable_items(recording_facts(ports, facts)))
+        own = Metadata(PROGRAM, recording_facts(ports, facts))
         head = MAGIC + bytes_of(Header("", library_name()))
         self.head = head + self.metadata(own, len(head))
         """The first bytes of the file."""
@@ -191,7 +196,7 @@ class Encoder:
 
     def metadata(self, record: Metadata, at: int) -> bytes:
         """The bytes of a metadata record at an offset of the file."""
-        data = bytes_of(record)
+        data = bytes_of(Metadata(record.name, encodable_items(record.metadata)))
         self._metadata.append(MetadataIndex(at, len(data), record.name))
         return data
 
@@ -232,31 +237,34 @@ class Encoder:
         # A file without a chunk has its definitions here.
         data_end = self._late_definitions() + bytes_of(DataEnd(0))
         start = at + len(data_end)
-        groups = (
-            (Opcode.SCHEMA, bytes_of(*self._schemas)),
-            (Opcode.CHANNEL, bytes_of(*self._defined)),
-            (Opcode.STATISTICS, bytes_of(self._statistics())),
-            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
-            (Opcode.METADATA_INDEX, bytes_of(*self._metadata)),
+        first, last = self.times or (0, 0)
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(self._defined),
+            channel_message_counts=self._counts,
+            chunk_count=self._chunk_count,
+            message_count=self._counts.total(),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
         )
-        offsets, stop = [], start
-        for opcode, records in groups:
-            if records:
-                offsets.append(SummaryOffset(opcode, stop, len(records)))
-                stop += len(records)
-        summary = b"".join(records for _, records in groups) + bytes_of(*offsets)
-        crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, stop), crc32(summary))
-        return data_end + summary + bytes_of(Footer(start, stop, crc)) + MAGIC
+        definitions = bytes_of(*self._schemas, *self._defined)
+        summary = definitions + bytes_of(statistics) + self._chunks + bytes_of(*self._metadata)
+        crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, 0), crc32(summary))
+        return data_end + summary + bytes_of(Footer(start, 0, crc)) + MAGIC
 
     def _late_definitions(self) -> bytes:
         return b"" if self._chunk_count else bytes_of(*self._schemas, *self._defined)
 
     def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
         """The schemas and channels that no chunk has yet."""
-        for port in dict.fromkeys([*rows.used_ports, *(event.port for event in events)]):
-            new = self._channels.of_port(PortFacts(port))
-            self._defined += new
-            self._pending += new
+        for port in [*rows.used_ports, *(event.port for event in events)]:
+            if port not in self._ports:
+                number = self._ports[port] = len(self._ports)
+                new = channels_of(number, PortFacts(port))
+                self._defined += new
+                self._pending += new
         found = bytes_of(*self._pending) if self._pending else b""
         self._pending = []
         return found
@@ -273,11 +281,13 @@ class Encoder:
         return order, np.maximum(times[order], least)
 
     def _channels_of(self, rows: Rows, events: Sequence[PortEvent]) -> Ints:
-        used = set(rows.used_ports)
-        firsts = [self._channels.id_of(one, 0) if one in used else 0 for one in rows.ports]
-        own = np.array(firsts, np.int64)[rows.port] + topics_of(rows) if len(rows) else rows.port
+        # A port without rows need not have a number.
+        firsts = np.array([channel_id(self._ports.get(one, 0), 0) for one in rows.ports], np.int64)
+        own = firsts[rows.port] + topics_of(rows)
         code = TOPICS.index(EVENTS)
-        return np.append(own, [self._channels.id_of(one.port, code) for one in events]).astype(int)
+        return np.append(own, [channel_id(self._ports[one.port], code) for one in events]).astype(
+            int
+        )
 
     def _groups(
         self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints
@@ -314,37 +324,14 @@ class Encoder:
         starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
         heads = np.empty(len(order), MESSAGE)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
-        heads["channel"], heads["sequence"] = channels, self._sequences(channels)
+        heads["channel"] = channels
+        heads["sequence"] = sum(self._counts.values()) + np.arange(len(order))
         heads["log"] = heads["publish"] = times
+        self._counts.update(channels.tolist())
         at_every_byte(data, MESSAGE_HEAD)[starts] = heads.view(f"V{MESSAGE_HEAD}")
         for own, values in messages:
             at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values
         return data.tobytes(), starts
-
-    def _sequences(self, channels: Ints) -> Ints:
-        """The sequence number of each message; they are counted."""
-        found = np.empty(len(channels), np.int64)
-        for channel in np.unique(channels).tolist():
-            own = np.flatnonzero(channels == channel)
-            first = self._counts.get(channel, 0)
-            found[own] = np.arange(first, first + len(own))
-            self._counts[channel] = first + len(own)
-        return found
-
-    def _statistics(self) -> Statistics:
-        first, last = self.times or (0, 0)
-        counts = self._counts
-        return Statistics(
-            attachment_count=0,
-            channel_count=len(self._defined),
-            channel_message_counts=counts,
-            chunk_count=self._chunk_count,
-            message_count=sum(counts.values()),
-            message_end_time=last,
-            message_start_time=first,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
 
 
 def _keys_of(rows: Rows, log_times: Ints) -> Ints:
@@ -364,70 +351,7 @@ def _keys_of(rows: Rows, log_times: Ints) -> Ints:
     return keys
 
 
-class SequentialFile:
-    """A file or pipe that is written in sequence: valid once it has its end."""
-
-    def __init__(self, descriptor: int, head: bytes) -> None:
-        """Begin an empty file, which the caller closes; raises OSError."""
-        self._descriptor = descriptor
-        self.end = 0
-        self.append(head, b"")
-
-    def append(self, data: bytes, tail: bytes) -> None:
-        """Write data, and the end of the file if there is no data; raises OSError."""
-        self.end += len(data)
-        view = memoryview(data or tail)
-        while view:
-            view = view[os.write(self._descriptor, view) :]
-
-
-class _Writer:
-    """Writes rows, port events and metadata to a file that grows."""
-
-    def __init__(self, encoder: Encoder, file: AppendFile | SequentialFile) -> None:
-        self._encoder, self._file = encoder, file
-        self.unflushed: list[Entry] = []
-        self.flushed_rows = self.flushed_events = 0
-        """Rows and port events in the file."""
-        self.span_ns: tuple[int, int] | None = None
-        """First and last log time in the file; None without any."""
-
-    @property
-    def size(self) -> int:
-        """Bytes in the file, without its end."""
-        return self._file.end
-
-    @property
-    def unflushed_rows(self) -> int:
-        """Rows that wait for a flush."""
-        return sum(len(one) for one in self.unflushed if isinstance(one, Rows))
-
-    def write_metadata(self, record: Metadata) -> None:
-        """Write one more metadata record; raises as `flush`."""
-        own = Metadata(record.name, encodable_items(record.metadata))
-        self._append(self._encoder.metadata(own, self._file.end))
-
-    def flush(self) -> None:
-        """Write a chunk of all that is pending; raises FileError, in a bulk OSError."""
-        if self.unflushed:
-            messages = self._encoder.messages(self.unflushed)
-            self._store(messages, packed(messages))
-            self.flushed_rows += self.unflushed_rows
-            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
-            self.unflushed = []
-            self.span_ns = self._encoder.times
-
-    def _store(self, messages: ChunkMessages, record: bytes) -> None:
-        self._append(self._encoder.chunk(messages, record, self._file.end))
-
-    def _end(self) -> None:
-        self._append(b"", self._encoder.summary(self._file.end))
-
-    def _append(self, data: bytes, tail: bytes | None = None) -> None:
-        self._file.append(data, self._encoder.tail if tail is None else tail)
-
-
-class RecordingWriter(_Writer):
+class RecordingWriter:
     """Writes a recording while it is captured; rows reach the file with `flush`.
 
     When a write fails, the file has what was flushed before.
@@ -459,12 +383,16 @@ class RecordingWriter(_Writer):
         self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""
         self._sync_error: OSError | None = None
-        encoder = Encoder(ports, facts or {})
+        self.unflushed: list[Entry] = []
+        self.flushed_rows = self.flushed_events = 0
+        """Rows and port events in the file."""
+        self.span_ns: tuple[int, int] | None = None
+        """First and last log time in the file; None without any."""
+        self._encoder = Encoder(ports, facts or {})
         self._output = OutputFile(path, existing)
         try:
-            descriptor = self._output.descriptor
-            self._grown = AppendFile(descriptor, encoder.head, encoder.tail, waits=waits)
-            super().__init__(encoder, self._grown)
+            head, tail = self._encoder.head, self._encoder.tail
+            self._file = AppendFile(self._output.descriptor, head, tail, waits=waits)
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -472,9 +400,33 @@ class RecordingWriter(_Writer):
         self.path = self._output.path
         """The file's name."""
 
+    @property
+    def size(self) -> int:
+        """Bytes in the file, without its end."""
+        return self._file.end
+
+    @property
+    def unflushed_rows(self) -> int:
+        """Rows that wait for a flush."""
+        return row_count(self.unflushed)
+
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; `flush` stores them."""
         self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
+
+    def write_metadata(self, record: Metadata) -> None:
+        """Write one more metadata record; raises as `flush`."""
+        self._append(self._encoder.metadata(record, self._file.end))
+
+    def flush(self) -> None:
+        """Write a chunk of all that is pending; raises FileError."""
+        if self.unflushed:
+            messages = self._encoder.messages(self.unflushed)
+            self._append(self._encoder.chunk(messages, packed(messages), self._file.end))
+            self.flushed_rows += self.unflushed_rows
+            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
+            self.unflushed = []
+            self.span_ns = self._encoder.times
 
     def sync(self) -> None:
         """Wait until the disk has what was flushed; any thread may call it.
@@ -498,9 +450,9 @@ class RecordingWriter(_Writer):
         if self._is_closed:
             return
         try:
-            self._grown.waits = True
+            self._file.waits = True
             self.flush()
-            self._end()
+            self._append(b"", self._encoder.summary(self._file.end))
         finally:
             self.abandon()
 
@@ -513,10 +465,10 @@ class RecordingWriter(_Writer):
 
     def _append(self, data: bytes, tail: bytes | None = None) -> None:
         try:
-            self._output.check()
+            self._output.check(self._file.size)
             if self._sync_error is not None:
                 raise self._sync_error
-            super()._append(data, tail)
+            self._file.append(data, self._encoder.tail if tail is None else tail)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
             raise stopped_by_error(self.path, error, self.flushed_rows) from error
@@ -528,7 +480,7 @@ class RecordingWriter(_Writer):
         self.close()
 
 
-class BulkWriter(_Writer):
+class BulkWriter:
     """Writes a recording in sequence, for example to a pipe: valid once it is closed.
 
     Threads pack chunks while the next ones are encoded.
@@ -538,25 +490,27 @@ class BulkWriter(_Writer):
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
         """Write the head to an open descriptor, which is not closed; raises OSError."""
-        encoder = Encoder(ports, facts or {})
-        super().__init__(encoder, SequentialFile(descriptor, encoder.head))
+        self._descriptor, self._encoder = descriptor, Encoder(ports, facts or {})
+        self._pending: list[Entry] = []
+        self._jobs: deque[tuple[ChunkMessages, Future[bytes]]] = deque()
         self._threads = ThreadPoolExecutor(cores())
         finalize(self, self._threads.shutdown, wait=False)
-        self._jobs: deque[tuple[ChunkMessages, Future[bytes]]] = deque()
+        self._size = 0
+        self._append(self._encoder.head)
 
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; raises OSError."""
         for portion in portions(entries):
-            self.unflushed.append(portion)
-            if self.unflushed_rows >= MOST_ROWS:
+            self._pending.append(portion)
+            if row_count(self._pending) >= MOST_ROWS:
                 self.flush()
 
     def flush(self) -> None:
         """Pack a chunk of all that is pending, and write those that are packed; raises OSError."""
-        if self.unflushed:
-            messages = self._encoder.messages(self.unflushed)
+        if self._pending:
+            messages = self._encoder.messages(self._pending)
             self._jobs.append((messages, self._threads.submit(packed, messages)))
-            self.unflushed = []
+            self._pending = []
         self._write_chunks(cores())
 
     def close(self, metadata: Iterable[Metadata] = ()) -> None:
@@ -564,14 +518,25 @@ class BulkWriter(_Writer):
         self.flush()
         self._write_chunks(0)
         for record in metadata:
-            self.write_metadata(record)
-        self._end()
+            self._append(self._encoder.metadata(record, self._size))
+        self._append(self._encoder.summary(self._size))
         self._threads.shutdown()
 
     def _write_chunks(self, left: int) -> None:
         while len(self._jobs) > left:
             messages, job = self._jobs.popleft()
-            self._store(messages, job.result())
+            self._append(self._encoder.chunk(messages, job.result(), self._size))
+
+    def _append(self, data: bytes) -> None:
+        self._size += len(data)
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._descriptor, view) :]
+
+
+def row_count(entries: Iterable[Entry]) -> int:
+    """The number of rows in entries."""
+    return sum(len(one) for one in entries if isinstance(one, Rows))
 
 
 def portions(entries: Iterable[Entry]) -> Iterator[Entry]:

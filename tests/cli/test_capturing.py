@@ -165,18 +165,15 @@ def _empty(path: Path) -> None:
     os.truncate(path, 0)
 
 
-@pytest.mark.parametrize(
-    ("take_away", "what"),
-    [(Path.unlink, "x.mcap was deleted"), (_empty, "another program cut off x.mcap")],
-)
+@pytest.mark.parametrize("take_away", [Path.unlink, _empty])
 def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
-    environment, tmp_path: Path, take_away: Callable[[Path], None], what: str
+    environment, tmp_path: Path, take_away: Callable[[Path], None]
 ) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         take_away(tmp_path / "x.mcap")
         reported = stderr_until(process, "recording goes on in x_00002.mcap")
-        assert what in reported
+        assert "x.mcap was deleted, moved, replaced or cut off" in reported
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
@@ -185,7 +182,7 @@ def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
     assert "x_00002.mcap" in errors
     last = errors.splitlines()[-1]
     assert last.startswith("fte-sniff: ")
-    assert f"were not recorded: recording stopped: {what}" in last
+    assert "were not recorded: recording stopped: x.mcap was deleted, moved" in last
 
 
 def test_a_file_that_cannot_grow_is_reported_at_once_and_the_next_one_has_the_rows(

@@ -19,7 +19,6 @@ from mcap.stream_reader import StreamReader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording import writer as writer_module
-from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.schema import TOPICS, schema_data
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
@@ -180,19 +179,19 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change",
     [
-        (lambda path: path.unlink(), "was deleted while it was being written; its 30 rows"),
-        (lambda path: path.rename(path.with_name("y")), "was moved or replaced while"),
-        (lambda path: os.truncate(path, 500), "another program cut off"),
+        lambda path: path.unlink(),
+        lambda path: path.rename(path.with_name("y")),
+        lambda path: os.truncate(path, 500),
     ],
 )
-def test_a_file_that_another_program_takes_is_reported(change, words: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_file_that_another_program_takes_is_reported(change, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     path, rows = tmp_path / "x.mcap", some_rows()
     writer = RecordingWriter(path, [FIRST])
     flush_each(writer, rows[:30], 30)
     change(path)
-    assert words in refused(writer, rows[30:])
+    assert "was deleted, moved, replaced or cut off while" in refused(writer, rows[30:])
     assert writer.is_gone
 
 
@@ -212,11 +211,3 @@ def test_a_file_without_space_for_its_head_is_not_left(tmp_path: Path) -> None:
     finally:
         signal.signal(signal.SIGXFSZ, handler)
     assert [*tmp_path.iterdir()] == []
-
-
-def test_a_closed_file_has_a_summary_and_no_gap_between_its_records(tmp_path: Path) -> None:
-    path = tmp_path / "x.mcap"
-    with RecordingWriter(path, BOTH, FACTS) as writer:
-        flush_each(writer, some_rows(100, BOTH), SIZE)
-    assert Recording(path).is_whole
-    assert path.read_bytes().count(b"\x89MCAP0\r\n") == 2

@@ -253,7 +253,7 @@ def test_rows_of_a_deleted_file_are_a_gap(tmp_path: Path) -> None:
     assert rows_in(following) == rows[40:]
     (gap,) = Recording(following).gaps()
     assert gap[:4] == (GapKind.WRITE_ERROR, 40, rows[0].t_ns, rows[39].t_ns)
-    assert "was deleted while it was being written" in gap.reason
+    assert "was deleted, moved, replaced or cut off while it" in gap.reason
 
 
 def test_a_capture_does_not_begin_on_a_full_disk(tmp_path: Path, free_space: list[int]) -> None:

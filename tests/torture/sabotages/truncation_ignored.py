@@ -1,12 +1,11 @@
 # Appended to recording/writer.py: a file that another program cut off is written further.
-_append = AppendFile.append
+_check = OutputFile.check
 
 
-def _append_anyway(self, data, tail):
-    size = self.end + len(self._tail)
-    if os.fstat(self._descriptor).st_size < size:
-        os.ftruncate(self._descriptor, size)
-    _append(self, data, tail)
+def _check_cut_off(self, least):
+    if os.fstat(self.descriptor).st_size < least:
+        os.ftruncate(self.descriptor, least)
+    _check(self, least)
 
 
-AppendFile.append = _append_anyway
+OutputFile.check = _check_cut_off
