@@ -1,11 +1,11 @@
 """Speed of reading and writing recordings in batches, compared with other readers and writers.
 
-    python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 50000000]
+    python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 20000000]
 
-All read the same file in the same run, in turn; each number is the best of the rounds. While other
-programs use the cores, the time of all cores is the better measure.
-`--memory` writes a recording of that number of rows, and one of a tenth, and prints how much memory
-`decode --format csv` needs.
+All work is done in turn in each round, and each number is the median of the rounds. The `mcap`
+package gets the first rows only; all costs are by row. While other programs use the cores, the time
+of all cores is the better measure. `--memory` writes recordings of a twentieth of that number of
+rows and of all, and prints how much memory it takes to read all columns, and to decode to CSV.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from random import Random
+from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
@@ -40,7 +41,7 @@ BATCH = 1 << 18
 POOL = 1 << 16
 """Different frames; a recording holds each many times, at other times and offsets."""
 SLOW_PART = 200_000
-"""Messages that the mcap package's writer gets."""
+"""Rows that the mcap package reads and writes."""
 PORTS = [PortFacts("/dev/ttyUSB0", 115_200), PortFacts("/dev/ttyUSB1", 115_200)]
 START_NS = 1_770_000_000 * 10**9
 FRAME_NS = 868_056
@@ -169,74 +170,83 @@ def first_messages(path: Path, count: int) -> list[tuple[int, int, int, bytes]]:
 
 
 def compare(frames: int, rounds: int, folder: Path) -> None:
-    path, hurt, out = (folder / name for name in ("bench.mcap", "hurt.mcap", "out.mcap"))
-    rows = list(batches(frames))
+    names = ("bench.mcap", "hurt.mcap", "out.mcap", "few.mcap", "few-hurt.mcap")
+    path, hurt, out, few, few_hurt = (folder / name for name in names)
+    rows, part = list(batches(frames)), min(frames, SLOW_PART)
     write_columns(rows, path)
     write_columns([damaged(one, 0.2) for one in batches(frames)], hurt)
-    bodies, messages = chunk_bodies(path), first_messages(path, min(frames, SLOW_PART))
+    write_columns(list(batches(part)), few)
+    write_columns([damaged(one, 0.2) for one in batches(part)], few_hurt)
+    bodies, messages = chunk_bodies(path), first_messages(few, part)
     cores = len(os.sched_getaffinity(0))
     work: dict[str, Callable[[], Cost]] = {
         "read columns": lambda: cost(lambda: read_columns(path), frames),
+        "iter_messages": lambda: cost(lambda: read_messages(few), part),
         "read damaged": lambda: cost(lambda: read_columns(hurt), frames),
+        "iter damaged": lambda: cost(lambda: read_messages(few_hurt), part),
+        "write columns": lambda: cost(lambda: write_columns(rows, out), frames),
+        "mcap.writer.Writer": lambda: cost(lambda: write_messages(messages, out), part),
         "read frames": lambda: cost(lambda: read_frames(path), frames),
         "numbers of stats": lambda: cost(lambda: survey(path), frames),
         "unpack, all cores": lambda: cost(lambda: unpack_all(bodies, cores), frames),
         "unpack, one core": lambda: cost(lambda: unpack_all(bodies, 1), frames),
-        "write columns": lambda: cost(lambda: write_columns(rows, out), frames),
-        "mcap.writer.Writer": lambda: cost(lambda: write_messages(messages, out), len(messages)),
     }
     found = _in_turn(work, rounds)
-    found["iter_messages"] = cost(lambda: read_messages(path), frames)
-    found["iter damaged"] = cost(lambda: read_messages(hurt), frames)
     print(f"{frames:,} frames, {path.stat().st_size / frames:.1f} bytes each; {cores} cores")
-    print("  ns a row               wall  all cores")
+    print(f"{rounds} rounds, median; ns a row  wall  all cores")
     for name, (wall, used) in found.items():
-        print(f"  {name:<18} {wall * 1e9:8.0f} {used * 1e9:10.0f}")
+        print(f"  {name:<18} {wall * 1e9:14.0f} {used * 1e9:10.0f}")
     print("times faster" + " " * 33 + "wall  all cores")
     claims = [
         ("read columns", "iter_messages", "50"),
         ("read damaged", "iter damaged", "35"),
+        ("write columns", "mcap.writer.Writer", "8"),
         ("read columns", "unpack, all cores", "0.5"),
         ("read frames", "iter_messages", ""),
         ("numbers of stats", "iter_messages", ""),
-        ("write columns", "mcap.writer.Writer", "8"),
     ]
     for fast, slow, wanted in claims:
-        if slow in found:
-            wall, used = (old / new for old, new in zip(found[slow], found[fast], strict=True))
-            goal = wanted and f"   (wanted: {wanted})"
-            print(f"{fast:>16} against {slow:<20} {wall:8.2f} {used:10.2f}{goal}")
+        wall, used = (old / new for old, new in zip(found[slow], found[fast], strict=True))
+        goal = wanted and f"   (wanted: {wanted})"
+        print(f"{fast:>16} against {slow:<20} {wall:8.2f} {used:10.2f}{goal}")
 
 
 def _in_turn(work: dict[str, Callable[[], Cost]], rounds: int) -> dict[str, Cost]:
-    """The least that each has cost."""
+    """The median cost of each."""
     costs: dict[str, list[Cost]] = {name: [] for name in work}
     for _ in range(rounds):
         for name, measure in work.items():
             costs[name].append(measure())
     return {
-        name: (min(wall for wall, _ in own), min(used for _, used in own))
+        name: (median(wall for wall, _ in own), median(used for _, used in own))
         for name, own in costs.items()
     }
 
 
+READ = """
+import sys
+from pathlib import Path
+from fte_sniff.recording.reader import Recording
+print(sum(len(batch.rows) for batch in Recording(Path(sys.argv[1])).batches()))
+"""
+
+
 def memory(rows: int, folder: Path) -> None:
-    """The most memory that decoding to CSV took, for a tenth of the rows and for all."""
-    for count in (rows // 10, rows):
-        path = folder / "memory.mcap"
+    """The most memory that reading and decoding took, for a twentieth of the rows and for all."""
+    path = folder / "memory.mcap"
+    decode = ["-m", "fte_sniff", "decode", str(path), "--format=csv", "-o", "/dev/null"]
+    for count in (rows // 20, rows):
         path.unlink(missing_ok=True)
         write_recording(path, PORTS, batches(count))
-        decode = [sys.executable, "-m", "fte_sniff", "decode", str(path), "--format=csv"]
-        decode += ["-o", "/dev/null"]
-        began = perf_counter()
-        process = subprocess.Popen(decode, stderr=subprocess.DEVNULL)
-        _, code, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(code)
-        took = perf_counter() - began
-        size = path.stat().st_size / 1e6
-        most = usage.ru_maxrss / 1024
-        print(f"{count:,} rows ({size:,.0f} MB) to CSV: exit {process.returncode}, {took:.1f} s")
-        print(f"  {most:.0f} MiB of memory at most (wanted: 400)")
+        print(f"{count:,} rows ({path.stat().st_size / 1e6:,.0f} MB)")
+        for name, words in (("all columns", ["-c", READ, str(path)]), ("to CSV", decode)):
+            process = subprocess.Popen(
+                [sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            _, code, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(code)
+            most = usage.ru_maxrss / 1024
+            print(f"  {name:<12} exit {process.returncode}, {most:.0f} MiB of memory at most")
 
 
 def main() -> None:

@@ -458,7 +458,8 @@ class Recording:
     def _define_lost(self, used: Ints) -> None:
         """Define the channels whose definitions are lost as this program numbers them."""
         known = self.contents.channels
-        lost = {id_ for id_ in np.unique(used).tolist() if id_ and id_ not in known}
+        counted = np.flatnonzero(np.bincount(used)).tolist()
+        lost = {id_ for id_ in counted if id_ and id_ not in known}
         if not lost or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
             return
         for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:
@@ -586,10 +587,9 @@ def _indexed_starts(indexes: bytes, records: bytes) -> Ints | None:
         body = indexes[at + _INDEX_HEAD : at + HEAD.size + length]
         found.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
         at += HEAD.size + length
-    own = np.sort(np.concatenate(found))
-    if not len(own) or int(own[-1]) + MESSAGE_HEAD > len(records):
+    starts = np.sort(np.concatenate(found).view("<i8"), kind="stable")  # a merge of sorted runs
+    if not len(starts) or starts[0] < 0 or int(starts[-1]) + MESSAGE_HEAD > len(records):
         return None
-    starts = own.astype(np.int64)
     heads = heads_at(records, starts)
     stops = np.append(starts[1:], len(records))
     tile = starts + HEAD.size + heads["length"] == stops

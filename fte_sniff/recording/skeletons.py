@@ -155,11 +155,12 @@ class _Skeleton:
         offset = self.number(windows, "offset", np.zeros(len(rows), np.int64))
         columns.t_ns[rows], columns.offset[rows] = t_ns, offset
         columns.delay_ns[rows] = self.number(windows, "read_delay_ns", NO_TIME)
-        columns.length[rows] = min(self.size, MOST_BYTES)
+        columns.length[rows] = size = min(self.size, MOST_BYTES)
         columns.faults[rows] = self.faults
         columns.framed[rows], columns.unordered[rows] = self.framed, self.unordered
         raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
-        columns.raw[rows, : min(self.size, MOST_BYTES)] = raw[:, :MOST_BYTES]
+        first = np.ndarray(len(raw), f"V{size}", windows, self.raw.start, windows.strides)
+        np.ndarray(len(columns), f"V{size}", columns.raw, 0, columns.raw.strides[:1])[rows] = first
         valid: Bools = (t_ns >= 0) & (offset >= 0)
         if self.framed:
             valid &= _IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
