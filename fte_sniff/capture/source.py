@@ -131,6 +131,7 @@ class Source:
         self._clock, self._reconnect = clock, reconnect
         self.end: SourceEnd | None = None
         """Why reading ended, although items may still be queued; None while it continues."""
+        self._loss: SourceEnd | None = None
         self._stop_at_ns = inf
         self._put_bytes = self._taken_bytes = 0
         self._dropped: Counter[str] = Counter()
@@ -249,7 +250,7 @@ class Source:
                 self._running -= 1
                 is_last = not self._running
             if is_last:
-                self.end = self.end or SourceEnd.STOPPED
+                self.end = self._loss or SourceEnd.STOPPED
                 self._items.put(None)
 
     def _read_until_end(self, connect: Connect, connection: Connection) -> None:
@@ -275,10 +276,12 @@ class Source:
         self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
 
     def _lose(self, connection: Connection, text: str, *, is_over: bool = False) -> None:
-        """End all connections, as one is lost for good; a program that is over is not an error."""
-        self.end = SourceEnd.STOPPED if is_over else SourceEnd.LOST
+        """Lose a connection for good; the others go on, unless the first loss is to end all."""
+        # A program that is over is not an error.
+        self._loss = SourceEnd.STOPPED if is_over else SourceEnd.LOST
         self._put_event(connection, PortEventKind.LOST, text)
-        self.stop()
+        if not self._reconnect:
+            self.stop()
 
     def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
         after = TranslatableText(

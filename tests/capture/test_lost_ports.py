@@ -144,6 +144,22 @@ def test_port_that_cannot_come_back_ends_the_capture(pty, name: str) -> None:
     assert seen.source.end is SourceEnd.LOST
 
 
+@pytest.mark.parametrize("reconnect", [True, False])
+def test_loss_of_one_wire_costs_no_byte_of_the_other(new_pty, reconnect: bool) -> None:
+    """Without `reconnect`, the first loss ends the capture."""
+    first, second = new_pty(), new_pty()
+    seen = Seen(opened(first.device, second.device, reconnect=reconnect))
+    first.unplug()
+    seen.wait_for("lost")
+    if reconnect:
+        second.send(b"more")
+        seen.wait(lambda s: s.data(second.device) == b"more")
+        second.unplug()
+    seen.ended()
+    assert seen.kinds(second.device) == ["opened", "lost" if reconnect else "closed"]
+    assert seen.source.end is SourceEnd.LOST
+
+
 # The name by which an adapter is found again
 
 
