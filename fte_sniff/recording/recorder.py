@@ -55,9 +55,8 @@ class RecordingOptions:
     """When rows reach the disk, when the next file begins, and when old files are deleted."""
 
     flush_every_s: float = 1.0
-    """Seconds between two flushes: a kill or a power cut costs the rows of this time."""
-    waits: bool = True
-    """Whether each flush waits for the disk; else `Recorder.sync` does, in another thread."""
+    """Seconds between two flushes that wait for the disk: a power cut costs the rows of this time.
+    """
     rotate_bytes: int | None = None
     """Size at which the next file begins; None for no limit."""
     rotate_s: float | None = None
@@ -149,7 +148,6 @@ class Recorder:
         self._due_s = -inf
         """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
-        self._wants_rotation = False
         self._deleted_files = self._deleted_rows = 0
         free = self._free_bytes()
         least = min(DEFAULT_FREE_BYTES, (free or 0) // 2)
@@ -217,11 +215,16 @@ class Recorder:
                 continue
             self._writer.write(entry)
             if self._writer.unflushed_rows >= MOST_ROWS:
-                self.flush()
+                self.flush(waits=False)
 
-    def flush_if_due(self, now_ns: int) -> None:
-        """Flush if the interval between flushes has passed at this time, which never falls."""
+    def flush_if_due(self, now_ns: int, *, at_once: bool = False) -> None:
+        """Flush and wait for the disk if the interval has passed at this time, which never falls.
+
+        With `at_once`, flush at other times too, without waiting for the disk.
+        """
         if now_ns < self._flush_ns:
+            if at_once:
+                self.flush(waits=False)
             return
         began_ns = time.monotonic_ns()
         self.flush()
@@ -229,8 +232,8 @@ class Recorder:
         took_ns = time.monotonic_ns() - began_ns
         self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
 
-    def flush(self) -> None:
-        """Push all rows to the disk; begin another file if that is due."""
+    def flush(self, *, waits: bool = True) -> None:
+        """Push all rows into the file, and onto the disk; begin another file if that is due."""
         writer = self._writer
         if writer is None:
             if time.monotonic() >= self._due_s:
@@ -238,7 +241,7 @@ class Recorder:
                 self._resume([])
             return
         try:
-            writer.flush()
+            writer.flush(waits=waits)
         except FileError as failure:
             self._fail(writer, failure)
             return
@@ -247,15 +250,6 @@ class Recorder:
         self._delete_surplus()
         if self._writer is not None and (limit := self._limit_reached()):
             self._stop(self._writer, limit)
-
-    def sync(self) -> None:
-        """Wait until the disk has what was flushed; any thread may call it."""
-        if (writer := self._writer) is not None:
-            writer.sync()
-
-    def rotate(self) -> None:
-        """Begin the next file at the next flush, if the current one has rows; from any thread."""
-        self._wants_rotation = True
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
@@ -292,8 +286,7 @@ class Recorder:
         return self._facts | own | ({"previous": previous} if previous else {})
 
     def _open(self, path: Path, existing: Existing, facts: dict[str, str]) -> RecordingWriter:
-        waits = self._options.waits
-        return RecordingWriter(path, self._ports, facts, existing=existing, waits=waits)
+        return RecordingWriter(path, self._ports, facts, existing=existing)
 
     def _next(self) -> RecordingWriter:
         """The next file; raises FileError."""
@@ -315,7 +308,6 @@ class Recorder:
         return writer
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
-        self._wants_rotation = self._wants_rotation and writer.span_ns is not None
         if writer.span_ns is None or time.monotonic() < self._due_s:
             return False
         first_ns, last_ns = writer.span_ns
@@ -323,8 +315,7 @@ class Recorder:
             (writer.size, self._options.next_file_bytes),
             ((last_ns - first_ns) / 1e9, self._options.rotate_s),
         )
-        reached = any(limit is not None and value >= limit for value, limit in limits)
-        return self._wants_rotation or reached
+        return any(limit is not None and value >= limit for value, limit in limits)
 
     def _rotate(self, writer: RecordingWriter) -> None:
         """Begin the next file; if that fails, the current one grows until the next attempt."""
@@ -350,7 +341,7 @@ class Recorder:
             self._closed.append(file)
 
     def _go_on(self, writer: RecordingWriter, gaps: list[Gap]) -> None:
-        self._stopped, self._wants_rotation = None, False
+        self._stopped = None
         self._writer, self.path, self._own_gaps = writer, writer.path, gaps
         self._changes.append(FileChange(writer.path))
 

@@ -19,9 +19,8 @@ from __future__ import annotations
 import os
 import struct
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple, Self, TypeAlias
 from weakref import finalize
@@ -114,50 +113,52 @@ def packed(messages: ChunkMessages) -> bytes:
 class AppendFile:
     """A file that is a valid MCAP file after, and during, each of its writes.
 
-    Unless it `waits` for the disk after each step, a power cut can damage what came since the last
-    wait; the end of this program cannot.
+    A power cut can damage what came since the last write that waited for the disk; the end of this
+    program cannot.
     """
 
-    def __init__(self, descriptor: int, head: bytes, tail: bytes, *, waits: bool = True) -> None:
+    def __init__(self, descriptor: int, head: bytes, tail: bytes) -> None:
         """Begin an empty file, which the caller closes; raises OSError."""
-        self._descriptor, self.waits = descriptor, waits
+        self._descriptor = descriptor
         self.end = len(head)
         """Where the next data begins."""
         self._tail = tail
         """The bytes behind it, which the next data overwrites: the end of the file."""
         self._write(head + tail, 0)
-        sync_data(descriptor)
+        self.sync()
 
     @property
     def size(self) -> int:
         """Bytes of the file."""
         return self.end + len(self._tail)
 
-    def append(self, data: bytes, tail: bytes) -> None:
+    def append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
         """Write data and a new tail; raises OSError, and the file has its old tail then."""
+        wait = self.sync if waits else lambda: None
         start, size, new = self.end, self.size, data + tail
         after = max(start + len(new), size)
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         try:
             self._write(END, after)
-            self._sync()
+            wait()
             self._write(private + new[HEAD.size :], start)
-            self._sync()
+            wait()
             self._write(new[: HEAD.size], start)
             os.ftruncate(self._descriptor, start + len(new))
-            self._sync()
+            wait()
         except OSError:
             self._write(self._tail, start)
             os.ftruncate(self._descriptor, size)
             raise
         self.end, self._tail = start + len(data), tail
 
-    def _sync(self) -> None:
-        if self.waits:
-            sync_data(self._descriptor)
+    def sync(self) -> None:
+        """Wait until the disk has what was written; raises OSError."""
+        sync_data(self._descriptor)
+        self.is_synced = True
 
     def _write(self, data: bytes, offset: int) -> None:
-        view = memoryview(data)
+        view, self.is_synced = memoryview(data), False
         while view:
             written = write_at(self._descriptor, view, offset)
             view, offset = view[written:], offset + written
@@ -364,7 +365,6 @@ class RecordingWriter:
         facts: Mapping[str, str] | None = None,
         *,
         existing: Existing = Existing.REFUSE,
-        waits: bool = True,
     ) -> None:
         """Create the file, with the schemas and channels of all ports in it.
 
@@ -373,7 +373,6 @@ class RecordingWriter:
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
-            waits: whether each flush waits for the disk; else call `sync`.
 
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
@@ -382,7 +381,6 @@ class RecordingWriter:
         """What the file is once it is closed; None if it was deleted."""
         self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""
-        self._sync_error: OSError | None = None
         self.unflushed: list[Entry] = []
         self.flushed_rows = self.flushed_events = 0
         """Rows and port events in the file."""
@@ -392,7 +390,7 @@ class RecordingWriter:
         self._output = OutputFile(path, existing)
         try:
             head, tail = self._encoder.head, self._encoder.tail
-            self._file = AppendFile(self._output.descriptor, head, tail, waits=waits)
+            self._file = AppendFile(self._output.descriptor, head, tail)
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -416,31 +414,24 @@ class RecordingWriter:
 
     def write_metadata(self, record: Metadata) -> None:
         """Write one more metadata record; raises as `flush`."""
-        self._append(self._encoder.metadata(record, self._file.end))
+        self._append(self._encoder.metadata(record, self._file.end), self._encoder.tail)
 
-    def flush(self) -> None:
-        """Write a chunk of all that is pending; raises FileError."""
-        if self.unflushed:
-            messages = self._encoder.messages(self.unflushed)
-            self._append(self._encoder.chunk(messages, packed(messages), self._file.end))
-            self.flushed_rows += self.unflushed_rows
-            self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
-            self.unflushed = []
-            self.span_ns = self._encoder.times
+    def flush(self, *, waits: bool = True) -> None:
+        """Write a chunk of all that is pending; raises FileError.
 
-    def sync(self) -> None:
-        """Wait until the disk has what was flushed; any thread may call it.
-
-        The next flush raises an error of the disk.
+        With `waits`, the disk has it then, and all that came before.
         """
-        with suppress(OSError):  # it is closed
-            descriptor = os.dup(self._output.descriptor)
-            try:
-                sync_data(descriptor)
-            except OSError as error:
-                self._sync_error = error
-            finally:
-                os.close(descriptor)
+        if not self.unflushed:
+            if waits and not self._file.is_synced:
+                self._do(self._file.sync)
+            return
+        messages = self._encoder.messages(self.unflushed)
+        chunk = self._encoder.chunk(messages, packed(messages), self._file.end)
+        self._append(chunk, self._encoder.tail, waits=waits)
+        self.flushed_rows += self.unflushed_rows
+        self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
+        self.unflushed = []
+        self.span_ns = self._encoder.times
 
     def close(self) -> None:
         """Flush, write the summary, and close; raises FileError, and the file is closed then.
@@ -450,7 +441,6 @@ class RecordingWriter:
         if self._is_closed:
             return
         try:
-            self._file.waits = True
             self.flush()
             self._append(b"", self._encoder.summary(self._file.end))
         finally:
@@ -463,12 +453,13 @@ class RecordingWriter:
             self.identity = self._output.identity
             self._output.close()
 
-    def _append(self, data: bytes, tail: bytes | None = None) -> None:
+    def _append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
+        self._do(lambda: self._file.append(data, tail, waits=waits))
+
+    def _do(self, write: Callable[[], None]) -> None:
         try:
             self._output.check(self._file.size)
-            if self._sync_error is not None:
-                raise self._sync_error
-            self._file.append(data, self._encoder.tail if tail is None else tail)
+            write()
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
             raise stopped_by_error(self.path, error, self.flushed_rows) from error

@@ -16,11 +16,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from shutil import rmtree
-from typing import Final
 
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.silence import DEFAULT_SILENCE_S, SilenceWatch
@@ -194,9 +193,6 @@ flushed only after a batch."""
 MOST_UNDRAINED = 2**18
 """Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""
 
-SYNC_EVERY_S: Final = 1.0
-"""Seconds between two waits for the disk, in a thread: a power cut costs the rows of this time."""
-
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
 bytes late."""
@@ -283,7 +279,6 @@ class CaptureLoop:
 
     def run(self) -> Ended:
         """Process the source to its end, close the recording, and return how it ended."""
-        threading.Thread(target=self._sync, name="waits for the disk", daemon=True).start()
         for item in self._source:
             self._turns += 1
             if isinstance(item, PortEvent):
@@ -301,11 +296,6 @@ class CaptureLoop:
         self._emit(final=True)
         self._record(Recorder.close)
         return self._result()
-
-    def _sync(self) -> None:
-        while not self._is_ending:
-            time.sleep(SYNC_EVERY_S)
-            self._recorder.sync()
 
     def _closed(self, port: str) -> PortEvent:
         detail = TranslatableText("all requested rows were captured")
@@ -336,10 +326,8 @@ class CaptureLoop:
             if (event := wire.silence.check(now_ns)) is not None:
                 wire.put(event)
             self._watch_clock(chunk.port, now_ns)
-            if self.shows_rows:
-                self._record(Recorder.flush)
-            else:
-                self._record(lambda recorder: recorder.flush_if_due(now_ns))
+            at_once = self.shows_rows
+            self._record(lambda recorder: recorder.flush_if_due(now_ns, at_once=at_once))
 
     def _drain_wire(self, port: str) -> None:
         wire = self._wires[port]
@@ -505,7 +493,7 @@ def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
 def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder:
     baud = plan.wiring.settings.baud
     ports = tuple(PortFacts(name, baud) for name in plan.wiring.names)
-    options = replace(plan.recording_options, waits=False)
+    options = plan.recording_options
     return Recorder(plan.recording, ports, facts, existing=plan.existing, options=options)
 
 

@@ -89,19 +89,28 @@ def test_rotated_files_have_all_rows_and_name_each_other(tmp_path: Path) -> None
     assert (recorder.outcome.first, recorder.outcome.last) == (files[0], files[-1])
 
 
-def test_a_file_begins_after_a_time_and_at_once_when_asked(tmp_path: Path) -> None:
+def test_a_file_begins_after_a_time(tmp_path: Path) -> None:
     options = RecordingOptions(rotate_s=100 * STEP / 1e9)
     recorder = Recorder(tmp_path / "x.mcap", [FIRST], options=options)
-    recorder.rotate()
-    recorder.flush()
-    assert len(files_in(tmp_path)) == 1, "a file without rows is kept"
     flush_each(recorder, some_rows(240))
     assert len(files_in(tmp_path)) == 3
-    recorder.write(Rows.of(some_rows(1, [BOTH[1]])))
-    recorder.rotate()
-    recorder.flush()
     recorder.close()
-    assert len(files_in(tmp_path)) == 4
+
+
+def test_what_is_shown_at_once_is_on_the_disk_when_its_time_has_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, rows, syncs = tmp_path / "x.mcap", some_rows(20), list[int]()
+    recorder = Recorder(path, [FIRST])
+    monkeypatch.setattr("fte_sniff.recording.writer.sync_data", syncs.append)
+    recorder.flush_if_due(START, at_once=True)
+    assert not syncs, "the head is on the disk"
+    recorder.write(Rows.of(rows))
+    recorder.flush_if_due(START + 10**9 - 1, at_once=True)
+    assert (rows_in(path), syncs) == (rows, [])
+    recorder.flush_if_due(START + 10**9, at_once=True)
+    assert len(syncs) == 1
+    recorder.close()
 
 
 def test_rows_reach_the_disk_when_their_time_has_come(tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def test_several_inputs_are_read_in_the_order_of_time_and_counted_once(tmp_path:
 
 
 def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_path: Path) -> None:
-    options = RecordingOptions(rotate_bytes=1, waits=False)
+    options = RecordingOptions(rotate_bytes=1)
     recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")], options=options)
     follower = Follower(Recording(recorder.path, is_growing=True))
     rows = rows_at("a", *range(SECOND, 31 * SECOND, SECOND))
@@ -167,7 +167,6 @@ def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_
     for start in range(0, 30, 10):
         recorder.write(rows[start : start + 10])
         recorder.flush()
-        recorder.sync()
         for _ in range(5):
             found += follower.poll()
         assert Rows.concat([one for one in found if isinstance(one, Rows)]).t_ns.tolist() == (
@@ -183,17 +182,18 @@ def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_
 def test_an_error_of_the_disk_between_flushes_stops_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder = Recorder(
-        tmp_path / "x.mcap", [PortFacts("a")], options=RecordingOptions(waits=False)
-    )
+    recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")])
 
     def fail(_descriptor: int) -> None:
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr("fte_sniff.recording.writer.sync_data", fail)
-    recorder.sync()
     recorder.write(rows_at("a", SECOND))
+    recorder.flush(waits=False)
+    assert recorder.failure is None
     recorder.flush()
+    assert recorder.changes()[0].failure is not None
+    recorder.close()
     assert recorder.failure is not None
     assert "Input/output error" in recorder.failure.message
 

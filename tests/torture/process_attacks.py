@@ -263,7 +263,7 @@ FAULTS = (
 def power_cut(case: Case) -> None:
     """Cut the power of a capture with a view: what was recorded before the last sync is kept.
 
-    A capture with a view flushes with each batch of rows, and syncs once a second in a thread. A
+    A capture with a view flushes with each batch of rows, and waits for the disk once a second. A
     library copies each file whenever it is synced: the copies are what the disk is sure to have.
     """
     line, disk = Line(case.random), case.folder.with_name("disk")
