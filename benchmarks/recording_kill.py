@@ -5,9 +5,9 @@ python -m benchmarks.recording_kill --stress        flush after flush, without a
 python -m benchmarks.recording_kill --stress --rotate       and a new file every few flushes
 
 A child records two wires at full line rate, and reports each finished flush. It is killed at a
-random moment. Then the file must open in the mcap package's seeking reader, with all checksums
-checked, and hold every row whose flush was reported. `--parallel` sets the number of children at
-once. With `--rotate` all files of the sequence must open so, and hold those rows together.
+random moment. Then the file must open in the mcap package's seeking and streaming readers, with all
+checksums checked, and hold every row whose flush was reported. `--parallel` sets the number of
+children at once. With `--rotate` all files of the sequence must open so, and hold those rows.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def report(found: list[Left], every_s: float) -> None:
     problems = Counter(left.problem for left in found if left.problem)
     lost = sorted(left.written - left.found for left in found)
     print(f"{len(found)} kills, a flush every {every_s:g} s")
-    print(f"{'opened as they are, seeking, checksums on':<48} {len(found) - problems.total()}")
+    print(f"{'opened as they are, seeking and streaming':<48} {len(found) - problems.total()}")
     print(f"{'files of them all':<48} {sum(left.files for left in found)}")
     print(f"{'kills that cost flushed rows':<48} {sum(left.missing > 0 for left in found)}")
     print(f"{'rows not flushed, and lost: median':<48} {lost[len(lost) // 2]}")

@@ -1,8 +1,8 @@
 """A recording that is killed by SIGKILL: what is left in the file.
 
 A child records two wires at full line rate, and reports each finished flush. After it is killed,
-the file must open in the mcap package's seeking reader, with all checksums checked, and hold every
-row whose flush was reported.
+the file must open in the mcap package's seeking and streaming readers, with all checksums checked,
+and hold every row whose flush was reported.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
@@ -116,12 +116,16 @@ def kill_one(
 
 
 def opened(path: Path) -> tuple[str, int]:
-    """What is wrong with the file for a seeking reader, and the number of its rows."""
+    """What is wrong with the file for the readers, and the number of its rows."""
     try:
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
             summary = reader.get_summary()
             count = sum(1 for _ in reader.iter_messages())
+            file.seek(0)
+            streamed = NonSeekingReader(file, validate_crcs=True).iter_messages()
+            if sum(1 for _ in streamed) != count:
+                return "the streaming reader finds other messages", count
         if summary is None or summary.statistics is None:
             return "", count  # the fixed end of a capture has none
         # Without a chunk in the index, the package reads the file from its start, with the write

@@ -148,12 +148,13 @@ def rows_now(folder: Path, pattern: str = "x*.mcap") -> list[ReadRow]:
     return rows
 
 
-def await_recorded(case: Case, line: Line) -> int:
+def await_recorded(case: Case, line: Line, folder: Path | None = None) -> int:
     """Wait until all that was sent is in the files; the number of its bytes."""
     last = line.sent[-FRAME_LENGTH:].hex().upper()
 
     def is_recorded() -> bool:
-        return "".join(row.raw for row in rows_now(case.folder)[-9:]).endswith(last)
+        rows = rows_now(folder or case.folder, "*.mcap")
+        return "".join(row.raw for row in rows[-9:]).endswith(last)
 
     wait_until(is_recorded, f"{len(line.sent):,} bytes are not recorded")
     return len(line.sent)
@@ -260,6 +261,10 @@ FAULTS = (
 """Calls that fail, and how; see faults.c."""
 
 
+_SYNCED_S = 10.0
+"""A capture waits for the disk once a second, and longer on a busy machine."""
+
+
 def power_cut(case: Case) -> None:
     """Cut the power of a capture with a view: what was recorded before the last sync is kept.
 
@@ -279,8 +284,11 @@ def power_cut(case: Case) -> None:
     promised = 0
     for _ in range(case.random.randrange(1, 4)):
         line.send(case.random.uniform(0.05, 1))
-        promised = await_recorded(case, line)
-        _await_synced(disk)
+        await_recorded(case, line)
+        began = monotonic()
+        promised = await_recorded(case, line, disk)
+        took = monotonic() - began
+        promise(took < _SYNCED_S, f"a power cut would cost the rows of {took:.1f} s")
     line.send(case.random.uniform(0, 1.5))
     program.kill()
     copies = sorted(disk.glob("*.mcap"))
@@ -288,25 +296,6 @@ def power_cut(case: Case) -> None:
     rows.sort(key=lambda row: row.offset)
     check_stream(rows, bytes(line.sent), promised)
     line.close()
-
-
-def _await_synced(disk: Path) -> None:
-    """Wait until all that is recorded now is synced: the second sync that ends began later."""
-    began = monotonic()
-    for _ in range(2):
-        known = _syncs(disk)
-        wait_until(lambda known=known: _syncs(disk) != known, "the recording is not synced")  # type: ignore[misc]
-    took = monotonic() - began
-    promise(took < _SYNCED_S, f"a power cut would cost the rows of {took:.1f} s")
-
-
-_SYNCED_S = 10.0
-"""Two syncs take two seconds, and longer on a busy machine."""
-
-
-def _syncs(disk: Path) -> dict[str, int]:
-    """When each copy was made."""
-    return {path.name: path.stat().st_mtime_ns for path in disk.glob("*.mcap")}
 
 
 def _faults_library(case: Case) -> Path:
