@@ -1,10 +1,11 @@
 """fte-sniff: a serial protocol analyzer and logger for the FTE four-motor controller.
 
-Data flows in one direction:
+Data flows in one direction, and the recording is the interface between a capture and its views:
 
-    port --Chunk--> capture -+-> Framer --rows--> recording (MCAP)
-                             +-----------rows--> row store -> screen | plain lines
-    file ---------> reader --rows--> filter -> table | JSON lines | CSV | Parquet | screen
+    port --Chunk--> Framer --rows--> recording (MCAP)        the capture, a process of its own
+    recording, also one that grows --> rows, events, gaps -+-> screen | lines | UDP, WebSocket
+    log --Chunk--> Framer --rows---------------------------+-> table, CSV, JSON lines, MCAP ...
+                                                           +-> findings, stats, check, compare
 
 The packages, from the top of the import order to the bottom. A package imports only from those
 below it; capture, recording, formats and analysis do not import each other:
@@ -15,7 +16,7 @@ below it; capture, recording, formats and analysis do not import each other:
     capture    bytes in: serial and network ports, the bridge, the simulator
     recording  MCAP recordings: write, read, repair, rotate
     formats    logs of other tools in; tables and exports out
-    analysis   filter, statistics, models, row store
+    analysis   filter, relations between rows, statistics, findings, row store
     protocol   what the bytes mean: frame definitions, framer; no I/O
     errors     the exceptions and their exit codes; messages that can be translated
     i18n       translation: the screen, the report, and errors in the language of the user

@@ -20,7 +20,7 @@ class Ground(StrEnum):
 
 
 class Ink(NamedTuple):
-    """Colours on one ground, as `#rrggbb`; tests/tui/test_painter.py checks their contrast."""
+    """Colours on one ground, as `#rrggbb`."""
 
     text: str
     """Its contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page."""

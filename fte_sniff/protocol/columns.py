@@ -77,7 +77,7 @@ class Column:
     """Bits of an INT column's values, which have a sign if `signed`."""
     signed: bool = True
     derived: bool = False
-    """Whether it depends on other rows, so that `analysis.facts` computes it."""
+    """Whether it depends on other rows, so that `analysis.table` computes it."""
 
 
 def _kind_name(row: Row) -> Value:
@@ -252,7 +252,7 @@ PREVIOUS = {field.name: _previous_column(field) for field in VALUE_FIELDS}
 """By field, the column that only filters read, as the function `previous`."""
 
 DERIVED = frozenset(column.name for column in (*COLUMNS, *PREVIOUS.values()) if column.derived)
-"""The columns that `analysis.facts` computes."""
+"""The columns that `analysis.table` computes."""
 
 
 def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:
