@@ -8,10 +8,12 @@ python=${PYTHON:-$PWD/.venv/bin/python}
 trap 'tmux -L fte-sniff-picture kill-server 2>/dev/null || true; rm -rf "$scratch"' EXIT
 
 photograph() { # LANGUAGE NAME
+    mkdir -p "$scratch/fte-sniff"
+    printf '[screen]\nlanguage = "%s"\n' "$1" >"$scratch/fte-sniff/config.toml"
     tmux -L fte-sniff-picture new-session -d -x 112 -y 32 "cd '$scratch' && env XDG_CONFIG_HOME='$scratch' \
         LC_ALL=C.UTF-8 TEXTUAL_PRESS=wait:12000,E,enter TEXTUAL_SCREENSHOT=16 \
         TEXTUAL_SCREENSHOT_LOCATION='$scratch' TEXTUAL_SCREENSHOT_FILENAME='$2.svg' \
-        '$python' -m fte_sniff live 'sim://?weak_motor=3&drop=0.01' --lang $1"
+        '$python' -m fte_sniff live 'sim://?weak_motor=3&drop=0.01'"
     while tmux -L fte-sniff-picture has-session 2>/dev/null; do sleep 1; done
     "$python" - "$scratch/$2.svg" <<'PYTHON'
 import re, sys
