@@ -213,10 +213,16 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
         if head is not None and head[0] in _RECORDS:
             body = file.read(at, head[1])[HEAD.size :]
             head = head if found.define(head[0], body) else None
+        if (
+            head is not None
+            and head[0] not in _CHECKED
+            and _next_chunk(file, at, head[1]) < head[1]
+        ):
+            head = None  # a length that skips chunks
         if head is None:
             if is_growing:
                 break
-            following = _next_chunk(file, before + 1)
+            following = _next_chunk(file, before + 1, file.size)
             start = at if at < following else max(before, 0)
             found.lost = [one for one in found.lost if one.stop <= start]
             is_ended = following == file.size
@@ -237,7 +243,7 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
         if opcode == Opcode.FOOTER:
             is_ended = True
             # Behind the end of a file that is being written may be zeros, and a second end.
-            at = file.size if is_growing else _next_chunk(file, stop)
+            at = file.size if is_growing else _next_chunk(file, stop, file.size)
             if at < file.size:
                 found.lost.append(LostBytes(stop, at, _RECORDS_LOST))
     if not is_ended:
@@ -314,15 +320,15 @@ def _chunk_at(file: _Bytes, at: int, stop: int) -> ChunkRef:
     return ChunkRef(at, stop, stop, first_ns, last_ns, size)
 
 
-def _next_chunk(file: _Bytes, start: int) -> int:
-    """The next whole chunk that begins at `start` or later; the end of the file without one."""
-    for block in range(start, file.size, _BLOCK):
+def _next_chunk(file: _Bytes, start: int, end: int) -> int:
+    """The next whole chunk that begins at `start` or later, and before `end`; `end` without one."""
+    for block in range(start, end, _BLOCK):
         data = file.read(block, block + _BLOCK + _CHUNK_START)
         for mark in _MARK.finditer(data):
             at = block + mark.start() - _MARK_OFFSET
-            if at >= start and (head := _head_at(file, at)) and head[0] == Opcode.CHUNK:
+            if start <= at < end and (head := _head_at(file, at)) and head[0] == Opcode.CHUNK:
                 return at
-    return file.size
+    return end
 
 
 def unpack(body: bytes) -> bytes:

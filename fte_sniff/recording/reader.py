@@ -456,10 +456,10 @@ class Recording:
         self._ports[channel.id] = channel.metadata.get("port", self.path.name)
 
     def _define_lost(self, used: Ints) -> None:
-        """Define the channels whose definitions are lost as this program numbers them."""
+        """Define the channels whose definitions are damaged as this program numbers them."""
         known = self.contents.channels
         counted = np.flatnonzero(np.bincount(used)).tolist()
-        lost = {id_ for id_ in counted if id_ and id_ not in known}
+        lost = {id_ for id_ in counted if id_ and id_ not in self._types}
         if not lost or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
             return
         for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:

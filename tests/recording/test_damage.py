@@ -238,6 +238,26 @@ def test_chunks_that_are_shifted_behind_a_whole_index_are_read(tmp_path: Path) -
     )
 
 
+def test_a_record_that_skips_whole_chunks_is_damage(tmp_path: Path) -> None:
+    one = recorded("one port")
+    start, end = [*one.chunks][2][0], [*one.chunks][5][0]
+    private = struct.pack("<BQ", 0xF1, end - start)
+    check(
+        one, one.content[:start] + private + one.content[start:], tmp_path / "x", EVERYTHING, True
+    )
+
+
+def test_rows_of_a_channel_with_a_damaged_definition_are_read(tmp_path: Path) -> None:
+    """The definitions of the first chunk are lost; those of the index have no checksum."""
+    one = recorded("bulk")
+    first, after = next(iter(one.chunks))[0], heads_of(one.content, Opcode.DATA_END)[0]
+    encodings = [
+        at for at in range(after, len(one.content)) if one.content[at:].startswith(b"protobuf")
+    ]
+    damages = [(first + 100, b"x"), *((at, b"x") for at in encodings)]
+    check(one, overwritten(one.content, *damages), tmp_path / "x", EVERYTHING, True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_of_900_random_damages_none_costs_an_untouched_chunk(way: str, tmp_path: Path) -> None:
