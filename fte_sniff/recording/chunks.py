@@ -209,25 +209,12 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     """The start of the last record whose content agrees with its length, which may be damaged."""
     is_ended = is_growing
     while at < file.size:
-        head = _head_at(file, at)
-        if head is not None and head[0] in _RECORDS:
-            body = file.read(at, head[1])[HEAD.size :]
-            head = head if found.define(head[0], body) else None
-        if (
-            head is not None
-            and head[0] not in _CHECKED
-            and _next_chunk(file, at, head[1]) < head[1]
-        ):
-            head = None  # a length that skips chunks
+        head = _record_at(file, at, found)
         if head is None:
             if is_growing:
                 break
-            following = _next_chunk(file, before + 1, file.size)
-            start = at if at < following else max(before, 0)
-            found.lost = [one for one in found.lost if one.stop <= start]
-            is_ended = following == file.size
-            found.lost.append(LostBytes(start, following, _END_LOST if is_ended else _RECORDS_LOST))
-            at, before = following, following - 1
+            at = _after_damage(file, at, before, found)
+            before, is_ended = at - 1, at == file.size
             continue
         opcode, stop = head
         if opcode == Opcode.CHUNK:
@@ -249,6 +236,33 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     if not is_ended:
         found.lost.append(LostBytes(file.size, file.size, _END_LOST))
     return found
+
+
+def _record_at(file: _Bytes, at: int, found: Contents) -> tuple[int, int] | None:
+    """Opcode and end of the record at an offset, which is applied; None if it makes no sense."""
+    head = _head_at(file, at)
+    if head is None:
+        return None
+    opcode, stop = head
+    if opcode in _RECORDS and not found.define(opcode, file.read(at, stop)[HEAD.size :]):
+        return None
+    # A record whose length nothing confirms has no chunk in it.
+    if opcode not in _CHECKED and _next_chunk(file, at, stop) < stop:
+        return None
+    return head
+
+
+def _after_damage(file: _Bytes, at: int, before: int, found: Contents) -> int:
+    """The next chunk after damage at an offset, which is reported; or the end of the file.
+
+    The record that starts at `before` may be damaged too.
+    """
+    following = _next_chunk(file, before + 1, file.size)
+    start = at if at < following else max(before, 0)
+    found.lost = [one for one in found.lost if one.stop <= start]
+    why = _END_LOST if following == file.size else _RECORDS_LOST
+    found.lost.append(LostBytes(start, following, why))
+    return following
 
 
 _CHECKED: Final = frozenset(

@@ -218,7 +218,7 @@ class Encoder:
 
     def chunk(self, messages: ChunkMessages, record: bytes, at: int) -> bytes:
         """A chunk at an offset of the file: its record, from `packed`, and its message indexes."""
-        by_channel = np.argsort(messages.channels, kind="stable")
+        by_channel = np.argsort(messages.channels.astype(np.uint16), kind="stable")
         entries = np.stack([messages.times, messages.starts], 1).astype("<u8")[by_channel]
         channels, firsts = np.unique(messages.channels[by_channel], return_index=True)
         indexes, offsets = bytearray(), dict[int, int]()
