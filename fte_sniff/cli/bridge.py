@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 @click.argument("port", shell_complete=complete_port)
 @click.option("--link", type=FileName(), help="Make this link for host programs.")
 @capture_options
-def command(
-    port: str, link: Path | None, no_reconnect: bool, config: Path | None, **options: Any
-) -> None:
+def command(port: str, link: Path | None, **options: Any) -> None:
     """Sit between a host program and the controller at PORT; record and watch both directions.
 
     The host program opens a pseudo-terminal instead of PORT; its name is printed, and --link gives
@@ -37,12 +35,12 @@ def command(
     fte-sniff bridge /dev/ttyUSB0 --link /tmp/motors
     fte-sniff bridge "sim://?host=off" --plain
     """
-
     require_pseudo_terminals("bridge", "`live PORT PORT` watches both wires with two adapters")
+    settings = load_settings()
 
-    def bridge(settings: PortSettings) -> Bridge:
+    def bridge(port_settings: PortSettings) -> Bridge:
         from fte_sniff.capture.bridge import Bridge
 
-        return Bridge(port, settings, link, reconnect=not no_reconnect)
+        return Bridge(port, port_settings, link, reconnect=settings.live.get("reconnect", True))
 
-    run_capture(bridge, (port,), load_settings(config), **options)
+    run_capture(bridge, (port,), settings, **options)

@@ -40,17 +40,23 @@ from fte_sniff.cli.options import (
     alert_of,
     alert_option,
     all_of,
+    check_columns,
+    columns_option,
     format_option,
     in_group,
-    line_setup,
     parse_seconds,
     silence_of,
-    units_options,
 )
-from fte_sniff.cli.settings import Settings, config_option, lang_option
+from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FteSniffError, UsageError, printable, quoted, size_text
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat, row_writer
+from fte_sniff.errors import FteSniffError, PortError, UsageError, printable, quoted, size_text
+from fte_sniff.formats.writers import (
+    ALL_COLUMNS,
+    FORMAT_BY_SUFFIX,
+    TEXT_FORMATS,
+    OutputFormat,
+    row_writer,
+)
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 from fte_sniff.recording.output_file import Existing
@@ -123,8 +129,7 @@ def _compact(size: int | None) -> str:
     return "none" if size is None else size_text(size).replace(" ", "")
 
 
-recording_options = in_group(
-    "Recording",
+recording_options = (
     click.option(
         "--rotate",
         callback=_parsed_by(_rotate),
@@ -148,60 +153,56 @@ recording_options = in_group(
 """Options of a recording; `options_from` reads them."""
 
 capture_options = all_of(
-    click.option("-b", "--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
+    click.option(
+        "-b", "--baud", type=click.INT, metavar="N", help=f"Bits/s.  [default: {DEFAULT_BAUD}]"
+    ),
     click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
     click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
-    click.option("-o", "--output", type=FileName(), help="Record to this file."),
-    click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
-    click.option("--no-record", is_flag=True, help="Record nothing."),
-    recording_options,
     in_group(
         "Recording",
+        click.option(
+            "-o", "--output", type=FileName(), metavar="FILE", help="Record to this file."
+        ),
+        click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
+        click.option("--no-record", is_flag=True, help="Record nothing."),
         click.option(
             "--keep-recording",
             is_flag=True,
             help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
         ),
+        *recording_options,
     ),
-    click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
-    format_option(
-        "Print the rows in this format instead of the screen, each at once.", TEXT_FORMATS
+    in_group(
+        "Rows that are shown",
+        click.option("--plain", is_flag=True, help="Print one line per row instead of the screen."),
+        click.option(
+            "--headless",
+            is_flag=True,
+            help="Only record, as a service: no rows, one line for each file and port event.",
+        ),
+        format_option(
+            "Print the rows in this format instead of the screen, each at once.", TEXT_FORMATS
+        ),
+        columns_option,
+        filter_option,
+        alert_option,
+        click.option(
+            "--silence",
+            type=Seconds(min=0.1, max=86_400),
+            metavar="S",
+            help="Report a wire that was alive and sends nothing for S seconds.  [default: 2]",
+        ),
     ),
     in_group("Rows for other programs", data_options),
-    click.option(
-        "--headless",
-        is_flag=True,
-        help="Only record, as a service: no rows, one line for each file and port event.",
+    in_group(
+        "End",
+        click.option(
+            "--duration", type=_DURATION, metavar="S", help="End after S seconds, or 5min, or 1h."
+        ),
+        click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
     ),
-    click.option(
-        "--zone",
-        metavar="ZONE",
-        help="Your time zone, such as Asia/Shanghai, +08:00 or local (of this machine): of the"
-        " times in lines, CSV, on the screen, and of those in filters that name none."
-        "  [default: UTC]",
-    ),
-    filter_option,
-    alert_option,
-    in_group("Settings", units_options, config_option, lang_option),
-    click.option(
-        "--silence",
-        type=Seconds(min=0.1, max=86_400),
-        metavar="S",
-        help="Report a wire that was alive and sends nothing for S seconds.  [default: 2]",
-    ),
-    click.option(
-        "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
-    ),
-    click.option(
-        "--duration", type=_DURATION, metavar="S", help="End after S seconds, or 5min, or 1h."
-    ),
-    click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
 )
-"""The options of a command that captures.
-
-The command passes `config` to `load_settings`, `no_reconnect` to its wiring, and all others to
-`run_capture`.
-"""
+"""The options of a command that captures; `run_capture` takes their values."""
 
 
 def options_from(
@@ -304,16 +305,12 @@ def run_capture(
     udp: str | None,
     serve: str | None,
     origins: tuple[str, ...],
-    network: bool,
     headless: bool,
-    zone: str | None,
-    lang: str | None,
+    columns: tuple[str, ...] | None,
     share: bool = False,
     filter_text: str | None,
     alert_text: str | None,
     silence: float | None,
-    resolution: float | None,
-    gear_ratio: float | None,
     **planned: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
@@ -324,6 +321,7 @@ def run_capture(
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
+    zone, network = settings.live.get("zone"), settings.live.get("network", False)
     shown_zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
@@ -332,12 +330,12 @@ def run_capture(
     silence_s = plan.silence_s if silence is None else silence
     silence_s = min(silence_s, silence_of(alert_text) or silence_s)
     plan = replace(plan, shows_rows=not headless, silence_s=silence_s)
-    setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     drive = None
     if headless:
         others = {
             "--plain": plain,
             "--format": form,
+            "--columns": columns,
             "--filter": filter_text,
             "--alert": alert_text,
         }
@@ -345,13 +343,14 @@ def run_capture(
         ports_text = printable(" and ".join(plan.wiring.names))
         intro = f"capturing {ports_text}, recording to"
         observers = [Announcer(plan, intro), CaptureReport(plan, follows_files=True)]
-    elif plain or form or not (sys.stdout.isatty() and sys.stdin.isatty()):
-        if resolution is not None:
-            print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
+    elif plain or form or columns or not (sys.stdout.isatty() and sys.stdin.isatty()):
+        printed = OutputFormat(form or ("csv" if columns else "table"))
+        check_columns(columns, printed)
         lines = PlainLines(
             row_filter(filter_text, shown_zone),
             alert_of(alert_text, shown_zone),
-            OutputFormat(form or OutputFormat.TABLE),
+            printed,
+            columns or ALL_COLUMNS,
             ports=len(plan.wiring.names) > 1,
             zone=shown_zone or UTC,
         )
@@ -364,8 +363,8 @@ def run_capture(
             alert=alert_of(alert_text, shown_zone),
             leave_at_end=plan.duration_s is not None or plan.count is not None,
             signals=_ending_signals(plan),
-            line_setup=setup,
-            language=settings.language(lang),
+            line_setup=settings.line_setup(ports, baud),
+            language=settings.language(),
             choices=settings.choices,
             save_choices=settings.keep,
             warnings=settings.trouble,
@@ -471,7 +470,7 @@ class CaptureReport(Observer):
         """Count the rows; print the events, and an error of the capture once."""
         for event in update.events:
             self._print_event(event)
-        if update.state.running:
+        if update.state.running and not isinstance(session.state.error, PortError):
             self._print_problem(session.state.error, update.state.recording)
         self._tally.observe(update.rows)
 
@@ -508,17 +507,18 @@ class PlainLines(Observer):
         wanted: RowFilter | None,
         alert: Alert | SilenceAlert | None = None,
         form: OutputFormat = OutputFormat.TABLE,
+        columns: Sequence[str] = ALL_COLUMNS,
         *,
         ports: bool = False,
         zone: tzinfo = UTC,
     ) -> None:
         """With `ports` a line of a table names its port; None filters nothing, alerts to nothing.
 
-        `form` is a text format, `zone` that of its times.
+        `form` is a text format, `columns` those of CSV and JSON lines, `zone` that of its times.
         """
         self._wanted = None if wanted is None else wanted.stream()
         self._alert = alert
-        self._writer = row_writer(form, sys.stdout, ports=ports, zone=zone)
+        self._writer = row_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""

@@ -58,7 +58,7 @@ def command(query: InputQuery, form: str) -> None:
     if form == "json":
         print_json(comparison_json(found, before, after))
     else:
-        set_language(load_settings(None).language(None))
+        set_language(load_settings().language())
         print_lines(partial(comparison_lines, found))
     for __, measured in sides:
         measured.finish()

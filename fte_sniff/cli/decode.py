@@ -21,11 +21,16 @@ from fte_sniff.cli.input_files import (
     print_notes,
     summary,
 )
-from fte_sniff.cli.options import grouped_command, rows_format_option
+from fte_sniff.cli.options import (
+    check_columns,
+    columns_option,
+    grouped_command,
+    rows_format_option,
+)
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
-from fte_sniff.errors import UsageError, printable, unwritable
-from fte_sniff.formats.writers import CHOOSABLE, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
-from fte_sniff.protocol import COLUMN_BY_NAME, Rows
+from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.protocol import Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -36,12 +41,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 @follow_option
 @rows_format_option(OutputFormat)
 @output_options("Write to this file instead of standard output; its extension selects the format.")
-@click.option(
-    "--columns",
-    metavar="NAME,NAME",
-    callback=lambda _context, _option, text: None if text is None else _columns(text),
-    help="Only these columns, in this order; CSV or JSON lines, by default CSV.",
-)
+@columns_option
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     query: InputQuery,
@@ -69,11 +69,7 @@ def command(
     """
     check_inputs(query.files, output)
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
-    if columns and written not in CHOOSABLE:
-        raise UsageError(
-            f"--columns chooses among those of csv and jsonl, and {written} has its own: leave"
-            " --columns out, or use --format csv or jsonl"
-        )
+    check_columns(columns, written)
     if following is not None and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -98,20 +94,6 @@ def command(
 
 _WITH_FACTS = (OutputFormat.JSONL, OutputFormat.CSV, OutputFormat.PARQUET)
 """The formats with the columns that depend on later rows."""
-
-
-def _columns(text: str) -> tuple[str, ...]:
-    """The columns of a list with commas; raises UsageError if one is unknown or named twice."""
-    names = tuple(name.strip() for name in text.split(","))
-    for name in names:
-        if name not in COLUMN_BY_NAME:
-            from fte_sniff.analysis.filter.row_filter import nearest
-
-            fix = nearest(name, COLUMN_BY_NAME) or f"use {', '.join(COLUMN_BY_NAME)}"
-            raise UsageError(f"--columns: unknown column {printable(name)!r}; {fix}")
-        if names.count(name) > 1:
-            raise UsageError(f"--columns names {name} twice")
-    return names
 
 
 def _format_for(output: Path | None, *, chooses: bool) -> OutputFormat:

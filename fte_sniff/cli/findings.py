@@ -54,7 +54,7 @@ def command(
     if form == "json":
         print_json(findings_json(report))
     else:
-        set_language(load_settings(None).language(None))
+        set_language(load_settings().language())
         for line in _lines(report, query, measured.reading.source.zone):
             click.echo(printable(line))
     measured.finish()

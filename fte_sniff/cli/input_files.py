@@ -139,7 +139,7 @@ filter_option = click.option(
     is_eager=True,
     callback=_explain,
     shell_complete=complete_filter,
-    help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
+    help="Only rows that match: motor = 1 AND rpm > 500. The filter 'help' explains the language.",
 )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -47,8 +46,6 @@ def command(
     attach: bool,
     pid: int | None,
     share: bool,
-    no_reconnect: bool,
-    config: Path | None,
     **options: Any,
 ) -> None:
     """Capture PORT, record it and watch it; a second PORT is the other wire.
@@ -70,8 +67,8 @@ def command(
     fte-sniff live sim:// --plain --count 20 --no-record
     fte-sniff live --attach /dev/ttyUSB0
     """
-    settings = load_settings(config)
-    ports = ports or settings.ports
+    settings = load_settings()
+    ports = ports or settings.live.get("ports", ())
     if not ports:
         raise UsageError(
             "live needs a PORT: `fte-sniff ports` lists them; or name it in "
@@ -89,14 +86,16 @@ def command(
     if attach and share:
         raise UsageError("--attach does not open PORT, so there is nothing to share: leave one out")
 
-    def wiring(settings: PortSettings) -> Wiring:
+    reconnect = settings.live.get("reconnect", True)
+
+    def wiring(port_settings: PortSettings) -> Wiring:
         if attach:
             from fte_sniff.capture.attach import Attachment
 
-            return Attachment(ports[0], settings, pid, reconnect=not no_reconnect)
+            return Attachment(ports[0], port_settings, pid, reconnect=reconnect)
         from fte_sniff.capture.port_source import PortGroup
 
-        return PortGroup(ports, settings, reconnect=not no_reconnect)
+        return PortGroup(ports, port_settings, reconnect=reconnect)
 
     run_capture(wiring, ports, settings, share=share, **options)
 

@@ -69,11 +69,6 @@ data_options = all_of(
         metavar="ORIGIN",
         help="With --serve: let web pages from here read too, such as https://plots.example.org.",
     ),
-    click.option(
-        "--network",
-        is_flag=True,
-        help="Allow --udp and --serve to use a network: anyone there can read.",
-    ),
 )
 """The options of rows for other programs."""
 
@@ -96,8 +91,8 @@ def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
     host = str(found[0][4][0])
     if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
         raise UsageError(
-            f"{shown} is not this machine: anyone in that network could read; add --network if they"
-            " may"
+            f"{shown} is not this machine: anyone in that network could read; if they may, set"
+            " network = true in [live] of the settings"
         )
     return host, number
 

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from datetime import tzinfo
 from functools import partial, reduce
 from importlib.util import find_spec
-from math import inf, isfinite, isnan
+from math import inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import UsageError, quoted
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
-    from fte_sniff.analysis.line_setup import LineSetup
-    from fte_sniff.cli.settings import Settings
+    from fte_sniff.formats.writers import OutputFormat
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -127,6 +125,44 @@ list_format_option = format_option(
 )
 
 
+def _columns(_context: click.Context, _option: click.Parameter, text: str | None) -> Any:
+    """The columns of a list with commas; raises UsageError if one is unknown or named twice."""
+    if text is None:
+        return None
+    from fte_sniff.protocol.columns import COLUMN_BY_NAME
+
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in COLUMN_BY_NAME:
+            from fte_sniff.analysis.filter.row_filter import nearest
+
+            fix = nearest(name, COLUMN_BY_NAME) or f"use {', '.join(COLUMN_BY_NAME)}"
+            raise UsageError(f"--columns: unknown column {quoted(name)}; {fix}")
+        if names.count(name) > 1:
+            raise UsageError(f"--columns names {name} twice")
+    return names
+
+
+columns_option = click.option(
+    "--columns",
+    metavar="NAME,NAME",
+    callback=_columns,
+    help="Only these columns, in this order; CSV or JSON lines, by default CSV.",
+)
+"""The `--columns` option; `check_columns` refuses its value in other formats."""
+
+
+def check_columns(columns: tuple[str, ...] | None, form: OutputFormat) -> None:
+    """Raise UsageError if the columns of a format cannot be chosen."""
+    from fte_sniff.formats.writers import CHOOSABLE
+
+    if columns and form not in CHOOSABLE:
+        raise UsageError(
+            f"--columns chooses among those of csv and jsonl, and {form} has its own: leave"
+            " --columns out, or use --format csv or jsonl"
+        )
+
+
 def require_pseudo_terminals(command: str, instead: str) -> None:
     """Raise UsageError, with another way, on a system without pseudo-terminals."""
     if not POSIX:
@@ -192,59 +228,3 @@ class Seconds(click.FloatRange):
         if isnan(seconds):
             self.fail(f"{value!r} is not a number of seconds.", param, ctx)
         return seconds
-
-
-class _Positive(click.FloatRange):
-    """A finite number above 0."""
-
-    name = "number"
-
-    def __init__(self) -> None:
-        super().__init__(min=0, min_open=True)
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        number = float(super().convert(value, param, ctx))
-        if not isfinite(number):
-            self.fail(f"{value!r} is not a number above 0.", param, ctx)
-        return number
-
-
-units_options = all_of(
-    click.option(
-        "--resolution",
-        type=_Positive(),
-        metavar="N",
-        help="Pulses in one turn of a motor: shows positions in turns too.",
-    ),
-    click.option(
-        "--gear-ratio",
-        type=_Positive(),
-        metavar="N",
-        help="Turns of a motor in one turn of its output; 1 by default.",
-    ),
-)
-"""The options `--resolution` and `--gear-ratio`, which show positions in turns too."""
-
-
-def line_setup(
-    settings: Settings,
-    ports: Sequence[str],
-    resolution: float | None,
-    gear_ratio: float | None,
-    baud: int = DEFAULT_BAUD,
-) -> LineSetup:
-    """The line setup from the options, with the settings of the ports as defaults.
-
-    Raises UsageError if the settings of the ports differ, or a gear ratio has no resolution.
-    """
-    if resolution is None:
-        resolution = settings.default(ports, "resolution")
-    if resolution is not None and gear_ratio is None:
-        gear_ratio = settings.default(ports, "gear-ratio")
-    if resolution is None and gear_ratio is not None:
-        raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
-    from fte_sniff.analysis.line_setup import LineSetup
-
-    return LineSetup(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)

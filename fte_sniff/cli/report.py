@@ -50,7 +50,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
     from fte_sniff.session.stats_json import statistics_json
 
-    set_language(load_settings(None).language(lang))
+    set_language(load_settings().language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
     bins = Bins(None)

@@ -29,10 +29,8 @@ from fte_sniff.cli.options import (
     alert_of,
     alert_option,
     grouped_command,
-    line_setup,
-    units_options,
 )
-from fte_sniff.cli.settings import config_option, lang_option, load_settings
+from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import FileError, FilterError, UsageError, printable, size_text
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -56,17 +54,12 @@ if TYPE_CHECKING:
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )
-@units_options
-@config_option
 @lang_option
 def command(
     query: InputQuery,
     alert_text: str | None,
     play_speed: float | None,
     following: Following | None,
-    resolution: float | None,
-    gear_ratio: float | None,
-    config: Path | None,
     lang: str | None,
 ) -> None:
     """Show recordings, raw bytes or hex text on the screen of `live`.
@@ -85,7 +78,7 @@ def command(
         )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
-    settings = load_settings(config)
+    settings = load_settings()
     language = settings.language(lang)
     if not query.files:
         query = replace(query, files=(_picked(language),))
@@ -104,7 +97,7 @@ def command(
         # The first rows are read now, so that an error comes before the screen.
         opening_items = _up_to_rows(items)
     ports = reading.source.ports
-    setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
+    setup = settings.line_setup(ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
     session = ReplaySession(

@@ -99,7 +99,7 @@ def flood() -> Iterator[str]:
 def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
     recording = tmp_path / "x.mcap"
     with flood() as port:
-        arguments = ("live", port, "--plain", "-o", "x.mcap", "--no-reconnect")
+        arguments = ("live", port, "--plain", "-o", "x.mcap")
         with started(environment, tmp_path, *arguments) as process:
             stderr_until(process, "recording to")
             wait_until(lambda: recording.stat().st_size > 500_000)

@@ -251,11 +251,12 @@ def test_the_end_while_it_waits_comes_at_once(
     assert decoded(run, "x.mcap")
 
 
-def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Adapter) -> None:
+def test_settings_can_end_a_capture_whose_port_is_lost(
+    run, environment, settings_file: Path, tmp_path: Path, adapter: Adapter
+) -> None:
+    settings_file.write_text("[live]\nreconnect = false\n")
     adapter.plug()
-    with started(
-        environment, tmp_path, "live", adapter.name, "--no-reconnect", "-o", "x.mcap"
-    ) as process:
+    with started(environment, tmp_path, "live", adapter.name, "-o", "x.mcap") as process:
         first_output(process, adapter.far)
         adapter.pull()
         code, _, errors = ended(process)

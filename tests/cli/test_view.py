@@ -333,7 +333,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
     with terminal(environment, tmp_path, "view") as screen:
         assert screen.ended() == 2
     assert b"this folder has no recording" in screen.drawn
-    arguments = ("--count", "400", "--no-reconnect")
+    arguments = ("--count", "400")
     assert run("live", "sim://?seed=1", "--plain", *arguments, "-o", "x.mcap").returncode == 0
     with terminal(environment, tmp_path, "view") as screen:
         screen.until("x.mcap")

@@ -454,7 +454,7 @@ def hostile_server(case: Case) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         scheme = random.choice(("rfc2217", "rfc2217", "socket"))
-        output = ("--duration", "2", "--no-reconnect", "--plain", "-o", "x.mcap")
+        output = ("--duration", "2", "--plain", "-o", "x.mcap")
         program = case.start("live", f"{scheme}://127.0.0.1:{port}", *output)
         server.settimeout(BOUND_S)
         client, _ = server.accept()
